@@ -1,0 +1,178 @@
+"""Kernels: the four inner loops that are worth compiling.
+
+Each kernel is plain NumPy.  When numba is installed (extra `fast`) a compiled
+function takes its place on the first call: the same source where NumPy and numba
+like the same code, a loop twin where they do not.  Both do the same arithmetic;
+the tests run both.  Compiled code is cached on disk by numba.
+"""
+
+import functools
+
+import numpy as np
+from scipy.linalg.blas import dgemm
+
+
+class Kernel:
+    """Call a compiled function if numba is installed, else its NumPy original.
+
+    Parameters
+    ----------
+    plain : callable
+        The original.
+    twin : callable or None, default=None
+        What to compile in its place; None compiles the original.
+    """
+
+    def __init__(self, plain, twin=None):
+        self.plain = plain
+        self.twin = twin or plain
+        functools.update_wrapper(self, plain)
+
+    @functools.cached_property
+    def _resolved(self):
+        try:
+            import numba
+        except ImportError:
+            return self.plain
+        return numba.njit(cache=True)(self.twin)
+
+    def __call__(self, *args):
+        """Run the kernel."""
+        return self._resolved(*args)
+
+
+def _compiled(twin=None):
+    """Return a decorator that makes a `Kernel` of a function."""
+    return functools.partial(Kernel, twin=twin)
+
+
+@_compiled()
+def advance(base, P, W, x, X):
+    """Step a Lur'e form through L samples; ``X[k]`` receives the next state.
+
+    Parameters
+    ----------
+    base : ndarray of shape (L, nw + nx)
+        Part of [v; x+] that depends on neither x nor w.
+    P : ndarray of shape (nw + nx, nx)
+        Part of [v; x+] that is linear in x.
+    W : ndarray of shape (nx, nw)
+        Output weights of the neurons.
+    x : ndarray of shape (nx,)
+        State at the first sample.
+    X : ndarray of shape (>= L, nx)
+        Written in place.
+    """
+    nw = W.shape[1]
+    q = np.empty(P.shape[0], dtype=P.dtype)
+    w = np.empty(nw, dtype=P.dtype)
+    for k in range(base.shape[0]):
+        np.dot(P, x, q)
+        q += base[k]
+        np.tanh(q[:nw], w)
+        x = X[k]
+        np.dot(W, w, x)
+        x += q[nw:]
+
+
+def _add_outer_products_loop(gain, signal, out):
+    L, n_rows, a = gain.shape
+    b = signal.shape[1]
+    for k in range(L):
+        for r in range(n_rows):
+            if b == 1:  # biases: one long loop instead of many of length one
+                for i in range(a):
+                    out[k, r, i] += gain[k, r, i] * signal[k, 0]
+            else:
+                for i in range(a):
+                    value = gain[k, r, i]
+                    for j in range(b):
+                        out[k, r, i * b + j] += value * signal[k, j]
+
+
+@_compiled(_add_outer_products_loop)
+def add_outer_products(gain, signal, out):
+    """Add ``gain[k, r, i] * signal[k, j]`` to ``out[k, r, i * b + j]``.
+
+    Parameters
+    ----------
+    gain : ndarray of shape (L, n_rows, a)
+        Left factors.
+    signal : ndarray of shape (L, b)
+        Right factors.
+    out : ndarray of shape (L, n_rows, a * b)
+        Added to in place.
+    """
+    a, b = gain.shape[2], signal.shape[1]
+    # repeat and tile keep the long axis innermost: four times faster than a
+    # broadcast product over the short axes
+    out += np.repeat(gain, b, axis=2) * np.tile(signal, (1, a))[:, None, :]
+
+
+def _add_diagonal_loop(gain, signal, out):
+    L, b = signal.shape
+    for k in range(L):
+        for i in range(gain.shape[0]):
+            for j in range(b):
+                out[k, i, i * b + j] += gain[i, j] * signal[k, j]
+
+
+@_compiled(_add_diagonal_loop)
+def add_diagonal(gain, signal, out):
+    """Add ``gain[i, j] * signal[k, j]`` to ``out[k, i, i * b + j]``.
+
+    Parameters
+    ----------
+    gain : ndarray of shape (a, b)
+        Weights.
+    signal : ndarray of shape (L, b)
+        Signals.
+    out : ndarray of shape (L, a, a * b)
+        Added to in place.
+    """
+    a, b = gain.shape
+    diagonal = np.einsum("kiij->kij", out.reshape(len(out), a, a, b))  # a view
+    diagonal += signal[:, None, :] * gain
+
+
+def _propagate_loop(FH, S, T):
+    L, n_rows, nx = FH.shape
+    n = S.shape[1]
+    for k in range(L):
+        for i in range(n_rows):
+            j = 0
+            while j + 3 <= nx:  # three at a time: a third of the loads and stores
+                f0, f1, f2 = FH[k, i, j], FH[k, i, j + 1], FH[k, i, j + 2]
+                for p in range(n):
+                    T[k, i, p] += f0 * S[j, p] + f1 * S[j + 1, p] + f2 * S[j + 2, p]
+                j += 3
+            while j < nx:
+                f0 = FH[k, i, j]
+                for p in range(n):
+                    T[k, i, p] += f0 * S[j, p]
+                j += 1
+        S = T[k, :nx]
+
+
+@_compiled(_propagate_loop)
+def propagate(FH, S, T):
+    """Add ``FH[k] @ S_k`` to ``T[k]``, where S_k is the top of ``T[k - 1]``.
+
+    Turns T = [G; D] into [S+; J] for the recursion S+ = F S + G, J = H S + D.
+
+    Parameters
+    ----------
+    FH : ndarray of shape (L, nx + nz, nx)
+        Derivatives of [x+; z] by x.
+    S : ndarray of shape (nx, n)
+        Sensitivity of the state at the first sample.
+    T : ndarray of shape (L, nx + nz, n)
+        Direct derivatives; overwritten in place.
+    """
+    # BLAS adds the product to T[k] itself (beta = 1): one call per sample. The
+    # transposes make the C-ordered arrays Fortran-ordered without a copy.
+    nx = len(S)
+    S_t = S.T
+    for FH_k, T_k in zip(FH, T, strict=True):
+        dgemm(1.0, S_t, FH_k.T, 1.0, T_k.T, overwrite_c=1)
+        S_t = T_k[:nx].T

@@ -1,0 +1,101 @@
+"""The Lur'e form: the one shape that every model takes.
+
+A model with state x (nx), input u (nu), channels z (nz) and neurons w (nw) is
+
+    [x+]           [x]
+    [z ] = Theta * [u]        w = tanh(v)                              (eq. lure)
+    [v ]           [w]
+                   [1]
+
+with the blocks of the design equations as sub-matrices of the one array `Theta`:
+
+              x    u    w   1
+    x+, z  [  M        | W | c ]
+    v      [  V        | E | b ]
+
+The regressor phi = [x; u; w; 1] and the matrix Theta are all that simulation,
+sensitivities and linearization need to know.  `z` stacks the output y and every
+signal that the cost penalizes.  E couples layers of deeper networks; it is zero
+for one hidden layer, the only case implemented here, and refused otherwise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Lure:
+    """Hold the matrix of a Lur'e form and name its blocks.
+
+    Parameters
+    ----------
+    Theta : ndarray of shape (nx + nz + nw, nx + nu + nw + 1)
+        Stacked matrix (eq. lure), real, or complex for complex-step tests.
+    nx : int
+        Number of states.
+    nu : int
+        Number of inputs.
+    nw : int
+        Number of neurons.
+
+    Raises
+    ------
+    ValueError
+        If the number of columns of `Theta` does not fit, or the network is not
+        of one hidden layer.
+    """
+
+    Theta: np.ndarray
+    nx: int
+    nu: int
+    nw: int
+
+    def __post_init__(self):
+        """Check the shape of `Theta` and that no layers are coupled."""
+        expected = self.nx + self.nu + self.nw + 1
+        if self.Theta.ndim != 2 or self.Theta.shape[1] != expected:
+            raise ValueError(
+                f"`Theta` must have {expected} columns for nx={self.nx}, "
+                f"nu={self.nu}, nw={self.nw}, got shape {self.Theta.shape}."
+            )
+        if np.any(self.E):
+            raise ValueError(
+                "`Theta` must have a zero block E, got coupled neurons. "
+                "Use networks of one hidden layer."
+            )
+
+    @property
+    def nz(self):
+        """Return the number of channels."""
+        return len(self.Theta) - self.nx - self.nw
+
+    @property
+    def M(self):
+        """Return the linear part, shape (nx + nz, nx + nu)."""
+        return self.Theta[: self.nx + self.nz, : self.nx + self.nu]
+
+    @property
+    def W(self):
+        """Return the output weights of the neurons, shape (nx + nz, nw)."""
+        return self.Theta[: self.nx + self.nz, self.nx + self.nu : -1]
+
+    @property
+    def c(self):
+        """Return the constant part, shape (nx + nz,)."""
+        return self.Theta[: self.nx + self.nz, -1]
+
+    @property
+    def V(self):
+        """Return the input weights of the neurons, shape (nw, nx + nu)."""
+        return self.Theta[self.nx + self.nz :, : self.nx + self.nu]
+
+    @property
+    def E(self):
+        """Return the weights between neurons, shape (nw, nw)."""
+        return self.Theta[self.nx + self.nz :, self.nx + self.nu : -1]
+
+    @property
+    def b(self):
+        """Return the biases of the neurons, shape (nw,)."""
+        return self.Theta[self.nx + self.nz :, -1]

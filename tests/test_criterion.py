@@ -1,0 +1,190 @@
+import numpy as np
+import pytest
+from helpers import assert_jacobian, random_theta
+from scipy.optimize import least_squares
+
+from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
+from alssnn.simulation import simulate
+from alssnn.structures import state_space_structure
+
+
+@pytest.fixture
+def criterion(structure, experiments):
+    return Criterion(structure, experiments, gamma=0.7, alpha=0.01)
+
+
+@pytest.fixture
+def free(criterion, rng):
+    theta = random_theta(criterion.structure, rng)
+    return criterion.join(theta, rng.standard_normal((2, criterion.structure.n_x0)))
+
+
+def test_cost_is_the_paper_s(rng):
+    structure = state_space_structure(
+        2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2)), penalize_g=True
+    )
+    theta, x0 = random_theta(structure, rng), rng.standard_normal((1, 2))
+    u, y = rng.standard_normal((15, 1)), rng.standard_normal((15, 1))
+    p, x, cost = structure.split(theta), x0[0], 0.0
+    for k in range(15):
+        y_hat = structure.constants["C"] @ x
+        pre = p["W_x"] @ x + p["W_u"] @ u[k] + p["b_x"]
+        g = p["W_g"] @ (np.tanh(pre) - np.tanh(p["b_x"]))
+        h = p["W_h"] @ np.tanh(p["W_y"] @ y_hat + p["b_y"]) + p["b_h"]
+        cost += np.sum((y[k] - y_hat) ** 2) + 0.3 * np.sum(g**2)
+        x = p["A"] @ x + p["B"] @ (u[k] + h) + g
+    net = sum(np.sum(p[k] ** 2) for k in structure.network_parameters)
+    assert set(structure.network_parameters) == set(p) - {"A", "B"}
+    criterion = Criterion(structure, [(u, y)], gamma=0.3, alpha=0.02)
+    got = criterion.norm(criterion.join(theta, x0)) ** 2
+    np.testing.assert_allclose(got, cost / 15 + 0.02 * net)
+
+
+def test_jacobian(criterion, free):
+    assert_jacobian(criterion.residuals, criterion.jacobian(free), free)
+
+
+def test_normal_equations_equal_the_dense_ones(criterion, free):
+    r, J = criterion.residuals(free), criterion.jacobian(free)
+    JJ, Jr, norm = criterion.normal_equations(free)
+    np.testing.assert_allclose(JJ, J.T @ J, atol=1e-13)
+    np.testing.assert_allclose(Jr, J.T @ r, atol=1e-13)
+    np.testing.assert_allclose(norm, np.linalg.norm(r))
+
+
+def test_compression_is_exact(criterion, free):
+    JJ, Jr, norm = criterion.normal_equations(free)
+    fun, jac = criterion.fun(free), criterion.jac(free)
+    assert fun.shape == (criterion.n + 1,)
+    assert jac.shape == (criterion.n + 1, criterion.n)
+    assert np.linalg.norm(fun) == norm
+    np.testing.assert_allclose(jac.T @ fun, Jr, atol=1e-14)
+    np.testing.assert_allclose(jac.T @ jac, JJ, atol=1e-12)
+
+
+def test_compression_against_householder(rng):
+    """TSQR twin: QR of [J r], then a reflection of the last column onto e_1."""
+    J, r = rng.standard_normal((50, 6)), rng.standard_normal(50)
+    R = np.linalg.qr(np.column_stack([J, r]), mode="r")
+    v = R[:, -1].copy()
+    v[0] += np.copysign(np.linalg.norm(v), v[0])
+    H = np.eye(7) - 2 * np.outer(v, v) / (v @ v)
+    reflected = H @ R
+    sign = np.sign(reflected[0, -1])
+    ours = compress(J.T @ J, J.T @ r, np.linalg.norm(r))
+    np.testing.assert_allclose(reflected[1:, -1], 0, atol=1e-13)
+    np.testing.assert_allclose(ours[0], sign * reflected[0, :-1], atol=1e-12)
+    np.testing.assert_allclose(
+        ours[1:].T @ ours[1:], reflected[1:, :-1].T @ reflected[1:, :-1], atol=1e-12
+    )
+
+
+def test_compression_keeps_parameters_without_effect_still(rng):
+    J = rng.standard_normal((20, 4))
+    J[:, 2] = 0.0
+    r = rng.standard_normal(20)
+    jac = compress(J.T @ J, J.T @ r, np.linalg.norm(r))
+    assert not np.any(jac[:, 2])
+
+
+def test_compression_of_a_perfect_fit_is_finite():
+    assert np.isfinite(compress(np.eye(3), np.zeros(3), 0.0)).all()
+
+
+@pytest.mark.parametrize("method", ["lm", "trf"])
+def test_least_squares_takes_the_same_steps_compressed_and_dense(method, rng):
+    # a scalar state leaves no freedom of basis: J has full rank and rounding is all
+    # that can tell the two apart
+    structure = state_space_structure(
+        1, 1, 1, n_h=2, n_g=1, C=np.ones((1, 1)), penalize_g=True
+    )
+    truth = random_theta(structure, rng)
+    u = rng.standard_normal((300, 1))
+    y = simulate(structure.lure(truth), u, np.zeros(1))[:-1]
+    y = y + 0.1 * rng.standard_normal(y.shape)
+    criterion = Criterion(structure, [(u, y)], gamma=0.5, alpha=1e-3)
+    start = criterion.join(truth + 0.2 * rng.standard_normal(len(truth)), np.zeros(1))
+    visited = {}
+    for name, fun, jac in [
+        ("compressed", criterion.fun, criterion.jac),
+        ("dense", criterion.residuals, criterion.jacobian),
+    ]:
+        points = visited[name] = []
+        least_squares(
+            fun,
+            start,
+            jac=lambda x, jac=jac, points=points: points.append(x.copy()) or jac(x),
+            method=method,
+            x_scale="jac",
+            max_nfev=10,
+        )
+    assert len(visited["dense"]) >= 5
+    np.testing.assert_allclose(visited["compressed"], visited["dense"], atol=1e-9)
+
+
+def test_gamma_zero_and_no_penalty_agree(rng):
+    options = {"n_h": 2, "n_g": 2, "C": np.ones((1, 2))}
+    u, y = rng.standard_normal((30, 1)), rng.standard_normal((30, 1))
+    norms = []
+    for penalize_g in (True, False):
+        structure = state_space_structure(2, 1, 1, penalize_g=penalize_g, **options)
+        theta = random_theta(structure, np.random.default_rng(1))
+        criterion = Criterion(structure, [(u, y)], gamma=0.0)
+        norms.append(criterion.norm(criterion.join(theta, np.zeros((1, 2)))))
+    assert norms[0] == pytest.approx(norms[1], rel=1e-14)
+
+
+def test_chunk_size_changes_nothing(structure, experiments, free):
+    results = [
+        Criterion(
+            structure, experiments, gamma=0.7, alpha=0.01, chunk=chunk
+        ).normal_equations(free)
+        for chunk in (None, 3)
+    ]
+    for whole, chunked in zip(*results, strict=True):
+        np.testing.assert_allclose(whole, chunked, rtol=1e-12, atol=1e-13)
+
+
+def test_splitting_a_record_at_its_true_state_keeps_the_cost(structure, rng):
+    theta = random_theta(structure, rng)
+    u = rng.standard_normal((40, structure.nu))
+    y = rng.standard_normal((40, structure.sizes["y"]))
+    X = simulate(structure.lure(theta), u, np.zeros(structure.nx))
+    whole = Criterion(structure, [(u, y)], gamma=0.7)
+    parts = Criterion(structure, [(u[:25], y[:25]), (u[25:], y[25:])], gamma=0.7)
+    n_x0 = structure.n_x0
+    assert parts.norm(parts.join(theta, X[[0, 25], :n_x0])) == pytest.approx(
+        whole.norm(whole.join(theta, X[[0], :n_x0])), rel=1e-12
+    )
+
+
+def test_memo_is_not_stale(criterion, free):
+    first = criterion.norm(free)
+    other = free + 0.1
+    criterion.norm(other)
+    assert criterion.norm(free) == first
+    free[0] += 0.1  # the caller may change its array in place
+    assert criterion.norm(free) != first
+
+
+def test_divergence_is_a_large_finite_norm(rng):
+    structure = state_space_structure(1, 1, 1)
+    criterion = Criterion(structure, [(np.ones((3000, 1)), np.ones((3000, 1)))])
+    free = criterion.join(
+        structure.join({"A": [[3.0]], "B": [[1.0]]}), np.zeros((1, 1))
+    )
+    assert criterion.norm(free) == DIVERGED_NORM
+    assert np.isfinite(criterion.fun(free)).all()
+    with pytest.raises(FloatingPointError, match="diverges at these parameters"):
+        criterion.normal_equations(free)
+
+
+def test_restricted_is_a_part_of_the_whole(criterion, free, rng):
+    mask = rng.random(criterion.n) > 0.5
+    part = Restricted(criterion, free, mask)
+    np.testing.assert_array_equal(part.complete(free[mask]), free)
+    JJ, Jr, norm = criterion.normal_equations(free)
+    JJ_p, Jr_p, norm_p = part.normal_equations(free[mask])
+    np.testing.assert_array_equal(JJ_p, JJ[np.ix_(mask, mask)])
+    np.testing.assert_array_equal(Jr_p, Jr[mask])
+    assert norm_p == norm == part.fun(free[mask])[0]

@@ -1,0 +1,117 @@
+import control
+import numpy as np
+import pytest
+from helpers import assert_jacobian, random_theta, simulate_linear
+
+from alssnn import kernels
+from alssnn.simulation import SIMULATION_CHUNK, channels, sensitivities, simulate
+from alssnn.structures import state_space_structure
+
+
+@pytest.fixture
+def run(structure, rng):
+    theta = random_theta(structure, rng)
+    return (
+        theta,
+        rng.standard_normal((30, structure.nu)),
+        rng.standard_normal(structure.nx),
+    )
+
+
+def test_linear_case_equals_python_control(rng):
+    structure = state_space_structure(3, 2, 2)
+    theta = random_theta(structure, rng)
+    p = structure.split(theta)
+    u, x0 = rng.standard_normal((50, 2)), rng.standard_normal(3)
+    sys = control.ss(p["A"], p["B"], p["C"], np.zeros((2, 2)), 0.1)
+    response = control.forced_response(sys, 0.1 * np.arange(50), u.T, x0)
+    lure = structure.lure(theta)
+    y = channels(lure, simulate(lure, u, x0), u)
+    np.testing.assert_allclose(y, response.outputs.T, atol=1e-12)
+    np.testing.assert_allclose(y, simulate_linear(p["A"], p["B"], p["C"], u, x0))
+
+
+def test_splitting_a_record_at_its_true_state_changes_nothing(structure, rng):
+    theta = random_theta(structure, rng)
+    u = rng.standard_normal((2 * SIMULATION_CHUNK + 7, structure.nu))
+    lure = structure.lure(theta)
+    X = simulate(lure, u, np.zeros(structure.nx))
+    for k in (1, 500, SIMULATION_CHUNK, len(u) - 1):
+        tail = simulate(lure, u[k:], X[k])
+        np.testing.assert_allclose(tail, X[k:], rtol=0, atol=1e-13)
+
+
+def test_sensitivities(structure, run, rng):
+    theta, u, x0 = run
+    scale = rng.uniform(0.5, 2.0, structure.nz)
+
+    def trajectory(v):
+        lure = structure.lure(v[: structure.n_params])
+        X = simulate(lure, u, v[structure.n_params :])
+        return channels(lure, X, u) * scale
+
+    X = simulate(structure.lure(theta), u, x0)
+    J = [J.copy() for _, J in sensitivities(structure, theta, X, u, scale)]
+    assert_jacobian(trajectory, np.concatenate(J), np.concatenate([theta, x0]))
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 30, 1000])
+def test_chunk_size_of_sensitivities_changes_nothing(structure, run, chunk):
+    theta, u, x0 = run
+    X = simulate(structure.lure(theta), u, x0)
+    scale = np.ones(structure.nz)
+    results = []
+    for size in (None, chunk):
+        parts, blocks = [], []
+        for part, J in sensitivities(structure, theta, X, u, scale, size):
+            parts.append(range(len(u))[part])
+            blocks.append(J.copy())
+        assert [k for part in parts for k in part] == list(range(len(u)))
+        results.append(np.concatenate(blocks))
+    np.testing.assert_allclose(*results, rtol=0, atol=1e-13)
+
+
+def test_divergence_fills_the_rest_with_inf():
+    structure = state_space_structure(1, 1, 1)
+    theta = structure.join({"A": [[1.5]], "B": [[1.0]], "C": [[1.0]]})
+    X = simulate(structure.lure(theta), np.ones((5000, 1)), np.zeros(1))
+    assert X.shape == (5001, 1)
+    assert np.isinf(X[1:]).all()
+    assert X[0] == 0
+
+
+def test_unstable_but_short_simulation_is_not_divergence():
+    structure = state_space_structure(1, 1, 1)
+    theta = structure.join({"A": [[1.5]], "B": [[1.0]], "C": [[1.0]]})
+    X = simulate(structure.lure(theta), np.ones((20, 1)), np.zeros(1))
+    np.testing.assert_allclose(X[-1], 2 * (1.5**20 - 1))
+
+
+@pytest.mark.parametrize("n_neurons", [0, 3])
+def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons):
+    L, nx, nz, n = 6, 4, 2, 9
+    base = rng.standard_normal((L, n_neurons + nx))
+    P = 0.3 * rng.standard_normal((n_neurons + nx, nx))
+    W = rng.standard_normal((nx, n_neurons))
+    states = [np.zeros((L, nx)), np.zeros((L, nx))]
+    kernels.advance(base, P, W, np.ones(nx), states[0])
+    kernels.advance.plain(base, P, W, np.ones(nx), states[1])
+    np.testing.assert_allclose(*states, rtol=0, atol=1e-14)
+
+    FH, S = rng.standard_normal((L, nx + nz, nx)), rng.standard_normal((nx, n))
+    T = rng.standard_normal((L, nx + nz, n))
+    both = [T.copy(), T.copy()]
+    kernels.propagate(FH, S, both[0])
+    kernels.propagate.plain(FH, S, both[1])
+    np.testing.assert_allclose(*both, rtol=1e-12)
+
+    for b in (1, 3):
+        gain, signal = rng.standard_normal((L, 5, 4)), rng.standard_normal((L, b))
+        both = [np.ones((L, 5, 4 * b)), np.ones((L, 5, 4 * b))]
+        kernels.add_outer_products(gain, signal, both[0])
+        kernels.add_outer_products.plain(gain, signal, both[1])
+        np.testing.assert_allclose(*both, rtol=0, atol=1e-14)
+        both = [np.ones((L, 4, 4 * b)), np.ones((L, 4, 4 * b))]
+        kernels.add_diagonal(gain[0, :4, :1] + np.ones((4, b)), signal, both[0])
+        kernels.add_diagonal.plain(gain[0, :4, :1] + np.ones((4, b)), signal, both[1])
+        np.testing.assert_allclose(*both, rtol=0, atol=1e-14)
