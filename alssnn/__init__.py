@@ -1,0 +1,23 @@
+"""Neural state-space identification for control.
+
+`alssnn` identifies models x+ = A x + B (u + h(y)) + g(x, u), y = C x from records of
+inputs and outputs. The law u = v - h(y) cancels h, and what g leaves is penalized.
+"""
+
+from . import datasets, metrics
+from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from .ladder import model_ladder
+from .linearizability import Linearizability
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AlSsnn",
+    "FlSsnn",
+    "GrSsnn",
+    "LinearStateSpace",
+    "Linearizability",
+    "datasets",
+    "metrics",
+    "model_ladder",
+]

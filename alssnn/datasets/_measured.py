@@ -1,0 +1,183 @@
+"""Measured benchmark records, read from a folder of the user's: the data home.
+
+The records are not part of the package, as most of them state no licence for
+redistribution. A further record is one more ``fetch_*`` function: it finds its file by
+`_find_file`, reads it, and returns `Record` objects.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ._record import Record
+
+WEBSITE = "https://www.nonlinearbenchmark.org"
+
+WIENER_HAMMERSTEIN_FILE = "WienerHammerBenchmark.csv"
+WIENER_HAMMERSTEIN_RATE = 51_200  # Hz
+WIENER_HAMMERSTEIN_LENGTH = 188_000  # samples
+WIENER_HAMMERSTEIN_SPLITS = {  # rows of (train, test)
+    "paper": (slice(0, 100_000), slice(100_000, 188_000)),
+    "official": (slice(5_200, 105_200), slice(105_200, 184_000)),
+}
+
+
+def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=False):
+    """Load the measured Wiener-Hammerstein benchmark record.
+
+    An electronic circuit [1]_: a third-order Chebyshev filter (0.5 dB, 4.4 kHz), a
+    saturation by a diode, and a third-order inverse Chebyshev filter (40 dB from
+    5 kHz), excited by band-limited Gaussian noise; 188,000 samples at 51,200 Hz.
+
+    Parameters
+    ----------
+    data_home : str or path-like, default=None
+        Folder that holds ``wiener_hammerstein/WienerHammerBenchmark.csv``, or that file
+        itself. By default the environment variable ``ALSSNN_DATA_HOME``, else
+        ``~/alssnn_data``.
+    split : {"paper", "official"}, default="paper"
+        "paper": rows 0 to 99,999 for training and 100,000 to 187,999 for testing.
+        "official", of the benchmark site: rows 5,200 to 105,199 and 105,200 to 183,999,
+        the part in which the input is active.
+    download_if_missing : bool, default=False
+        If the file is missing, load the record through the package
+        ``nonlinear_benchmarks``, which downloads it once into a cache of its own. If
+        False, a missing file is an error.
+
+    Returns
+    -------
+    train, test : Record
+        Input and output, in volts, each of shape (N, 1), `dt` = 1 / 51200 s.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file is missing and `download_if_missing` is False.
+    ImportError
+        If the file is missing, `download_if_missing` is True, and the package
+        ``nonlinear_benchmarks`` is not installed.
+    ValueError
+        If `split` is unknown, or the file is not the record.
+
+    See Also
+    --------
+    make_wiener_hammerstein : A simulated circuit of the same structure.
+
+    Notes
+    -----
+    The input is almost off before row 5,200 and after row 184,000. The file has 5
+    significant digits; the step of the converter is 0.343 mV. Linear models, even a
+    filter with 150 taps, stop at a simulation error of 42 to 43 mV. The benchmark
+    allows the first 50 samples of the official test part for estimating the initial
+    state and does not score them.
+
+    References
+    ----------
+    .. [1] J. Schoukens, J. Suykens, L. Ljung, "Wiener-Hammerstein benchmark", 15th IFAC
+       Symposium on System Identification (SYSID), Saint-Malo, 2009.
+
+    Examples
+    --------
+    >>> from alssnn.datasets import fetch_wiener_hammerstein
+    >>> train, test = fetch_wiener_hammerstein()  # doctest: +SKIP
+    >>> train  # doctest: +SKIP
+    Record('Wiener-Hammerstein, paper train', N=100000, nu=1, ny=1, dt=1.95313e-05 s)
+    """
+    if split not in list(WIENER_HAMMERSTEIN_SPLITS):  # `split` may be unhashable
+        raise ValueError(
+            f"`split` must be 'paper' or 'official', got {split!r}. "
+            "For other rows, slice the signals of the 'paper' records."
+        )
+    try:
+        path = _find_file(data_home, "wiener_hammerstein", WIENER_HAMMERSTEIN_FILE)
+    except FileNotFoundError:
+        if not download_if_missing:
+            raise
+        u, y = _download("WienerHammerBenchMark")
+        source = "the package nonlinear_benchmarks"
+    else:
+        u, y = _read_columns(path, ["uBenchMark", "yBenchMark"])
+        source = str(path)
+    if len(u) != WIENER_HAMMERSTEIN_LENGTH:
+        raise ValueError(
+            f"The record in {source} must hold {WIENER_HAMMERSTEIN_LENGTH} samples, "
+            f"got {len(u)}. Get the complete record again from {WEBSITE}."
+        )
+    train, test = (
+        Record(
+            u[rows],
+            y[rows],
+            1 / WIENER_HAMMERSTEIN_RATE,
+            f"Wiener-Hammerstein, {split} {part}",
+        )
+        for part, rows in zip(
+            ("train", "test"), WIENER_HAMMERSTEIN_SPLITS[split], strict=True
+        )
+    )
+    return train, test
+
+
+def _data_home(data_home):
+    """Return the folder of the measured records."""
+    if data_home is None:
+        # An empty variable counts as unset: it would mean the current directory.
+        data_home = os.environ.get("ALSSNN_DATA_HOME") or "~/alssnn_data"
+    return Path(data_home).expanduser()
+
+
+def _find_file(data_home, folder, filename):
+    """Return the path of a file in `folder` of the data home, or directly in it."""
+    home = _data_home(data_home)
+    candidates = [home / folder / filename, home / filename]
+    for path in candidates:
+        if path.is_file():
+            return path
+    raise FileNotFoundError(
+        f"The record {filename} was not found, looked for {candidates[0]} and "
+        f"{candidates[1]}. Get it from {WEBSITE} and put it there, or name its folder "
+        "by `data_home` or by the environment variable ALSSNN_DATA_HOME. Or let the "
+        'package nonlinear_benchmarks (pip install "alssnn[data]") download it: set '
+        "`download_if_missing=True`."
+    )
+
+
+def _read_columns(path, names):
+    """Read the leading columns of a CSV file after checking their names."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        header = file.readline().strip()
+    found = [field.strip().strip('"') for field in header.split(",")]
+    if found[: len(names)] != names:
+        raise ValueError(
+            f"`{path}` must start with the columns {', '.join(names)}, got "
+            f"{header[:60]!r}. Get the file again from {WEBSITE}."
+        )
+    try:
+        columns = np.loadtxt(
+            path,
+            delimiter=",",
+            skiprows=1,
+            usecols=range(len(names)),
+            ndmin=2,
+            encoding="utf-8",
+        )  # (N, n_columns)
+    except ValueError as error:
+        raise ValueError(
+            f"`{path}` must hold numbers below its header, got: {error}. "
+            f"Get the file again from {WEBSITE}."
+        ) from error
+    return np.ascontiguousarray(columns.T)
+
+
+def _download(loader):
+    """Return u and y, each of shape (N,), from a loader of nonlinear_benchmarks."""
+    try:
+        import nonlinear_benchmarks
+    except ImportError as error:
+        raise ImportError(
+            "`download_if_missing=True` needs the package nonlinear_benchmarks, "
+            'which could not be imported. Install it by pip install "alssnn[data]", or '
+            f"get the record yourself from {WEBSITE}."
+        ) from error
+    u, y = getattr(nonlinear_benchmarks, loader)(train_test_split=False)
+    return u, y

@@ -1,0 +1,16 @@
+"""Estimators: the facade, and the only module that knows scikit-learn.
+
+    LinearStateSpace   x+ = A x + B u                        N4SID, then refinement
+    FlSsnn             x+ = A x + B (u + h(y))               exactly linearizable
+    AlSsnn             x+ = A x + B (u + h(y)) + g(x, u)     g penalized by gamma
+    GrSsnn             x+ = A x + B u + f(x, u)              f free
+
+with y = C x for all.  `fit` turns records into scaled deviations, identifies a linear
+model, trains the networks from it and converts the outcome to the user's units;
+everything else delegates downwards.
+"""
+
+from ._linear import LinearStateSpace
+from ._networks import AlSsnn, FlSsnn, GrSsnn
+
+__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace"]

@@ -1,0 +1,392 @@
+"""What all estimators share: data, simulation, scores, exports."""
+
+import time
+import warnings
+from abc import ABCMeta, abstractmethod
+from numbers import Integral, Real
+from typing import ClassVar
+
+import numpy as np
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, _fit_context
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.metrics import r2_score
+from sklearn.utils import Bunch
+from sklearn.utils._param_validation import Interval, StrOptions
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from ..experiments import Scaling, split_experiments
+from ..linearizability import measure
+from ..networks import evaluate_h
+from ..simulation import channels, simulate
+from ..structures import Structure
+from ..training import estimate_x0
+
+POSITIVE = Interval(Integral, 1, None, closed="left")
+
+
+class StateSpaceModel(
+    MultiOutputMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
+):
+    """Share data handling, simulation, scores and exports of all models."""
+
+    # The fit in scaled deviations; the public attributes are made from it.
+    _structure: Structure
+    _theta: np.ndarray
+    _scaling: Scaling
+    converged_: bool
+    n_iter_: int
+
+    _parameter_constraints: ClassVar[dict] = {
+        "nx": [POSITIVE, StrOptions({"auto"})],
+        "operating_point": [StrOptions({"mean", "zero"}), tuple],
+        "dt": [Interval(Real, 0, None, closed="neither")],
+        "max_iter": [POSITIVE],
+        "tol": [Interval(Real, 0, None, closed="neither")],
+        "n_init_samples": [POSITIVE],
+        "verbose": ["verbose"],
+    }
+
+    # -- fit -------------------------------------------------------------------------
+
+    @_fit_context(prefer_skip_nested_validation=True)
+    def fit(self, u, y, experiment=None):
+        """Identify the model from records.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs; time runs down the rows.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample; the samples of one experiment
+            are contiguous. None means one experiment.
+
+        Returns
+        -------
+        self : object
+            The fitted model.
+
+        Raises
+        ------
+        ValueError
+            If lengths differ, values are not finite, an input is constant, labels
+            are not contiguous, or the record is too short for the order.
+        """
+        if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
+            raise ValueError(
+                "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
+                f"a tuple of {len(self.operating_point)}."
+            )
+        y_names = getattr(y, "columns", None)
+        if y_names is None and getattr(y, "name", None) is not None:
+            y_names = [y.name]
+        u, y = self._validate(u, y, reset=True)
+        warm = getattr(self, "warm_start", False) and hasattr(self, "_theta")
+        if not warm:
+            columns = y.reshape(len(y), -1)
+            self._scaling = Scaling.from_data(u, columns, self.operating_point)
+        parts, self.experiments_ = split_experiments(len(u), experiment)
+        experiments = self._experiments(u, y, parts)
+        self._y_ndim = y.ndim
+        self.output_names_ = None if y_names is None else [str(n) for n in y_names]
+        previous = (self._structure, self._theta) if warm else None
+        self._structure, self._theta, result = self._identify(experiments, previous)
+        self._publish(result)
+        if not self.converged_:
+            warnings.warn(
+                f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
+                f"before the cost settled to tol={self.tol}. Increase `max_iter` or "
+                "`tol`, or continue with `warm_start=True`.",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
+        return self
+
+    @abstractmethod
+    def _identify(self, experiments, previous):
+        """Return structure, theta and result for scaled experiments."""
+
+    def _publish(self, result):
+        """Set the fitted attributes, in the user's units."""
+        scaling, structure = self._scaling, self._structure
+        p = {**structure.constants, **structure.split(self._theta)}
+        p = structure.rescale(p, {"u": scaling.u_scale, "y": scaling.y_scale})
+        self.params_ = Bunch(**p)
+        self.A_, self.B_, self.C_ = p["A"], p["B"], p["C"]
+        self.D_ = np.zeros((len(self.C_), self.B_.shape[1]))
+        self.nx_ = len(self.A_)
+        self.x0_ = result.x0
+        self.cost_ = float(result.cost)
+        self.n_iter_ = int(result.nfev)
+        self.converged_ = bool(result.success)
+        self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
+
+    def _validate(self, u, y, reset):
+        return validate_data(
+            self,
+            u,
+            y,
+            reset=reset,
+            dtype=np.float64,
+            multi_output=True,
+            y_numeric=True,
+            ensure_min_samples=2 if reset else 1,
+        )
+
+    def _experiments(self, u, y, parts):
+        """Return scaled deviations of every experiment."""
+        u = self._scaling.scale_u(u)
+        y = self._scaling.scale_y(y.reshape(len(y), -1))
+        return [(u[part], y[part]) for part in parts]
+
+    def _reporter(self):
+        """Return the progress callback: every tenth step, or each if verbose > 1."""
+        if not self.verbose:
+            return None
+        start, name = time.perf_counter(), type(self).__name__
+
+        def report(label, iteration, cost):
+            if self.verbose > 1 or iteration % 10 == 0:
+                seconds = time.perf_counter() - start
+                print(
+                    f"{name:16s} {label:12s} {iteration:5d}  cost {cost:.6e} "
+                    f"{seconds:7.1f} s",
+                    flush=True,
+                )
+
+        return report
+
+    # -- simulation ------------------------------------------------------------------
+
+    def predict(self, u, experiment=None, x0=None):
+        """Simulate the output, free-run.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        x0 : array_like of shape (nx,) or (n_experiments, nx) or None, default=None
+            Initial states, as `estimate_x0` returns them; None starts at the
+            operating point, x0 = 0.
+
+        Returns
+        -------
+        y : ndarray of shape (N,) or (N, ny)
+            Simulated outputs, with as many dimensions as the `y` of `fit`. Not
+            finite where the simulation diverges, with a warning.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `x0` has the wrong size.
+        """
+        check_is_fitted(self)
+        u = validate_data(self, u, reset=False, dtype=np.float64)
+        parts, _ = split_experiments(len(u), experiment)
+        u_s = self._scaling.scale_u(u)
+        lure = self._structure.lure(self._theta)
+        y = np.empty((len(u), len(self.C_)))
+        for part, start in zip(parts, self._check_x0(x0, len(parts)), strict=True):
+            X = simulate(lure, u_s[part], start)
+            y[part] = _outputs(lure, X, u_s[part], y.shape[1])
+        if not np.isfinite(y).all():
+            bad = int(np.argmin(np.isfinite(y).all(axis=1)))
+            warnings.warn(
+                f"The simulation diverges before sample {bad + 1}. Keep `u` in the "
+                "range of the training data or fit a more strongly penalized model.",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        y = y * self._scaling.y_scale + self._scaling.y_offset
+        return y[:, 0] if self._y_ndim == 1 else y
+
+    def _check_x0(self, x0, n_experiments):
+        if x0 is None:
+            return np.zeros((n_experiments, self.nx_))
+        x0 = np.asarray(x0, dtype=float)
+        if x0.shape not in [(self.nx_,), (n_experiments, self.nx_)]:
+            raise ValueError(
+                f"`x0` must have shape ({self.nx_},) or ({n_experiments}, {self.nx_})"
+                f", got {x0.shape}. Use `estimate_x0`."
+            )
+        return np.broadcast_to(x0, (n_experiments, self.nx_))
+
+    def estimate_x0(self, u, y, experiment=None, n_samples=None):
+        """Estimate the initial state of every experiment from its first samples.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        n_samples : int or None, default=None
+            Number of first samples to use; None means the parameter
+            `n_init_samples`.
+
+        Returns
+        -------
+        x0 : ndarray of shape (n_experiments, nx)
+            States at the first sample of every experiment: least squares, with
+            states of unit variance as prior where the samples say little.
+        """
+        check_is_fitted(self)
+        u, y = self._validate(u, y, reset=False)
+        parts, _ = split_experiments(len(u), experiment)
+        return np.vstack(
+            [
+                self._initial_state(u_s, y_s, n_samples or self.n_init_samples)
+                for u_s, y_s in self._experiments(u, y, parts)
+            ]
+        )
+
+    def _initial_state(self, u_s, y_s, window):
+        """Return the state at the first sample of one scaled experiment."""
+        noise = self.cost_  # outputs are scaled to unit variance, as states are
+        return estimate_x0(
+            self._structure, self._theta, [(u_s, y_s)], window=window, noise=noise
+        )[0]
+
+    def _window(self, u_s):
+        """Return how many samples of an experiment are spent on its initial state."""
+        return min(self.n_init_samples, len(u_s) // 4)
+
+    def score(self, u, y, experiment=None):
+        """Return R2 of the free-run simulation.
+
+        The initial state of every experiment is estimated from its first
+        `n_init_samples` samples (at most a quarter of it), which are not scored.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        score : float
+            Coefficient of determination, averaged over the outputs; -inf if the
+            simulation diverges.
+        """
+        y_true, y_pred = self.simulate_test(u, y, experiment)
+        if not np.isfinite(y_pred).all():
+            return -np.inf
+        return float(r2_score(y_true, y_pred))
+
+    def simulate_test(self, u, y, experiment=None):
+        """Return measured and simulated outputs under the scoring policy.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        y_true : ndarray of shape (n_scored, ny)
+            Measured outputs without the samples that estimate the initial states.
+        y_pred : ndarray of shape (n_scored, ny)
+            Simulated outputs at the same samples.
+        """
+        check_is_fitted(self)
+        u, y = self._validate(u, y, reset=False)
+        parts, _ = split_experiments(len(u), experiment)
+        lure = self._structure.lure(self._theta)
+        y_true, y_pred = [], []
+        for u_s, y_s in self._experiments(u, y, parts):
+            window = self._window(u_s)
+            x0 = self._initial_state(u_s, y_s, window)
+            y_hat = _outputs(lure, simulate(lure, u_s, x0), u_s, y_s.shape[1])
+            y_true.append(y_s[window:])
+            y_pred.append(y_hat[window:])
+        scale, offset = self._scaling.y_scale, self._scaling.y_offset
+        return tuple(np.vstack(z) * scale + offset for z in (y_true, y_pred))
+
+    # -- linearity and exports ---------------------------------------------------------
+
+    def linearizability(self, u, y, experiment=None):
+        """Measure how linear the model is once h is cancelled.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs; they set the initial states and the size of the output.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        record : Linearizability
+            The paper's ratios along the simulated trajectory, and the
+            output-referred linearization error (eq. gauge), which does not depend
+            on the state basis.
+        """
+        check_is_fitted(self)
+        u, y = self._validate(u, y, reset=False)
+        parts, _ = split_experiments(len(u), experiment)
+        structure, p = self._structure, self.params_
+        lure = structure.lure(self._theta)
+        trajectories = []
+        for u_s, y_s in self._experiments(u, y, parts):
+            x0 = self._initial_state(u_s, y_s, self._window(u_s))
+            X = simulate(lure, u_s, x0)
+            y_hat = _outputs(lure, X, u_s, y_s.shape[1]) * self._scaling.y_scale
+            du, h = u_s * self._scaling.u_scale, evaluate_h(p, y_hat)
+            with np.errstate(invalid="ignore"):  # a diverged state is not finite
+                g = X[1:] - X[:-1] @ self.A_.T - (du + h) @ self.B_.T
+            y_s = y_s * self._scaling.y_scale
+            trajectories.append((X[:-1], du, y_s, h, g))
+        return measure(self.A_, self.B_, self.C_, trajectories)
+
+    def to_statespace(self):
+        """Return the linear part (A, B, C, D, dt) for python-control.
+
+        For a linearizable model this is what the input v of u = v - h(y) sees.
+
+        Returns
+        -------
+        sys : control.StateSpace
+            Discrete-time system of deviations from the operating point, in the
+            user's units, with the names of the columns of the training data.
+        """
+        from ..feedback import to_statespace
+
+        check_is_fitted(self)
+        return to_statespace(
+            self.A_,
+            self.B_,
+            self.C_,
+            self.D_,
+            self.dt,
+            inputs=getattr(self, "feature_names_in_", None),
+            outputs=self.output_names_,
+            name=type(self).__name__,
+        )
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        # a strictly proper dynamical system cannot fit shuffled static data
+        tags.regressor_tags.poor_score = True
+        tags.non_deterministic = False
+        return tags
+
+
+def _outputs(lure, X, u, ny):
+    """Return y of simulated states; not finite where they diverged."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return channels(lure, X, u)[:, :ny]

@@ -1,0 +1,113 @@
+"""The linear estimator: N4SID, then refinement."""
+
+from ..subspace import identify_linear
+from ._base import StateSpaceModel
+
+
+class LinearStateSpace(StateSpaceModel):
+    r"""Linear state-space model by N4SID and simulation-error refinement.
+
+    .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k
+
+    The subspace estimate (N4SID, stabilized) starts a Levenberg-Marquardt search for
+    the matrices and initial states of least free-run simulation error, the role of
+    `ssest` after `n4sid`.
+
+    Parameters
+    ----------
+    nx : int or "auto", default="auto"
+        Number of states; "auto" chooses 1 to 10 from the singular values.
+    operating_point : {"mean", "zero"} or tuple, default="mean"
+        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    max_iter : int, default=100
+        Largest number of trial steps of the refinement.
+    tol : float, default=1e-8
+        Relative change of cost or parameters that ends the refinement.
+    n_init_samples : int, default=50
+        First samples of an experiment from which `score` estimates its initial
+        state, at most a quarter of the experiment.
+    verbose : int, default=0
+        1 prints every tenth step of the training, 2 every step.
+
+    Attributes
+    ----------
+    A_, B_, C_, D_ : ndarray
+        Matrices in the user's units (deviations); ``D_`` is zero.
+    x0_ : ndarray of shape (n_experiments, nx)
+        Estimated initial states of the training experiments.
+    params_ : Bunch
+        All parameters by name, in the user's units.
+    singular_values_ : ndarray
+        Singular values behind ``nx="auto"``, descending.
+    nx_ : int
+        Number of states.
+    cost_ : float
+        Final cost (eq. cost), outputs scaled to unit variance.
+    n_iter_ : int
+        Trial steps of the training.
+    converged_ : bool
+        Whether a tolerance was reached.
+    u_offset_, y_offset_ : ndarray
+        Operating point, in the units of the data.
+    experiments_ : list
+        Labels of the training experiments; ``[None]`` without labels.
+    output_names_ : list of str or None
+        Names of the outputs, if `y` had any.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, if `u` had any.
+
+    See Also
+    --------
+    AlSsnn : Nonlinear model whose nonlinearity is cancelled by feedback.
+
+    References
+    ----------
+    .. [1] P. Van Overschee and B. De Moor, "N4SID: Subspace algorithms for the
+       identification of combined deterministic-stochastic systems", Automatica
+       30(1), 1994.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> u = rng.standard_normal((200, 1))
+    >>> y = np.zeros(200)
+    >>> for k in range(199):
+    ...     y[k + 1] = 0.8 * y[k] + 0.5 * u[k, 0]
+    >>> model = alssnn.LinearStateSpace(nx=1, operating_point="zero").fit(u, y)
+    >>> round(float(model.A_[0, 0]), 6)
+    0.8
+    """
+
+    def __init__(
+        self,
+        nx="auto",
+        *,
+        operating_point="mean",
+        dt=1.0,
+        max_iter=100,
+        tol=1e-8,
+        n_init_samples=50,
+        verbose=0,
+    ):
+        self.nx = nx
+        self.operating_point = operating_point
+        self.dt = dt
+        self.max_iter = max_iter
+        self.tol = tol
+        self.n_init_samples = n_init_samples
+        self.verbose = verbose
+
+    def _identify(self, experiments, previous):
+        linear = identify_linear(
+            experiments,
+            self.nx,
+            max_iter=self.max_iter,
+            tol=self.tol,
+            report=self._reporter(),
+        )
+        self.singular_values_ = linear.singular_values
+        return linear.as_fit()

@@ -1,0 +1,528 @@
+"""The estimators with networks, and their training."""
+
+from abc import abstractmethod
+from numbers import Integral, Real
+from typing import ClassVar
+
+import numpy as np
+from sklearn.utils import check_random_state
+from sklearn.utils._param_validation import Interval, StrOptions
+
+from ..structures import state_space_structure
+from ..subspace import identify_linear
+from ..training import initial_theta, train
+from ._base import POSITIVE, StateSpaceModel
+
+COUNT = Interval(Integral, 0, None, closed="left")
+WEIGHT = Interval(Real, 0, None, closed="left")
+
+
+class _Ssnn(StateSpaceModel):
+    """Share the training of models with networks."""
+
+    _parameter_constraints: ClassVar[dict] = {
+        **StateSpaceModel._parameter_constraints,
+        "alpha": [WEIGHT],
+        "n_init": [POSITIVE],
+        "coarse_samples": [POSITIVE, None],
+        "polish_iter": [POSITIVE],
+        "method": [StrOptions({"lm", "trf"})],
+        "random_state": ["random_state"],
+        "n_jobs": [Integral, None],
+        "warm_start": ["boolean"],
+    }
+
+    @abstractmethod
+    def _networks(self):
+        """Return the options of `state_space_structure` and gamma."""
+
+    def _identify(self, experiments, previous):
+        options, gamma = self._networks()
+        report = self._reporter()
+        if previous is not None and self._fits(previous[0], options):
+            structure, starts = previous[0], [previous[1]]
+        else:
+            linear = identify_linear(experiments, self.nx, report=report)
+            self.singular_values_ = linear.singular_values
+            nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
+            structure = state_space_structure(nx, nu, ny, C=linear.C, **options)
+            if structure.nw == 0:  # nothing to train beyond the linear model
+                return linear.as_fit()
+            random_state = check_random_state(self.random_state)
+            seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
+            starts = [
+                initial_theta(structure, linear, experiments, np.random.default_rng(s))
+                for s in seeds
+            ]
+        result = train(
+            structure,
+            experiments,
+            starts,
+            gamma=gamma,
+            alpha=self.alpha,
+            coarse_samples=self.coarse_samples,
+            polish_iter=self.polish_iter,
+            n_jobs=self.n_jobs,
+            method=self.method,
+            max_iter=self.max_iter,
+            tol=self.tol,
+            report=report,
+        )
+        return structure, result.theta, result
+
+    def _fits(self, structure, options):
+        """Tell whether a fitted structure is the one the parameters ask for."""
+        nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
+        if self.nx not in ("auto", nx) or nu != self.n_features_in_:
+            return False
+        wanted = state_space_structure(
+            nx, nu, ny, C=structure.constants.get("C"), **options
+        )
+        return wanted.shapes == structure.shapes and wanted.nz == structure.nz
+
+
+class AlSsnn(_Ssnn):
+    r"""Approximately feedback-linearizable state-space neural network.
+
+    .. math::
+
+        x_{k+1} = A x_k + B (u_k + h(y_k)) + g(x_k, u_k), \qquad y_k = C x_k
+
+    The control law u = v - h(y) leaves the linear system (A, B, C) with input v,
+    disturbed by g; the cost penalizes ``|g|^2`` with weight `gamma` (eq. cost). h and g
+    have one hidden layer of tanh neurons (eq. model), g vanishes at the operating
+    point, and C keeps the value of the linear start.
+
+    Parameters
+    ----------
+    nx : int or "auto", default="auto"
+        Number of states; "auto" chooses 1 to 10 from the singular values.
+    n_h : int, default=10
+        Hidden neurons of h; 0 leaves h out.
+    n_g : int, default=10
+        Hidden neurons of g; 0 leaves g out.
+    gamma : float, default=1.0
+        Weight of the mean of ``|g|^2`` relative to that of the output error, with
+        outputs scaled to unit variance. A weight meant for unscaled outputs is
+        divided by var(y).
+    alpha : float, default=0.0
+        Weight of the sum of squared network parameters.
+    operating_point : {"mean", "zero"} or tuple, default="mean"
+        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    n_init : int, default=1
+        Number of random starts; the best on the coarse stage goes on.
+    max_iter : int, default=300
+        Largest number of trial steps of the coarse stage, or of the only one.
+    tol : float, default=1e-6
+        Relative change of cost or parameters that ends a stage.
+    coarse_samples : int or None, default=15000
+        Longer records are first trained on so many samples, their liveliest
+        stretch; None trains on all samples at once.
+    polish_iter : int, default=30
+        Largest number of trial steps on all samples after a coarse stage.
+    method : {"lm", "trf"}, default="lm"
+        Method of `scipy.optimize.least_squares`.
+    n_init_samples : int, default=50
+        First samples of an experiment from which `score` estimates its initial
+        state, at most a quarter of the experiment.
+    warm_start : bool, default=False
+        Whether a repeated `fit` continues from the last parameters and scaling.
+    n_jobs : int or None, default=None
+        Random starts trained in parallel, as in joblib.
+    random_state : int, RandomState instance or None, default=None
+        Source of the initial inner weights.
+    verbose : int, default=0
+        1 prints every tenth step of the training, 2 every step.
+
+    Attributes
+    ----------
+    A_, B_, C_, D_ : ndarray
+        Linear part in the user's units (deviations); ``D_`` is zero.
+    x0_ : ndarray of shape (n_experiments, nx)
+        Estimated initial states of the training experiments.
+    params_ : Bunch
+        All parameters by name (A, B, C, W_h, b_h, W_y, b_y, W_g, W_x, W_u, b_x), in
+        the user's units.
+    singular_values_ : ndarray
+        Singular values behind ``nx="auto"``, descending.
+    nx_ : int
+        Number of states.
+    cost_ : float
+        Final cost (eq. cost), outputs scaled to unit variance.
+    n_iter_ : int
+        Trial steps of the training, linear start excluded.
+    converged_ : bool
+        Whether a tolerance was reached.
+    u_offset_, y_offset_ : ndarray
+        Operating point, in the units of the data.
+    experiments_ : list
+        Labels of the training experiments; ``[None]`` without labels.
+    output_names_ : list of str or None
+        Names of the outputs, if `y` had any.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, if `u` had any.
+
+    See Also
+    --------
+    FlSsnn : The same without g, exactly linearizable.
+    GrSsnn : The same without h and with g free, most accurate.
+
+    Notes
+    -----
+    One trial step costs one simulation, one accepted step a pass over the
+    sensitivities: about 15 microseconds per sample for nx=6, n_h=n_g=10.
+
+    References
+    ----------
+    .. [1] M. Thieffry, A. Hache, M. Yagoubi and P. Chevrel, "Identification for
+       control based on neural networks: approximately linearizable models".
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.AlSsnn(nx=6, n_h=4, n_g=4, max_iter=20, tol=1e-2)
+    >>> model = model.fit(record.u, record.y)
+    >>> bool(model.score(record.u, record.y) > 0.95)
+    True
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        **_Ssnn._parameter_constraints,
+        "n_h": [COUNT],
+        "n_g": [COUNT],
+        "gamma": [WEIGHT],
+    }
+
+    def __init__(
+        self,
+        nx="auto",
+        n_h=10,
+        n_g=10,
+        gamma=1.0,
+        *,
+        alpha=0.0,
+        operating_point="mean",
+        dt=1.0,
+        n_init=1,
+        max_iter=300,
+        tol=1e-6,
+        coarse_samples=15_000,
+        polish_iter=30,
+        method="lm",
+        n_init_samples=50,
+        warm_start=False,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.nx = nx
+        self.n_h = n_h
+        self.n_g = n_g
+        self.gamma = gamma
+        self.alpha = alpha
+        self.operating_point = operating_point
+        self.dt = dt
+        self.n_init = n_init
+        self.max_iter = max_iter
+        self.tol = tol
+        self.coarse_samples = coarse_samples
+        self.polish_iter = polish_iter
+        self.method = method
+        self.n_init_samples = n_init_samples
+        self.warm_start = warm_start
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def _networks(self):
+        penalize_g = self.n_g > 0 and self.gamma > 0
+        options = {"n_h": self.n_h, "n_g": self.n_g, "penalize_g": penalize_g}
+        return options, self.gamma
+
+
+class FlSsnn(_Ssnn):
+    r"""Exactly feedback-linearizable state-space neural network.
+
+    .. math::
+
+        x_{k+1} = A x_k + B (u_k + h(y_k)), \qquad y_k = C x_k
+
+    The control law u = v - h(y) leaves exactly the linear system (A, B, C) with
+    input v. h has one hidden layer of tanh neurons (eq. model), and C keeps the value
+    of the linear start.
+
+    Parameters
+    ----------
+    nx : int or "auto", default="auto"
+        Number of states; "auto" chooses 1 to 10 from the singular values.
+    n_h : int, default=10
+        Hidden neurons of h; 0 leaves h out.
+    alpha : float, default=0.0
+        Weight of the sum of squared network parameters.
+    operating_point : {"mean", "zero"} or tuple, default="mean"
+        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    n_init : int, default=1
+        Number of random starts; the best on the coarse stage goes on.
+    max_iter : int, default=300
+        Largest number of trial steps of the coarse stage, or of the only one.
+    tol : float, default=1e-6
+        Relative change of cost or parameters that ends a stage.
+    coarse_samples : int or None, default=15000
+        Longer records are first trained on so many samples, their liveliest
+        stretch; None trains on all samples at once.
+    polish_iter : int, default=30
+        Largest number of trial steps on all samples after a coarse stage.
+    method : {"lm", "trf"}, default="lm"
+        Method of `scipy.optimize.least_squares`.
+    n_init_samples : int, default=50
+        First samples of an experiment from which `score` estimates its initial
+        state, at most a quarter of the experiment.
+    warm_start : bool, default=False
+        Whether a repeated `fit` continues from the last parameters and scaling.
+    n_jobs : int or None, default=None
+        Random starts trained in parallel, as in joblib.
+    random_state : int, RandomState instance or None, default=None
+        Source of the initial inner weights.
+    verbose : int, default=0
+        1 prints every tenth step of the training, 2 every step.
+
+    Attributes
+    ----------
+    A_, B_, C_, D_ : ndarray
+        Linear part in the user's units (deviations); ``D_`` is zero.
+    x0_ : ndarray of shape (n_experiments, nx)
+        Estimated initial states of the training experiments.
+    params_ : Bunch
+        All parameters by name (A, B, C, W_h, b_h, W_y, b_y), in the user's units.
+    singular_values_ : ndarray
+        Singular values behind ``nx="auto"``, descending.
+    nx_ : int
+        Number of states.
+    cost_ : float
+        Final cost (eq. cost), outputs scaled to unit variance.
+    n_iter_ : int
+        Trial steps of the training, linear start excluded.
+    converged_ : bool
+        Whether a tolerance was reached.
+    u_offset_, y_offset_ : ndarray
+        Operating point, in the units of the data.
+    experiments_ : list
+        Labels of the training experiments; ``[None]`` without labels.
+    output_names_ : list of str or None
+        Names of the outputs, if `y` had any.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, if `u` had any.
+
+    See Also
+    --------
+    AlSsnn : The same with a penalized residual g.
+
+    References
+    ----------
+    .. [1] A. Hache, M. Thieffry, M. Yagoubi and P. Chevrel, "Control-oriented neural
+       state-space models for state-feedback linearization and pole placement",
+       ICSC 2022, pp. 429-434.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=6, n_h=4, max_iter=20, tol=1e-2)
+    >>> model = model.fit(record.u, record.y)
+    >>> bool(model.score(record.u, record.y) > 0.95)
+    True
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        **_Ssnn._parameter_constraints,
+        "n_h": [COUNT],
+    }
+
+    def __init__(
+        self,
+        nx="auto",
+        n_h=10,
+        *,
+        alpha=0.0,
+        operating_point="mean",
+        dt=1.0,
+        n_init=1,
+        max_iter=300,
+        tol=1e-6,
+        coarse_samples=15_000,
+        polish_iter=30,
+        method="lm",
+        n_init_samples=50,
+        warm_start=False,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.nx = nx
+        self.n_h = n_h
+        self.alpha = alpha
+        self.operating_point = operating_point
+        self.dt = dt
+        self.n_init = n_init
+        self.max_iter = max_iter
+        self.tol = tol
+        self.coarse_samples = coarse_samples
+        self.polish_iter = polish_iter
+        self.method = method
+        self.n_init_samples = n_init_samples
+        self.warm_start = warm_start
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def _networks(self):
+        return {"n_h": self.n_h}, 0.0
+
+
+class GrSsnn(_Ssnn):
+    r"""Generalized residual state-space neural network.
+
+    .. math::
+
+        x_{k+1} = A x_k + B u_k + f(x_k, u_k), \qquad y_k = C x_k
+
+    f is free: the most accurate of the models, without structure for control. It has
+    one hidden layer of tanh neurons and a free output bias (eq. model), and C keeps
+    the value of the linear start.
+
+    Parameters
+    ----------
+    nx : int or "auto", default="auto"
+        Number of states; "auto" chooses 1 to 10 from the singular values.
+    n_f : int, default=15
+        Hidden neurons of f; 0 leaves f out.
+    alpha : float, default=0.0
+        Weight of the sum of squared network parameters.
+    operating_point : {"mean", "zero"} or tuple, default="mean"
+        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    n_init : int, default=1
+        Number of random starts; the best on the coarse stage goes on.
+    max_iter : int, default=300
+        Largest number of trial steps of the coarse stage, or of the only one.
+    tol : float, default=1e-6
+        Relative change of cost or parameters that ends a stage.
+    coarse_samples : int or None, default=15000
+        Longer records are first trained on so many samples, their liveliest
+        stretch; None trains on all samples at once.
+    polish_iter : int, default=30
+        Largest number of trial steps on all samples after a coarse stage.
+    method : {"lm", "trf"}, default="lm"
+        Method of `scipy.optimize.least_squares`.
+    n_init_samples : int, default=50
+        First samples of an experiment from which `score` estimates its initial
+        state, at most a quarter of the experiment.
+    warm_start : bool, default=False
+        Whether a repeated `fit` continues from the last parameters and scaling.
+    n_jobs : int or None, default=None
+        Random starts trained in parallel, as in joblib.
+    random_state : int, RandomState instance or None, default=None
+        Source of the initial inner weights.
+    verbose : int, default=0
+        1 prints every tenth step of the training, 2 every step.
+
+    Attributes
+    ----------
+    A_, B_, C_, D_ : ndarray
+        Linear part in the user's units (deviations); ``D_`` is zero.
+    x0_ : ndarray of shape (n_experiments, nx)
+        Estimated initial states of the training experiments.
+    params_ : Bunch
+        All parameters by name (A, B, C, W_g, W_x, W_u, b_x, b_g; the net f is the g
+        of the model family), in the user's units.
+    singular_values_ : ndarray
+        Singular values behind ``nx="auto"``, descending.
+    nx_ : int
+        Number of states.
+    cost_ : float
+        Final cost (eq. cost), outputs scaled to unit variance.
+    n_iter_ : int
+        Trial steps of the training, linear start excluded.
+    converged_ : bool
+        Whether a tolerance was reached.
+    u_offset_, y_offset_ : ndarray
+        Operating point, in the units of the data.
+    experiments_ : list
+        Labels of the training experiments; ``[None]`` without labels.
+    output_names_ : list of str or None
+        Names of the outputs, if `y` had any.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, if `u` had any.
+
+    See Also
+    --------
+    AlSsnn : Nonlinear model whose nonlinearity is cancelled by feedback.
+
+    References
+    ----------
+    .. [1] M. Schoukens, "Improved initialization of state-space artificial neural
+       networks", European Control Conference, 2021, pp. 1913-1918.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.GrSsnn(nx=6, n_f=4, max_iter=20, tol=1e-2)
+    >>> model = model.fit(record.u, record.y)
+    >>> bool(model.score(record.u, record.y) > 0.95)
+    True
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        **_Ssnn._parameter_constraints,
+        "n_f": [COUNT],
+    }
+
+    def __init__(
+        self,
+        nx="auto",
+        n_f=15,
+        *,
+        alpha=0.0,
+        operating_point="mean",
+        dt=1.0,
+        n_init=1,
+        max_iter=300,
+        tol=1e-6,
+        coarse_samples=15_000,
+        polish_iter=30,
+        method="lm",
+        n_init_samples=50,
+        warm_start=False,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.nx = nx
+        self.n_f = n_f
+        self.alpha = alpha
+        self.operating_point = operating_point
+        self.dt = dt
+        self.n_init = n_init
+        self.max_iter = max_iter
+        self.tol = tol
+        self.coarse_samples = coarse_samples
+        self.polish_iter = polish_iter
+        self.method = method
+        self.n_init_samples = n_init_samples
+        self.warm_start = warm_start
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def _networks(self):
+        return {"n_g": self.n_f, "tied_bias": False}, 0.0

@@ -1,0 +1,395 @@
+"""Linear models: N4SID by block Hankel matrices and QR, then refinement.
+
+The subspace step takes the past and future of horizon i of all experiments,
+
+    H = [U_f; U_p; Y_p; Y_f],        H' = Q R   (only R is kept, chunk by chunk)
+
+and the block R_32 of R that maps the past (U_p, Y_p), freed of U_f, to Y_f.  Its
+dominant left singular vectors span the extended observability matrix Gamma, whose
+shift structure gives A and whose top gives C (Van Overschee and De Moor, 1994, with
+the weighting that makes it MOESP).  The simulated output is then linear in (B, x0),
+so that one Gauss-Newton step of the criterion solves for them.
+
+Subspace estimates minimize no simulation error and may be unstable: eigenvalues of
+A are first reflected into the unit disc, and (A, B, C, x0) are then refined by the
+same Levenberg-Marquardt as every other model.  All arrays here are scaled
+deviations (see `experiments`).
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.linalg import lstsq, qr, svd
+from scipy.optimize import OptimizeResult
+
+from .criterion import Criterion, Restricted
+from .experiments import stretch
+from .optimizers import minimize, single_threaded
+from .simulation import simulate
+from .structures import state_space_structure
+
+QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
+MAX_ORDER = 10  # largest order that "auto" chooses
+RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
+REFINED_MARGIN = 1e-6  # of a refined model: integrators stay what they are
+HORIZONS = (15, 40)  # candidate horizons: fast and slow sampling
+TRIAL_SAMPLES = 20_000  # samples of the first, thorough refinement
+POLISH_STEPS = 10  # trial steps on all samples after it
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Hold a linear model of scaled deviations.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix.
+    B : ndarray of shape (nx, nu)
+        Input matrix.
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states.
+    singular_values : ndarray
+        Singular values behind the choice of the order, descending.
+    result : OptimizeResult or None
+        Outcome of the refinement.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    x0: np.ndarray
+    singular_values: np.ndarray = field(default_factory=lambda: np.empty(0))
+    result: OptimizeResult | None = None
+
+    def as_fit(self):
+        """Return the model as a fitted structure.
+
+        Returns
+        -------
+        structure : Structure
+            Linear structure with free C.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        result : OptimizeResult
+            Outcome of the refinement, with `x0` in the basis of this model.
+        """
+        structure = state_space_structure(len(self.A), self.B.shape[1], len(self.C))
+        result = OptimizeResult({**(self.result or {}), "x0": self.x0})
+        return structure, structure.join(vars(self)), result
+
+
+def _past_future(u, y, horizon):
+    """Return [U_f, U_p, Y_p, Y_f] with one row per time instant."""
+
+    def blocks(signal):
+        windows = np.lib.stride_tricks.sliding_window_view(signal, 2 * horizon, axis=0)
+        windows = windows.transpose(0, 2, 1)  # (columns of H, 2 horizon, n)
+        flat = windows.reshape(len(windows), -1)
+        half = horizon * signal.shape[1]
+        return flat[:, :half], flat[:, half:]
+
+    (U_p, U_f), (Y_p, Y_f) = blocks(u), blocks(y)
+    return np.hstack([U_f, U_p, Y_p, Y_f])
+
+
+def hankel_triangle(experiments, horizon):
+    """Return the triangular factor of the block Hankel matrix of all experiments.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y); those shorter than two horizons are passed over.
+    horizon : int
+        Block rows of past and of future.
+
+    Returns
+    -------
+    R : ndarray of shape (n_rows, n_rows)
+        Upper triangular, ``R.T @ R = H @ H.T`` with
+        ``n_rows = 2 * horizon * (nu + ny)``.
+
+    Notes
+    -----
+    Costs O(N n_rows^2) operations and O(QR_COLUMNS n_rows) memory.
+    """
+    n_rows = 2 * horizon * sum(signal.shape[1] for signal in experiments[0])
+    R = np.zeros((0, n_rows))
+    for u, y in experiments:
+        n_columns = len(u) - 2 * horizon + 1
+        for start in range(0, n_columns, QR_COLUMNS):
+            stop = min(start + QR_COLUMNS, n_columns) + 2 * horizon - 1
+            H_t = _past_future(u[start:stop], y[start:stop], horizon)
+            R = qr(np.vstack([R, H_t]), mode="r", overwrite_a=True)[0][:n_rows]
+    return np.vstack([R, np.zeros((n_rows - len(R), n_rows))])
+
+
+def choose_order(singular_values, max_order=MAX_ORDER):
+    """Choose the model order from singular values.
+
+    Parameters
+    ----------
+    singular_values : ndarray of shape (n,)
+        Singular values, descending.
+    max_order : int, default=10
+        Largest order.
+
+    Returns
+    -------
+    nx : int
+        Number of singular values above the geometric mean of the largest and the
+        smallest one, at least 1 and at most `max_order`.
+    """
+    s = singular_values[singular_values > 0]
+    if len(s) == 0:
+        return 1
+    above = np.log(s) > (np.log(s[0]) + np.log(s[-1])) / 2
+    return int(np.clip(np.count_nonzero(above), 1, max_order))
+
+
+def stabilize(A, limit=RADIUS_LIMIT):
+    """Move eigenvalues of a matrix into a disc.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix.
+    limit : float, default=0.999
+        Largest modulus allowed.
+
+    Returns
+    -------
+    A : ndarray of shape (nx, nx)
+        The matrix itself if its spectral radius is at most `limit`; else one with
+        eigenvalues reflected at the unit circle and cut to the limit.
+    """
+    eigenvalues, vectors = np.linalg.eig(A)
+    modulus = np.abs(eigenvalues)
+    if modulus.max() <= limit:
+        return A
+    if np.linalg.cond(vectors) > 1e8:  # nearly defective: shrink the matrix
+        return A * (limit / modulus.max())
+    safe = np.maximum(modulus, 1e-300)
+    target = np.minimum(np.where(modulus > 1, 1 / safe, modulus), limit)
+    return np.real(vectors * (eigenvalues * target / safe) @ np.linalg.inv(vectors))
+
+
+def past_to_future(R, experiments, horizon):
+    """Return the left singular vectors and values of R_32.
+
+    Parameters
+    ----------
+    R : ndarray of shape (n_rows, n_rows)
+        Result of `hankel_triangle`.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y), for their sizes.
+    horizon : int
+        Block rows of past and of future.
+
+    Returns
+    -------
+    U : ndarray of shape (horizon * ny, horizon * ny)
+        Directions of the extended observability matrix.
+    s : ndarray of shape (horizon * ny,)
+        Singular values, descending.
+    """
+    n_u, n_y = (horizon * signal.shape[1] for signal in experiments[0])
+    # R' is lower triangular: columns n_u to -n_y belong to the past, freed of U_f
+    R_32 = R[n_u:-n_y, -n_y:].T
+    return svd(R_32, full_matrices=False)[:2]
+
+
+def shift_structure(U, s, nx, ny):
+    """Return A and C from the extended observability matrix.
+
+    Parameters
+    ----------
+    U : ndarray of shape (horizon * ny, n)
+        Directions of the observability matrix.
+    s : ndarray of shape (n,)
+        Their singular values.
+    nx : int
+        Order.
+    ny : int
+        Number of outputs.
+
+    Returns
+    -------
+    A : ndarray of shape (nx, nx)
+        Stabilized state matrix.
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+    """
+    # a floor on s keeps states that the data do not show from vanishing
+    floor = 1e-12 * s[0] if s[0] > 0 else 1.0
+    Gamma = U[:, :nx] * np.sqrt(np.maximum(s[:nx], floor))
+    return stabilize(lstsq(Gamma[:-ny], Gamma[ny:])[0]), Gamma[:ny]
+
+
+def fit_input(experiments, A, C):
+    """Solve for (B, x0) at given (A, C): a linear least-squares problem.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    A : ndarray of shape (nx, nx)
+        Stable state matrix.
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+
+    Returns
+    -------
+    model : LinearModel
+        The model of least simulation error for these A and C.
+    """
+    structure, criterion, free = _problem(
+        experiments, {"A": A, "C": C}, np.zeros((len(experiments), len(A)))
+    )
+    mask = np.ones(criterion.n, dtype=bool)
+    mask[structure.slices["A"]] = mask[structure.slices["C"]] = False
+    restricted = Restricted(criterion, free, mask)
+    with single_threaded():
+        JJ, Jr, _ = restricted.normal_equations(free[mask])
+    # the residual is linear in (B, x0): one Gauss-Newton step solves
+    theta, x0 = criterion.split(restricted.complete(-lstsq(JJ, Jr)[0]))
+    return LinearModel(A, structure.split(theta)["B"], C, x0)
+
+
+def _problem(experiments, p, x0):
+    """Return structure, criterion and free vector of a linear model."""
+    nx, (u, y) = len(p["A"]), experiments[0]
+    structure = state_space_structure(nx, u.shape[1], y.shape[1])
+    criterion = Criterion(structure, experiments)
+    return structure, criterion, criterion.join(structure.join(p), x0)
+
+
+def _candidate_horizons(experiments, nx):
+    """Return the horizons to try, ascending: within reach of record and order."""
+    nu, ny = (signal.shape[1] for signal in experiments[0])
+    longest = max(len(u) for u, _ in experiments)
+    order = 1 if nx == "auto" else nx
+    lowest = max(2, -(-order // ny) + 1)  # Gamma without its last block has rank nx
+    samples = 2 * lowest + order
+    if longest < samples:
+        raise ValueError(
+            f"`u` and `y` must have at least {samples} samples in one experiment for "
+            f"nx={nx}, got {longest}. Use a longer record or a smaller `nx`."
+        )
+    # more columns than rows in H, or else U_f leaves nothing of the past
+    highest = (longest + 1) // (2 * (nu + ny) + 2)
+    return sorted({max(lowest, min(horizon, highest)) for horizon in HORIZONS})
+
+
+def refine(experiments, model, *, max_iter, tol, report=None):
+    """Refine all matrices of a linear model on its simulation error.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    model : LinearModel
+        Stable start.
+    max_iter : int
+        Largest number of trial steps.
+    tol : float
+        Relative tolerance.
+    report : callable or None, default=None
+        Progress callback, see `optimizers.minimize`.
+
+    Returns
+    -------
+    model : LinearModel
+        Stable model of least simulation error near the start; `result` is set.
+    """
+    structure, criterion, free = _problem(experiments, vars(model), model.x0)
+    result = minimize(
+        criterion, free, max_iter=max_iter, tol=tol, report=report, label="linear"
+    )
+    theta, x0 = criterion.split(result.x)
+    refined = replace(model, **structure.split(theta), x0=x0, result=result)
+    if np.abs(np.linalg.eigvals(refined.A)).max() < 1.0:
+        return refined
+    # A finite record may prefer a slowly growing mode, which no simulation of
+    # another record survives: reflect it, and keep the better of two stable models.
+    A = stabilize(refined.A, limit=1.0 - REFINED_MARGIN)
+    reflected = fit_input(experiments, A, refined.C)
+    best = min(model, reflected, key=lambda stable: _norm(experiments, stable))
+    return replace(best, result=result)
+
+
+def identify_linear(experiments, nx, *, max_iter=100, tol=1e-8, report=None):
+    """Identify a linear model: subspace start, then simulation-error refinement.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    nx : int or "auto"
+        Order; "auto" decides by `choose_order`.
+    max_iter : int, default=100
+        Largest number of trial steps of the refinement.
+    tol : float, default=1e-8
+        Relative tolerance of the refinement.
+    report : callable or None, default=None
+        Progress callback, see `optimizers.minimize`.
+
+    Returns
+    -------
+    model : LinearModel
+        Model whose states have unit variance over the record.
+
+    Raises
+    ------
+    ValueError
+        If the longest experiment is too short for the order.
+    """
+    ny = experiments[0][1].shape[1]
+    horizons = _candidate_horizons(experiments, nx)
+    spaces = [
+        past_to_future(hankel_triangle(experiments, i), experiments, i)
+        for i in horizons
+    ]
+    # the longest horizon sees the slowest dynamics: its values decide the order
+    singular_values = spaces[-1][1]
+    if nx == "auto":
+        reach = (horizons[0] - 1) * ny  # rank that Gamma can have at every horizon
+        nx = choose_order(singular_values, min(MAX_ORDER, reach))
+    trial = stretch(experiments, TRIAL_SAMPLES)
+    starts = [fit_input(trial, *shift_structure(U, s, nx, ny)) for U, s in spaces]
+    model = min(starts, key=lambda start: _norm(trial, start))
+    model = refine(trial, model, max_iter=max_iter, tol=tol, report=report)
+    if sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments):
+        model = fit_input(experiments, model.A, model.C)
+        model = refine(
+            experiments, model, max_iter=POLISH_STEPS, tol=tol, report=report
+        )
+    return replace(_normalize(model, experiments), singular_values=singular_values)
+
+
+def _norm(experiments, model):
+    _, criterion, free = _problem(experiments, vars(model), model.x0)
+    return criterion.norm(free)
+
+
+def _normalize(model, experiments):
+    """Scale the states to unit variance over the record."""
+    structure, _, _ = _problem(experiments, vars(model), model.x0)
+    lure = structure.lure(structure.join(vars(model)))
+    X = np.vstack(
+        [
+            simulate(lure, u, x0)[:-1]
+            for (u, _), x0 in zip(experiments, model.x0, strict=True)
+        ]
+    )
+    std = X.std(axis=0)
+    std = np.where(std > 0, std, 1.0)
+    return replace(
+        model,
+        A=model.A * std / std[:, None],
+        B=model.B / std[:, None],
+        C=model.C * std,
+        x0=model.x0 / std,
+    )

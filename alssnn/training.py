@@ -1,0 +1,190 @@
+"""Training: from a linear model to fitted networks, coarse to fine.
+
+The networks start with zero output weights, so that the start *is* the linear model,
+and with inner weights spread over what the data show: the pre-activation of a neuron
+has a random direction in its (unit variance) inputs and is zero at a random sample.
+
+Long records are trained coarse to fine: the liveliest stretch takes most of the
+iterations, all samples the last few.  Several random starts compete on the stretch;
+the best of them goes on.  All arrays here are scaled deviations (`experiments`).
+"""
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.optimize import OptimizeResult
+
+from .criterion import DIVERGED_NORM, Criterion, Restricted
+from .experiments import stretch
+from .optimizers import minimize, single_threaded
+from .simulation import simulate
+
+INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
+INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
+WINDOW = 200  # samples from which the initial state of a long record is restarted
+
+
+def initial_theta(structure, linear, experiments, rng):
+    """Return a start: the linear model plus networks of zero output.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    linear : LinearModel
+        Linear start; its C is the constant of the structure.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    rng : numpy.random.Generator
+        Source of the inner weights.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_params,)
+        Flat parameters.
+    """
+    p = {"A": linear.A, "B": linear.B}
+    theta = structure.join(p)
+    lure = structure.lure(theta)
+    pick = rng.integers(len(experiments))
+    u, y = experiments[pick]
+    X = simulate(lure, u, linear.x0[pick])[:-1]
+    if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
+        X = np.zeros_like(X)
+    signals = {"x": X, "u": u, "y": y}
+    for axis in structure.neurons:
+        size = structure.sizes[axis]
+        samples = rng.integers(len(u), size=size)
+        inner = {
+            name: axes[1]
+            for name, axes in structure.parameters.items()
+            if axes[0] == axis and len(axes) == 2
+        }
+        width = sum(structure.sizes[source] for source in inner.values())
+        bias = np.zeros(size)
+        for name, source in inner.items():
+            shape = structure.shapes[name]
+            p[name] = rng.normal(scale=INITIAL_SLOPE / np.sqrt(width), size=shape)
+            bias -= np.sum(p[name] * signals[source][samples], axis=1)
+        bias_name = next(
+            name for name, axes in structure.parameters.items() if axes == (axis,)
+        )
+        p[bias_name] = bias
+    return structure.join(p)
+
+
+def estimate_x0(structure, theta, experiments, *, window, noise):
+    """Estimate the initial state of every experiment from its first samples.
+
+    Maximum a posteriori: states have unit variance, outputs the variance `noise`
+    around those of the model.  The prior matters where a window says little about a
+    state that decays slowly; as the noise vanishes, it becomes least squares.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Parameters, held.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    window : int
+        Number of samples used at the beginning of every experiment.
+    noise : float
+        Mean square of the output error of the model, outputs of unit variance.
+
+    Returns
+    -------
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states; zero where the model diverges within the window.
+    """
+    x0 = np.zeros((len(experiments), structure.n_x0))
+    for i, (u, y) in enumerate(experiments):
+        u, y = u[:window], y[:window]
+        criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
+        free = criterion.join(theta, x0[i])
+        mask = np.arange(criterion.n) >= structure.n_params
+        problem = Restricted(criterion, free, mask)
+        if not problem.norm(x0[i]) < DIVERGED_NORM:
+            continue  # nothing to estimate: the caller's simulation will show it
+        x0[i] = minimize(problem, x0[i], max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
+    return x0
+
+
+def train(
+    structure,
+    experiments,
+    starts,
+    *,
+    gamma=0.0,
+    alpha=0.0,
+    coarse_samples=None,
+    polish_iter=20,
+    n_jobs=None,
+    **options,
+):
+    """Train networks from several starts, coarse to fine.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    starts : sequence of ndarray of shape (n_params,)
+        Starts, one per restart.
+    gamma : float, default=0.0
+        Weight of the penalized channels.
+    alpha : float, default=0.0
+        Weight of the squared network parameters.
+    coarse_samples : int or None, default=None
+        Samples of the first stage; None trains on all samples at once.
+    polish_iter : int, default=20
+        Trial steps on all samples after a coarse stage.
+    n_jobs : int or None, default=None
+        Restarts in parallel, as in joblib.
+    **options : dict
+        ``method``, ``max_iter``, ``tol`` and ``report`` of `optimizers.minimize`.
+
+    Returns
+    -------
+    result : OptimizeResult
+        That of the last stage, with ``theta`` and ``x0`` of the best start and the
+        trial steps of all its stages in ``nfev``.
+    """
+    whole = Criterion(structure, experiments, gamma=gamma, alpha=alpha)
+    coarse = whole
+    if coarse_samples is not None and coarse_samples < whole.n_samples:
+        coarse = Criterion(
+            structure, stretch(experiments, coarse_samples), gamma=gamma, alpha=alpha
+        )
+    results = Parallel(n_jobs=n_jobs)(
+        delayed(_stage)(coarse, theta, label=_label(i, len(starts)), **options)
+        for i, theta in enumerate(starts)
+    )
+    best = min(results, key=lambda result: result.cost)
+    if coarse is not whole:
+        steps = best.nfev
+        best = _stage(
+            whole,
+            best.theta,
+            label="all samples",
+            **{**options, "max_iter": polish_iter},
+        )
+        best.nfev += steps
+    return best
+
+
+def _label(i, n_starts):
+    return "train" if n_starts == 1 else f"start {i + 1}/{n_starts}"
+
+
+def _stage(criterion, theta, **options):
+    """Minimize from theta, with initial states estimated first."""
+    structure, experiments = criterion.structure, criterion.experiments
+    at_rest = np.zeros((len(experiments), structure.n_x0))
+    noise = Criterion(structure, experiments).norm(criterion.join(theta, at_rest)) ** 2
+    with single_threaded():
+        x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
+        result = minimize(criterion, criterion.join(theta, x0), **options)
+    theta, x0 = criterion.split(result.x)
+    return OptimizeResult({**result, "theta": theta, "x0": x0})

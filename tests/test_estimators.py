@@ -1,0 +1,474 @@
+import pickle
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from helpers import simulate_linear
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn.datasets import make_wiener_hammerstein
+from alssnn.simulation import simulate
+from alssnn.structures import state_space_structure
+
+ESTIMATORS = [
+    LinearStateSpace(nx=2),
+    FlSsnn(nx=2, n_h=2, max_iter=8, tol=1e-2, random_state=0),
+    AlSsnn(nx=2, n_h=2, n_g=2, max_iter=8, tol=1e-2, random_state=0),
+    GrSsnn(nx=2, n_f=2, max_iter=8, tol=1e-2, random_state=0),
+]
+
+
+@pytest.fixture(params=ESTIMATORS, ids=lambda e: type(e).__name__)
+def estimator(request):
+    return clone(request.param)
+
+
+@pytest.fixture(autouse=True)
+def _short_fits():
+    """Fits are short on purpose here; the warning has a test of its own."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        yield
+
+
+@pytest.fixture(scope="module")
+def mimo():
+    """A mildly nonlinear plant with 2 inputs and 2 outputs, in odd units."""
+    rng = np.random.default_rng(0)
+    A = np.array([[0.7, 0.2], [-0.2, 0.6]])
+    B = np.array([[0.4, 0.1], [0.0, 0.5]])
+    u = rng.standard_normal((400, 2)) * [3.0, 0.02] + [10.0, -1.0]
+    x, y = np.zeros(2), np.empty((400, 2))
+    for k in range(400):
+        y[k] = x
+        drive = (u[k] - [10.0, -1.0]) / [3.0, 0.02] + 0.5 * np.tanh(x)
+        x = A @ x + B @ drive + 0.05 * np.tanh(x) ** 2
+    y += 0.01 * rng.standard_normal(y.shape)
+    return u, y * [100.0, 0.1] + [5.0, 7.0]
+
+
+# -- fit and predict -------------------------------------------------------------------
+
+
+def test_fit_sets_documented_attributes(estimator, mimo):
+    u, y = mimo
+    assert estimator.fit(u, y) is estimator
+    assert estimator.A_.shape == (2, 2)
+    assert estimator.B_.shape == estimator.C_.shape == estimator.D_.shape == (2, 2)
+    assert estimator.x0_.shape == (1, 2)
+    assert estimator.n_iter_ >= 1
+    assert estimator.n_features_in_ == 2
+    assert isinstance(estimator.converged_, bool)
+    assert estimator.cost_ > 0
+    np.testing.assert_allclose(estimator.u_offset_, u.mean(axis=0))
+    np.testing.assert_allclose(estimator.y_offset_, y.mean(axis=0))
+    assert estimator.score(u, y) > 0.9
+    documented = set(type(estimator).__doc__.split("Attributes")[1].split())
+    for name in vars(estimator):
+        if name.endswith("_") and not name.startswith("_"):
+            assert name in documented or f"{name}," in documented, name
+
+
+def test_params_are_the_equations_in_the_units_of_the_user(estimator, mimo):
+    u, y = mimo
+    model = estimator.fit(u, y)
+    p, x = model.params_, np.zeros(2)
+    y_hat = np.empty_like(y)
+    for k, du in enumerate(u - model.u_offset_):
+        dy = p["C"] @ x
+        y_hat[k] = dy + model.y_offset_
+        h, g = np.zeros(2), np.zeros(2)
+        if "W_h" in p:
+            h = p["W_h"] @ np.tanh(p["W_y"] @ dy + p["b_y"]) + p["b_h"]
+        if "W_g" in p:
+            b_g = p.get("b_g", -p["W_g"] @ np.tanh(p["b_x"]))
+            g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["W_u"] @ du + p["b_x"]) + b_g
+        x = p["A"] @ x + p["B"] @ (du + h) + g
+    np.testing.assert_allclose(model.predict(u), y_hat, rtol=1e-9)
+    np.testing.assert_array_equal(model.A_, p["A"])
+
+
+def test_fit_in_other_units_predicts_the_same(estimator, mimo):
+    u, y = mimo
+    first = clone(estimator).fit(u, y).predict(u)
+    second = clone(estimator).fit(10 * u, y / 3).predict(10 * u)
+    # 10 and 3 change the rounding, which the undetermined state basis amplifies
+    difference = (3 * second - first) / y.std(axis=0)
+    np.testing.assert_allclose(difference, 0, atol=1e-5)
+
+
+def test_same_seed_same_result_other_seed_other_result(estimator, mimo):
+    u, y = mimo
+    first, again = (clone(estimator).fit(u, y).predict(u) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    if "random_state" in estimator.get_params():
+        other = clone(estimator).set_params(random_state=1).fit(u, y).predict(u)
+        assert np.any(other != first)
+
+
+def test_random_state_none_and_generator(mimo):
+    u, y = mimo
+    small = AlSsnn(nx=2, n_h=2, n_g=2, max_iter=3)
+    small.set_params(random_state=np.random.RandomState(3)).fit(u, y)
+    assert np.isfinite(small.cost_)
+
+
+def test_pickle_and_clone(estimator, mimo):
+    u, y = mimo
+    model = estimator.fit(u, y)
+    model.to_statespace()
+    model.linearizability(u, y)
+    copy = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(copy.predict(u), model.predict(u))
+    assert not hasattr(clone(model), "A_")
+    assert clone(model).get_params() == model.get_params()
+
+
+def test_nothing_the_user_passes_in_is_modified(estimator, mimo):
+    u, y = (np.array(z) for z in mimo)
+    labels = np.repeat([1, 2], 200)
+    before = u.copy(), y.copy(), labels.copy()
+    for array in (u, y, labels):
+        array.setflags(write=False)
+    x0 = np.ones((2, 2))
+    x0.setflags(write=False)
+    model = estimator.fit(u, y, labels)
+    model.predict(u, labels, x0)
+    model.score(u, y, labels)
+    model.linearizability(u, y, labels)
+    for array, copy in zip((u, y, labels), before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_one_dimensional_y_comes_back_one_dimensional(estimator, mimo):
+    u, y = mimo
+    model = estimator.fit(u, y[:, 0])
+    assert model.predict(u).shape == (400,)
+    assert clone(model).fit(u, y[:, :1]).predict(u).shape == (400, 1)
+
+
+# -- several experiments and initial states --------------------------------------------
+
+
+def test_every_experiment_has_its_own_initial_state(estimator, mimo):
+    u, y = mimo
+    labels = np.repeat(["a", "b", "c"], [100, 250, 50])
+    model = estimator.fit(u, y, labels)
+    assert model.x0_.shape == (3, 2)
+    assert model.experiments_ == ["a", "b", "c"]
+    alone = model.predict(u[100:350], x0=model.x0_[1])
+    together = model.predict(u, labels, x0=model.x0_)
+    np.testing.assert_allclose(together[100:350], alone, rtol=1e-12)
+
+
+def test_predict_starts_at_the_operating_point(estimator, mimo):
+    u, y = mimo
+    model = estimator.fit(u, y)
+    np.testing.assert_allclose(model.predict(u)[0], model.y_offset_)
+    first = model.predict(u, x0=[1.0, 0.0])[0]
+    np.testing.assert_allclose(first, model.y_offset_ + model.C_[:, 0])
+
+
+def test_estimate_x0_recovers_the_state(estimator, mimo):
+    u, y = mimo
+    model = estimator.fit(u, y)
+    truth = np.array([[0.7, -0.4], [0.1, 0.9]])
+    labels = np.repeat([0, 1], 200)
+    simulated = model.predict(u, labels, truth)
+    np.testing.assert_allclose(
+        model.estimate_x0(u, simulated, labels, n_samples=40), truth, atol=0.02
+    )
+
+
+def test_score_is_r2_without_the_initial_samples(estimator, mimo):
+    u, y = mimo
+    model = estimator.set_params(n_init_samples=20).fit(u, y)
+    x0 = model.estimate_x0(u, y)
+    y_hat = model.predict(u, x0=x0)
+    residual, spread = (y - y_hat)[20:], (y - y[20:].mean(axis=0))[20:]
+    r2 = 1 - np.sum(residual**2, axis=0) / np.sum(spread**2, axis=0)
+    assert model.score(u, y) == pytest.approx(r2.mean(), rel=1e-9)
+
+
+def test_score_of_a_diverging_model_is_minus_infinity(mimo):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    p = {**model._structure.split(model._theta), "A": 3 * np.eye(2)}
+    model._theta = model._structure.join(p)
+    long_u, long_y = np.tile(u, (10, 1)), np.tile(y, (10, 1))
+    with pytest.warns(RuntimeWarning, match=r"diverges before sample \d+"):
+        assert not np.isfinite(model.predict(long_u)).all()
+    for n_init_samples in (2, 50, 3000):  # diverging behind or within the window
+        model.set_params(n_init_samples=n_init_samples)
+        assert model.score(long_u, long_y) == -np.inf
+        assert np.isinf(model.linearizability(long_u, long_y).ratio_g_mean)
+
+
+# -- limits and known systems ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", [AlSsnn(2, 0, 0), FlSsnn(2, 0), GrSsnn(2, 0)])
+def test_no_neurons_is_the_linear_model(model, mimo):
+    u, y = mimo
+    linear = LinearStateSpace(nx=2).fit(u, y)
+    np.testing.assert_array_equal(model.fit(u, y).predict(u), linear.predict(u))
+    assert model.cost_ == linear.cost_
+
+
+def test_alssnn_without_any_argument():
+    record = make_wiener_hammerstein(600, random_state=0)
+    model = AlSsnn(random_state=0).fit(record.u, record.y)
+    assert model.score(record.u, record.y) > 0.99
+    linear = LinearStateSpace().fit(record.u, record.y)
+    assert 1 - model.score(record.u, record.y) < 0.1 * (
+        1 - linear.score(record.u, record.y)
+    )
+
+
+def test_large_gamma_drives_the_residual_to_zero(mimo):
+    u, y = mimo
+    ratios = [
+        AlSsnn(2, 2, 2, gamma=gamma, max_iter=30, random_state=0)
+        .fit(u, y)
+        .linearizability(u, y)
+        .ratio_g_mean
+        for gamma in (1e-4, 1.0, 1e4)
+    ]
+    assert ratios[0] > 3 * ratios[1] > 9 * ratios[2]
+    assert ratios[2] < 1e-4
+
+
+def test_exact_recovery_of_a_known_fl_system(rng):
+    structure = state_space_structure(2, 1, 1, n_h=2, C=np.array([[1.0, 0.5]]))
+    theta = structure.join(
+        {
+            "A": [[0.7, 0.3], [-0.3, 0.6]],
+            "B": [[0.5], [1.0]],
+            "W_h": [[-0.3, 0.2]],
+            "W_y": [[1.0], [0.4]],
+            "b_y": [0.3, -0.6],
+        }
+    )
+    u = 2 * rng.standard_normal((2000, 1))
+    y = (
+        simulate(structure.lure(theta), u, np.zeros(2))[:-1]
+        @ structure.constants["C"][0]
+    )
+    model = FlSsnn(
+        nx=2, n_h=2, n_init=6, tol=1e-14, operating_point="zero", random_state=0
+    ).fit(u[:1000], y[:1000])
+    error = y[1000:] - model.predict(u[1000:], x0=model.estimate_x0(u[1000:], y[1000:]))
+    assert np.sqrt(np.mean(error**2)) < 1e-5 * y.std()
+
+
+# -- training options ------------------------------------------------------------------
+
+
+def test_warm_start_continues(mimo):
+    u, y = mimo
+    model = AlSsnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    first = model.cost_
+    assert model.fit(u, y).cost_ < first
+    cold = clone(model).set_params(warm_start=False).fit(u, y)
+    assert cold.cost_ == first
+    # another structure cannot be continued and starts anew
+    assert model.set_params(n_g=3).fit(u, y).params_["W_g"].shape == (2, 3)
+
+
+def test_restarts_do_not_depend_on_n_jobs(mimo):
+    u, y = mimo
+    small = AlSsnn(2, 2, 2, max_iter=4, n_init=3, random_state=0)
+    alone = clone(small).fit(u, y)
+    pair = clone(small).set_params(n_jobs=2).fit(u, y)
+    np.testing.assert_array_equal(alone.predict(u), pair.predict(u))
+    assert alone.cost_ <= clone(small).set_params(n_init=1).fit(u, y).cost_
+
+
+def test_weight_decay_shrinks_the_networks(mimo):
+    u, y = mimo
+    sizes = []
+    for alpha in (0.0, 0.1):
+        model = AlSsnn(2, 2, 2, alpha=alpha, max_iter=20, random_state=0).fit(u, y)
+        sizes.append(sum(np.sum(model.params_[k] ** 2) for k in ("W_h", "W_g")))
+    assert sizes[1] < 0.5 * sizes[0]
+
+
+@pytest.mark.parametrize("method", ["lm", "trf"])
+def test_methods_reach_the_same_cost_level(mimo, method):
+    u, y = mimo
+    model = FlSsnn(2, 2, method=method, max_iter=60, random_state=0).fit(u, y)
+    assert model.score(u, y) > 0.99
+
+
+def test_verbose_prints_progress(mimo, capsys):
+    u, y = mimo
+    AlSsnn(2, 1, 1, max_iter=3, random_state=0).fit(u, y)
+    assert capsys.readouterr().out == ""
+    AlSsnn(2, 1, 1, max_iter=3, random_state=0, verbose=2).fit(u, y)
+    out = capsys.readouterr().out
+    assert "linear" in out
+    assert "train" in out
+    assert "cost" in out
+
+
+def test_stopping_early_is_a_convergence_warning(mimo):
+    u, y = mimo
+    with pytest.warns(ConvergenceWarning, match=r"AlSsnn stopped.*Increase `max_iter`"):
+        model = AlSsnn(2, 2, 2, max_iter=2, random_state=0).fit(u, y)
+    assert not model.converged_
+
+
+# -- exports ---------------------------------------------------------------------------
+
+
+def test_to_statespace_has_units_dt_and_names(estimator, mimo):
+    u, y = mimo
+    u = pd.DataFrame(u, columns=["valve.a", "pump"])
+    y = pd.DataFrame(y, columns=["level", "flow"])
+    model = estimator.set_params(dt=0.25).fit(u, y)
+    sys = model.to_statespace()
+    assert sys.dt == 0.25
+    assert sys.input_labels == ["valve_a", "pump"]  # "." separates systems there
+    assert sys.output_labels == ["level", "flow"]
+    np.testing.assert_array_equal(sys.A, model.A_)
+    np.testing.assert_array_equal(sys.B, model.B_)
+    np.testing.assert_array_equal(sys.C, model.C_)
+    assert not np.any(sys.D)
+
+
+def test_linear_model_and_its_statespace_respond_alike(mimo):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    sys = model.to_statespace()
+    response = simulate_linear(sys.A, sys.B, sys.C, u - model.u_offset_)
+    np.testing.assert_allclose(model.predict(u), response + model.y_offset_, rtol=1e-9)
+
+
+def test_names_without_dataframes(mimo):
+    u, y = mimo
+    sys = LinearStateSpace(nx=2).fit(u, y).to_statespace()
+    assert sys.input_labels == ["u[0]", "u[1]"]
+    series = LinearStateSpace(nx=2).fit(u, pd.Series(y[:, 0], name="level"))
+    assert series.to_statespace().output_labels == ["level"]
+
+
+def test_linearizability_of_models_without_residual(mimo):
+    u, y = mimo
+    fl = FlSsnn(2, 2, max_iter=20, random_state=0).fit(u, y).linearizability(u, y)
+    np.testing.assert_allclose(fl.linearization_error, 0, atol=1e-12)
+    assert fl.ratio_h_mean > 1e-3
+    linear = LinearStateSpace(nx=2).fit(u, y).linearizability(u, y)
+    assert linear.ratio_h_max == 0
+    assert linear.spectral_radius < 1
+
+
+def test_linearization_error_is_what_g_adds_to_the_output(mimo):
+    u, y = mimo
+    model = AlSsnn(2, 2, 2, gamma=0.01, max_iter=20, random_state=0).fit(u, y)
+    record = model.linearizability(u, y)
+    p, du = model.params_, u - model.u_offset_
+    x = model.estimate_x0(u, y)[0]
+    x_linear, e = x.copy(), np.empty_like(y)
+    for k in range(len(u)):
+        dy = p["C"] @ x
+        e[k] = dy - p["C"] @ x_linear
+        h = p["W_h"] @ np.tanh(p["W_y"] @ dy + p["b_y"]) + p["b_h"]
+        pre = p["W_x"] @ x + p["W_u"] @ du[k] + p["b_x"]
+        g = p["W_g"] @ (np.tanh(pre) - np.tanh(p["b_x"]))
+        x = p["A"] @ x + p["B"] @ (du[k] + h) + g
+        x_linear = p["A"] @ x_linear + p["B"] @ (du[k] + h)  # the same input, no g
+    dy = y - model.y_offset_
+    expected = np.sqrt(np.mean(e**2, axis=0) / np.mean(dy**2, axis=0))
+    np.testing.assert_allclose(record.linearization_error, expected, rtol=1e-6)
+
+
+# -- errors ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda u, y: (u, y[:-1]), "inconsistent numbers of samples: .400, 399."),
+        (lambda u, y: (np.where(u > 14, np.nan, u), y), "Input X contains NaN"),
+        (lambda u, y: (u, np.where(y > 80, np.inf, y)), "Input y contains infinity"),
+        (lambda u, y: (0 * u + 1, y), "constant column 0, 1"),
+        (lambda u, y: (u[:9], y[:9]), "at least 10 samples .*got 9"),
+        (lambda u, y: (u[:, 0], y), "Expected 2D array, got 1D array"),
+        (
+            lambda u, y: (u.astype(object) + "V", y),
+            "could not convert|dtype|unsupported",
+        ),
+    ],
+)
+def test_data_errors(mimo, change, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        LinearStateSpace(nx=4).fit(*change(*(np.array(z) for z in mimo)))
+
+
+def test_non_numeric_data(mimo):
+    u, y = mimo
+    words = np.full(u.shape, "high", dtype=object)
+    with pytest.raises(ValueError, match="could not convert string to float"):
+        LinearStateSpace(nx=2).fit(words, y)
+
+
+def test_wrong_column_names(mimo):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(pd.DataFrame(u, columns=["a", "b"]), y)
+    with pytest.raises(ValueError, match="feature names should match"):
+        model.predict(pd.DataFrame(u, columns=["a", "c"]))
+    with pytest.raises(ValueError, match="expecting 2 features"):
+        LinearStateSpace(nx=2).fit(u, y).predict(u[:, :1])
+
+
+def test_wrong_labels(mimo):
+    u, y = mimo
+    with pytest.raises(ValueError, match="one label per sample"):
+        LinearStateSpace(nx=2).fit(u, y, np.zeros(3))
+    labels = np.repeat([1, 2, 1], [100, 200, 100])
+    with pytest.raises(ValueError, match="contiguous"):
+        LinearStateSpace(nx=2).fit(u, y, labels)
+
+
+@pytest.mark.parametrize("x0", [np.zeros(3), np.zeros((2, 2)), 1.0])
+def test_x0_of_wrong_size(mimo, x0):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    with pytest.raises(ValueError, match=r"`x0` must have shape \(2,\).*estimate_x0"):
+        model.predict(u, x0=x0)
+
+
+def test_unfitted(estimator, mimo):
+    u, y = mimo
+    for call in (
+        lambda: estimator.predict(u),
+        lambda: estimator.score(u, y),
+        lambda: estimator.estimate_x0(u, y),
+        lambda: estimator.to_statespace(),
+        lambda: estimator.linearizability(u, y),
+    ):
+        with pytest.raises(NotFittedError):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"nx": 0}, "nx"),
+        ({"nx": "many"}, "nx"),
+        ({"n_h": -1}, "n_h"),
+        ({"gamma": -1.0}, "gamma"),
+        ({"dt": 0.0}, "dt"),
+        ({"method": "adam"}, "method"),
+        ({"operating_point": "median"}, "operating_point"),
+        ({"operating_point": (1.0,)}, r"pair \(u_e, y_e\), got a tuple of 1"),
+        ({"max_iter": 0}, "max_iter"),
+    ],
+)
+def test_parameters_are_validated_in_fit(mimo, parameters, message):
+    u, y = mimo
+    with pytest.raises(ValueError, match=message):
+        AlSsnn(**parameters).fit(u, y)

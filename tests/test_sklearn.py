@@ -1,0 +1,23 @@
+import pytest
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+
+REASONS = {
+    "check_methods_sample_order_invariance": "the samples of a dynamical system are "
+    "ordered in time",
+    "check_methods_subset_invariance": "a simulated sample depends on all before it",
+}
+
+ESTIMATORS = [
+    LinearStateSpace(),
+    FlSsnn(n_h=2, max_iter=10),
+    AlSsnn(n_h=2, n_g=2, max_iter=10),
+    GrSsnn(n_f=2, max_iter=10),
+]
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@parametrize_with_checks(ESTIMATORS, expected_failed_checks=lambda _: REASONS)
+def test_scikit_learn_checks(estimator, check):
+    check(estimator)

@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+from helpers import random_theta
+
+from alssnn.criterion import Criterion
+from alssnn.simulation import channels, simulate
+from alssnn.structures import state_space_structure
+from alssnn.subspace import LinearModel
+from alssnn.training import estimate_x0, initial_theta, train
+
+
+@pytest.fixture
+def problem(rng):
+    """An FL system, its structure, true parameters and two noise-free records."""
+    structure = state_space_structure(2, 1, 1, n_h=2, C=np.array([[1.0, 0.5]]))
+    theta = structure.join(
+        {
+            "A": [[0.7, 0.3], [-0.3, 0.6]],
+            "B": [[0.5], [1.0]],
+            "W_h": [[0.4, -0.5]],
+            "W_y": [[1.0], [0.4]],
+            "b_y": [0.3, -0.6],
+        }
+    )
+    lure, experiments = structure.lure(theta), []
+    for n in (300, 200):
+        u, x0 = rng.standard_normal((n, 1)), rng.standard_normal(2)
+        experiments.append((u, channels(lure, simulate(lure, u, x0), u)))
+    return structure, theta, experiments
+
+
+def linear_start(structure, theta):
+    p = structure.split(theta)
+    return LinearModel(p["A"], p["B"], structure.constants["C"], np.zeros((2, 2)))
+
+
+def test_the_start_is_the_linear_model(problem, rng):
+    structure, theta, experiments = problem
+    linear = linear_start(structure, theta)
+    start = initial_theta(structure, linear, experiments, rng)
+    lure = structure.lure(start)
+    assert np.any(lure.V)
+    assert not np.any(lure.W)
+    np.testing.assert_array_equal(structure.split(start)["A"], linear.A)
+
+
+def test_inner_weights_are_spread_over_the_data(rng):
+    structure = state_space_structure(2, 1, 1, n_h=50, n_g=50, C=np.ones((1, 2)))
+    linear = LinearModel(
+        0.8 * np.eye(2), np.array([[0.6], [0.3]]), np.ones((1, 2)), np.zeros((1, 2))
+    )
+    u = rng.standard_normal((500, 1))
+    y = 5.0 + rng.standard_normal((500, 1))  # the neurons of h must follow y there
+    start = initial_theta(structure, linear, [(u, y)], rng)
+    p = structure.split(start)
+    v_h = y @ p["W_y"].T + p["b_y"]
+    crosses_zero = (v_h.min(axis=0) <= 0) & (v_h.max(axis=0) >= 0)
+    assert crosses_zero.all()
+    assert len(np.unique(p["b_x"])) == 50
+
+
+def test_exact_recovery_of_a_known_fl_system(problem, rng):
+    structure, theta, experiments = problem
+    start = theta + 0.1 * rng.standard_normal(len(theta))
+    result = train(
+        structure, experiments, [start], max_iter=200, tol=1e-15, method="lm"
+    )
+    assert result.cost < 1e-20
+    fresh = rng.standard_normal((100, 1))
+    outputs = []
+    for parameters in (theta, result.theta):
+        lure = structure.lure(parameters)
+        outputs.append(channels(lure, simulate(lure, fresh, np.zeros(2)), fresh))
+    np.testing.assert_allclose(*outputs, atol=1e-6)
+
+
+def test_estimate_x0_finds_the_true_state(problem, rng):
+    structure, theta, experiments = problem
+    lure = structure.lure(theta)
+    x0 = estimate_x0(structure, theta, experiments, window=30, noise=1e-14)
+    for (u, y), start in zip(experiments, x0, strict=True):
+        y_hat = channels(lure, simulate(lure, u, start), u)
+        np.testing.assert_allclose(y_hat, y, atol=1e-7)
+
+
+def test_the_prior_keeps_unobservable_states_at_rest(rng):
+    structure = state_space_structure(2, 1, 1)
+    p = {"A": np.diag([0.5, 0.999]), "B": [[1.0], [1.0]], "C": [[1.0, 1e-3]]}
+    theta, lure = structure.join(p), structure.lure(structure.join(p))
+    experiments = []
+    for _ in range(20):
+        u = rng.standard_normal((50, 1))
+        y = channels(lure, simulate(lure, u, np.array([1.0, 0.0])), u)
+        experiments.append((u, y + 0.1 * rng.standard_normal(y.shape)))
+    spread = {
+        noise: estimate_x0(structure, theta, experiments, window=50, noise=noise).std(0)
+        for noise in (1e-2, 1e-12)
+    }
+    # least squares alone trusts the noise: 0.1 / (1e-3 sqrt(50)) = 14
+    assert 7 < spread[1e-12][1] < 28
+    assert spread[1e-2][1] < 0.3
+    assert spread[1e-2][0] == pytest.approx(spread[1e-12][0], rel=0.2)
+
+
+def test_coarse_to_fine_ends_on_all_samples(problem, rng):
+    structure, theta, experiments = problem
+    labels = []
+    result = train(
+        structure,
+        experiments,
+        [theta + 0.1 * rng.standard_normal(len(theta))],
+        coarse_samples=200,
+        polish_iter=50,
+        max_iter=50,
+        tol=1e-14,
+        report=lambda label, *_: labels.append(label),
+    )
+    assert sorted(set(labels)) == ["all samples", "train"]
+    assert result.x0.shape == (2, 2)
+    criterion = Criterion(structure, experiments)
+    cost = criterion.norm(criterion.join(result.theta, result.x0)) ** 2
+    assert cost == pytest.approx(result.cost)
+    assert cost < 1e-15
+
+
+@pytest.mark.parametrize("n_jobs", [None, 2])
+def test_the_best_of_several_starts_goes_on(problem, rng, n_jobs):
+    structure, _, experiments = problem
+    starts = [random_theta(structure, rng) for _ in range(3)]
+    costs = [
+        train(structure, experiments, [start], max_iter=8, tol=1e-9).cost
+        for start in starts
+    ]
+    best = train(structure, experiments, starts, max_iter=8, tol=1e-9, n_jobs=n_jobs)
+    assert best.cost == min(costs)
+    assert len(set(costs)) == 3
