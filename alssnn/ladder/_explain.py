@@ -1,0 +1,102 @@
+"""What the figures of a ladder mean, in words derived from the numbers."""
+
+import textwrap
+
+import numpy as np
+
+CLEARLY = 1.1  # ratio of errors below which two models count as equally accurate
+TEXT_WIDTH = 79  # columns
+
+
+def explain(rows, dt):
+    """Say in words what the figures of a ladder mean for control.
+
+    Parameters
+    ----------
+    rows : sequence of Rung
+        Rows; those named LTI and AL-SSNN are spoken of.
+    dt : float
+        Sampling time, in seconds.
+
+    Returns
+    -------
+    text : str
+        One paragraph each on accuracy, linearity and stability; empty without an
+        AL-SSNN.
+    """
+    named = {row.name: row for row in rows}
+    if "AL-SSNN" not in named:
+        return ""
+    al, lti = named["AL-SSNN"], named.get("LTI")
+    sentences = [_about_linearity(al, lti), _about_stability(al, dt)]
+    if lti is not None:
+        sentences.insert(0, _about_accuracy(al, lti))
+    return "\n".join(
+        textwrap.fill(s, TEXT_WIDTH, initial_indent="- ", subsequent_indent="  ")
+        for s in sentences
+    )
+
+
+def _missed(row):
+    """Return the percentage of the test output that the simulation misses."""
+    return float(100 - row.fit_percent.mean())
+
+
+def _percent(value):
+    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
+
+
+def _about_accuracy(al, lti):
+    ratio = lti.rmse_test.mean() / al.rmse_test.mean()
+    facts = (
+        f"Accuracy: on the test data LTI misses {_percent(_missed(lti))} of the output,"
+        f" AL-SSNN {_percent(_missed(al))}"
+    )
+    if not np.isfinite(al.rmse_test).all():
+        return "Accuracy: AL-SSNN diverges on the test data and is of no use there."
+    if ratio > CLEARLY:
+        return f"{facts}, {ratio:.2g} times less."
+    return (
+        f"{facts}: the networks gain nothing. Either the plant is nearly linear on "
+        "these data, or the training needs more iterations, neurons or states."
+    )
+
+
+def _about_linearity(al, lti):
+    rest = float(100 * al.linearization_error.mean())
+    if not np.isfinite(rest):
+        return (
+            "Linearity: what is left of the nonlinearity grows without bound, because "
+            "the simulation or A is unstable."
+        )
+    facts = (
+        f"Linearity: with u = v - h(y), {_percent(rest)} of the output of AL-SSNN is "
+        "still not the response of its linear part (A, B, C)"
+    )
+    if lti is None or not np.isfinite(lti.rmse_test).all():
+        return f"{facts}."
+    ratio = _missed(lti) / max(rest, np.finfo(float).tiny)
+    if ratio > CLEARLY:
+        return (
+            f"{facts}: {ratio:.2g} times less than LTI misses without that feedback. "
+            "Design on (A, B, C) and allow for this rest as uncertainty."
+        )
+    return (
+        f"{facts}, while LTI misses {_percent(_missed(lti))} without any feedback: "
+        "cancelling h does not make this plant more linear. Try a larger gamma and "
+        "watch what it costs in accuracy."
+    )
+
+
+def _about_stability(al, dt):
+    rho = al.spectral_radius
+    if rho >= 1:
+        return (
+            f"Stability: A of AL-SSNN is unstable (spectral radius {rho:.4f}); the "
+            "linear controller has to stabilize it."
+        )
+    samples = -1 / np.log(max(rho, np.finfo(float).tiny))
+    return (
+        f"Stability: A of AL-SSNN is stable (spectral radius {rho:.4f}); its slowest "
+        f"mode decays by 63 % in {samples:.2g} samples, {samples * dt:.2g} s."
+    )

@@ -1,0 +1,197 @@
+"""The records of a ladder: rows, and the table they make."""
+
+import textwrap
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ._explain import TEXT_WIDTH, explain
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """Hold one fitted model and its figures.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model.
+    model : object
+        Fitted estimator.
+    n_params : int
+        Trained parameters, without initial states.
+    rmse_train, rmse_test : ndarray of shape (ny,)
+        Root-mean-square error of the free-run simulation per output, in the units
+        of y; inf if the simulation diverges.
+    fit_percent : ndarray of shape (ny,)
+        Fit of the test output, in percent; -inf if the simulation diverges.
+    linearization_error : ndarray of shape (ny,)
+        Per output, rms(e) / rms(y) on the test data (eq. gauge); inf if e diverges.
+    spectral_radius : float
+        Largest modulus of the eigenvalues of A.
+    seconds : float
+        Duration of the fit, in seconds.
+    y_hat : ndarray of shape (n_scored, ny)
+        Simulated test output, in the units of y.
+    e : ndarray of shape (n_scored, ny)
+        Output-referred residual, in the units of y; inf if it diverges.
+    """
+
+    name: str
+    model: Any = field(repr=False)
+    n_params: int
+    rmse_train: np.ndarray
+    rmse_test: np.ndarray
+    fit_percent: np.ndarray
+    linearization_error: np.ndarray
+    spectral_radius: float
+    seconds: float
+    y_hat: np.ndarray = field(repr=False)
+    e: np.ndarray = field(repr=False)
+
+    @property
+    def converged(self):
+        """Return whether the training reached a tolerance."""
+        return self.model.converged_
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """Compare models of the same data.
+
+    ``str(ladder)`` is the table, ``ladder["AL-SSNN"]`` one row.
+
+    Parameters
+    ----------
+    rows : tuple of Rung
+        One row per model.
+    y_test : ndarray of shape (n_scored, ny)
+        Measured test output at the scored samples, in its physical unit.
+    parts : tuple of slice
+        Rows of `y_test` of every test experiment.
+    dt : float
+        Sampling time, in seconds.
+    output_names : list of str or None, default=None
+        Names of the outputs, if the data had any.
+    """
+
+    rows: tuple[Rung, ...]
+    y_test: np.ndarray = field(repr=False)
+    parts: tuple[slice, ...] = field(repr=False)
+    dt: float
+    output_names: list[str] | None = None
+
+    def __iter__(self):
+        """Yield the rows."""
+        return iter(self.rows)
+
+    def __len__(self):
+        """Return the number of models."""
+        return len(self.rows)
+
+    def __getitem__(self, name):
+        """Return the row of a name."""
+        for row in self.rows:
+            if row.name == name:
+                return row
+        names = ", ".join(row.name for row in self.rows)
+        raise KeyError(f"`name` must be one of {names}, got {name!r}.")
+
+    def __str__(self):
+        """Return the table as aligned plain text."""
+        header = [
+            ("", "", "RMSE", "RMSE", "fit", "nonlinear", "spectral", "time"),
+            ("model", "parameters", "train", "test", "%", "rest, %", "radius", "s"),
+        ]
+        cells = [*header, *(_cells(row) for row in self.rows)]
+        widths = [max(len(line[i]) for line in cells) for i in range(len(header[0]))]
+        lines = [
+            "  ".join(
+                text.ljust(width) if i == 0 else text.rjust(width)
+                for i, (text, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in cells
+        ]
+        lines.insert(len(header), "-" * (sum(widths) + 2 * (len(widths) - 1)))
+        return "\n".join([*lines, *self._notes()])
+
+    def _notes(self):
+        ny = self.y_test.shape[1]
+        average = f", mean over the {ny} outputs" if ny > 1 else ""
+        notes = [
+            f"RMSE in the units of y{average}; fit of the test output; nonlinear rest: "
+            "part of the output that is not the response of (A, B, C), once h (if any) "
+            "is cancelled, rms(e) / rms(y)."
+        ]
+        if not all(row.converged for row in self.rows):
+            notes.append("* stopped before the cost settled: more iterations may help.")
+        return [textwrap.fill(note, TEXT_WIDTH) for note in notes]
+
+    def to_frame(self):
+        """Return the table as a pandas DataFrame.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+            One row per model, indexed by its name. Figures per output have the name
+            of the output in brackets when there are several.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                "`to_frame` needs pandas, which could not be imported. Install it by "
+                "pip install pandas, or print the ladder."
+            ) from error
+        ny = self.y_test.shape[1]
+        names = self.output_names or [f"y{i}" for i in range(ny)]
+        table = []
+        for row in self.rows:
+            record: dict[str, float] = {"n_params": row.n_params}
+            for figure in (
+                "rmse_train",
+                "rmse_test",
+                "fit_percent",
+                "linearization_error",
+            ):
+                for name, value in zip(names, getattr(row, figure), strict=True):
+                    record[figure if ny == 1 else f"{figure}[{name}]"] = float(value)
+            record["spectral_radius"] = row.spectral_radius
+            record["seconds"] = row.seconds
+            record["converged"] = row.converged
+            table.append(record)
+        index = pandas.Index([row.name for row in self.rows], name="model")
+        return pandas.DataFrame(table, index=index)
+
+    def explain(self):
+        """Say in words what the figures mean for control.
+
+        Returns
+        -------
+        text : str
+            A few sentences, one paragraph each, about the rows named LTI and AL-SSNN;
+            empty without an AL-SSNN.
+        """
+        return explain(self.rows, self.dt)
+
+
+def _cells(row):
+    """Return the row of the table as strings."""
+    error = 100 * row.linearization_error.mean()
+    return (
+        row.name + ("" if row.converged else " *"),
+        str(row.n_params),
+        f"{row.rmse_train.mean():.3e}",
+        f"{row.rmse_test.mean():.3e}",
+        f"{row.fit_percent.mean():.2f}",
+        # exactly linear models leave rounding errors
+        "0" if error < 1e-9 else f"{error:.3g}",
+        f"{row.spectral_radius:.4f}",
+        f"{row.seconds:.1f}",
+    )

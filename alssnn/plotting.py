@@ -1,0 +1,216 @@
+"""Figures: the only home of matplotlib.
+
+Functions take records and fitted models by their public attributes, draw on axes that
+the caller may give, and return the axes.  They build figures as objects, without
+pyplot: nothing is registered, shown or closed, and no display is needed.
+
+An amplitude spectrum here is the square root of a Welch spectrum with a Hann window
+("spectrum" scaling): a sine of amplitude a shows as a / sqrt(2), in the unit of the
+signal, and two signals of one record compare frequency by frequency.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+from scipy import ndimage, signal
+
+MEASURED = {"color": "0.65", "linewidth": 4.0}
+# Okabe and Ito's palette: told apart by color-blind readers, too
+COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
+VIEW = 300  # samples of the zoomed window
+SEGMENT = 1024  # samples of a Welch segment
+SMOOTHING = 15  # samples of the moving RMS
+
+
+def plot_ladder(ladder, *, axes=None, output=0, view=VIEW, label=None, unit=None):
+    """Draw simulated outputs, residuals and spectra of compared models.
+
+    Top: a stretch of the measured test output and its simulations. Middle: the
+    residuals over the same stretch, as moving RMS. Bottom: amplitude spectra of the
+    measured output, of the residuals, and of the linearization residual e of the
+    models that have both h and g (eq. gauge), over the longest test experiment.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        Comparison made by `alssnn.ladder.model_ladder`.
+    axes : sequence of three matplotlib.axes.Axes or None, default=None
+        Where to draw; None makes a new figure.
+    output : int, default=0
+        Column of the output to draw.
+    view : int, default=300
+        Samples of the stretch, centered on the largest residual.
+    label : str or None, default=None
+        Name of the output on the axes; None means its name in the data, or "output".
+    unit : str or None, default=None
+        Unit of the output, for the axes.
+
+    Returns
+    -------
+    axes : ndarray of shape (3,)
+        The axes; ``axes[0].figure`` is the figure.
+
+    Raises
+    ------
+    ValueError
+        If there are not three axes, or `output` or `view` is out of range.
+
+    Examples
+    --------
+    >>> from alssnn.datasets import make_wiener_hammerstein
+    >>> from alssnn.ladder import model_ladder
+    >>> from alssnn.plotting import plot_ladder
+    >>> record = make_wiener_hammerstein(1500, random_state=0)
+    >>> ladder = model_ladder(*record, nx=6, dt=record.dt, models=["lti"])
+    >>> axes = plot_ladder(ladder, unit="V")
+    >>> axes[0].figure.savefig("ladder.png")  # doctest: +SKIP
+    """
+    ny = ladder.y_test.shape[1]
+    if not 0 <= output < ny:
+        raise ValueError(
+            f"`output` must be between 0 and {ny - 1}, got {output}. "
+            "Columns of the output count from 0."
+        )
+    if view < 2:
+        raise ValueError(
+            f"`view` must be at least 2 samples, got {view}. "
+            "Give the length of the stretch in samples."
+        )
+    if axes is None:
+        figure = Figure(figsize=(10.0, 9.0), layout="constrained")
+        axes = figure.subplots(3, 1, height_ratios=(1.0, 0.8, 1.1))
+        axes[0].sharex(axes[1])
+        axes[0].tick_params(labelbottom=False)
+    axes = np.asarray(axes, dtype=object).ravel()
+    if len(axes) != 3:
+        raise ValueError(
+            f"`axes` must hold three axes, got {len(axes)}. "
+            "Make them by figure.subplots(3, 1)."
+        )
+    if label is None:
+        names = ladder.output_names
+        label = "output" if names is None else names[output]
+    part = max(ladder.parts, key=lambda part: part.stop - part.start)
+    window = _liveliest(ladder, part, output, view)
+    _draw_outputs(axes[0], ladder, window, output)
+    _draw_residuals(axes[1], ladder, window, output)
+    _draw_spectra(axes[2], ladder, part, output)
+    suffix = "" if unit is None else f" [{unit}]"
+    axes[0].set_ylabel(label + suffix)
+    axes[1].set_ylabel(f"residual, moving RMS{suffix}")
+    axes[2].set_ylabel(f"amplitude, RMS per bin{suffix}")
+    return axes
+
+
+def _color(i):
+    return COLORS[i % len(COLORS)]
+
+
+def _residual(ladder, row, output):
+    """Return the simulation error of one output, shape (n_scored,)."""
+    return ladder.y_test[:, output] - row.y_hat[:, output]
+
+
+def _smooth(r):
+    """Return the moving RMS of a signal."""
+    squares = ndimage.uniform_filter1d(r**2, SMOOTHING, mode="nearest")
+    # the running sum leaves rounding errors of either sign where r vanishes
+    return np.sqrt(np.maximum(squares, 0.0))
+
+
+def _liveliest(ladder, part, output, view):
+    """Return the stretch around the largest error of the first finite model."""
+    length = part.stop - part.start
+    view = min(view, length)
+    center = length // 2
+    for row in ladder.rows:
+        r = _residual(ladder, row, output)[part]
+        if np.isfinite(r).all():
+            center = int(np.argmax(np.abs(r)))
+            break
+    start = part.start + min(max(center - view // 2, 0), length - view)
+    return slice(start, start + view)
+
+
+def _draw_outputs(ax, ladder, window, output):
+    t = ladder.dt * np.arange(window.start, window.stop)
+    y = ladder.y_test[window, output]
+    ax.plot(t, y, label="measured", **MEASURED)
+    for i, row in enumerate(ladder.rows):
+        # every other line is dashed: where models agree, the one below shows through
+        style = {"color": _color(i), "lw": 1.6, "ls": (0, (4, 4)) if i % 2 else "-"}
+        ax.plot(t, row.y_hat[window, output], label=row.name, **style)
+    ax.set_ylim(*_limits(y, [row.y_hat[window, output] for row in ladder.rows]))
+    ax.set_xlim(t[0], t[-1])
+    ax.set_title("Test data: measured and simulated output", loc="left")
+    _finish(ax)
+
+
+def _limits(y, simulated):
+    """Return limits that show all curves, unless one diverges far from y."""
+    size = np.ptp(y) or 1.0
+    curves = np.concatenate([y, *simulated])
+    curves = curves[np.abs(curves - y.mean()) < 1.5 * size]
+    return curves.min() - 0.05 * size, curves.max() + 0.05 * size
+
+
+def _draw_residuals(ax, ladder, window, output):
+    t = ladder.dt * np.arange(window.start, window.stop)
+    for i, row in enumerate(ladder.rows):
+        r = _residual(ladder, row, output)[window]
+        style = {"color": _color(i), "label": f"{row.name}, {_percent(row, output)}"}
+        if np.isfinite(r).all() and r.any():
+            ax.semilogy(t, _smooth(r), lw=1.4, **style)
+        else:  # a line in the legend tells why there is none in the picture
+            ax.semilogy([], [], **style)
+    ax.set_xlim(t[0], t[-1])
+    ax.xaxis.set_major_formatter(EngFormatter(unit="s"))
+    ax.set_xlabel("time since the first scored sample")
+    ax.set_title(
+        "Residuals (in the legend: share of the output, all test data)", loc="left"
+    )
+    _finish(ax)
+
+
+def _percent(row, output):
+    missed = 100 - row.fit_percent[output]
+    return f"{missed:.2g} %" if np.isfinite(missed) else "diverged"
+
+
+def _draw_spectra(ax, ladder, part, output):
+    _draw_spectrum(ax, ladder.y_test[part, output], ladder.dt, "measured", MEASURED)
+    for i, row in enumerate(ladder.rows):
+        style = {"color": _color(i), "linewidth": 1.4}
+        r = _residual(ladder, row, output)[part]
+        _draw_spectrum(ax, r, ladder.dt, f"residual of {row.name}", style)
+    for i, row in enumerate(ladder.rows):
+        if {"W_h", "W_g"} <= set(row.model.params_):
+            style = {"color": _color(i), "linewidth": 1.4, "linestyle": (0, (4, 1.5))}
+            label = f"nonlinear rest e\nof {row.name}"
+            _draw_spectrum(ax, row.e[part, output], ladder.dt, label, style)
+    ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
+    ax.set_xlabel("frequency")
+    ax.margins(x=0.0)
+    ax.set_title("Amplitude spectra", loc="left")
+    _finish(ax)
+
+
+def _draw_spectrum(ax, z, dt, label, style):
+    if not np.isfinite(z).all() or not z.any():
+        ax.loglog([], [], label=label, **style)
+        return
+    f, power = signal.welch(
+        z, fs=1 / dt, nperseg=min(SEGMENT, len(z)), scaling="spectrum"
+    )
+    ax.loglog(f[1:], np.sqrt(power[1:]), label=label, **style)  # no zero on log axes
+
+
+def _finish(ax):
+    ax.grid(True, which="major", color="0.88", linewidth=0.7)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    # beside the axes: inside, it would cover curves
+    ax.legend(
+        loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize="small"
+    )

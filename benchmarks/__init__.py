@@ -1,0 +1,1 @@
+"""Benchmarks: measured claims, each printed by one command."""

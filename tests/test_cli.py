@@ -1,0 +1,336 @@
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import alssnn
+from alssnn import cli
+from alssnn.datasets import Record, make_wiener_hammerstein
+
+SMALL = ["--nx", "6", "--n-h", "2", "--n-g", "2", "--n-f", "2", "--max-iter", "3"]
+RECORD = make_wiener_hammerstein(800, noise=0.01, random_state=0)
+
+
+def write_csv(path, delimiter=",", rows=slice(None), header=("u", "y", "run")):
+    u, y = RECORD.u[rows, 0], RECORD.y[rows, 0]
+    runs = ["first" if k < len(u) // 2 else "second" for k in range(len(u))]
+    lines = [delimiter.join(header)]
+    lines += [
+        delimiter.join([f"{a:.9g}", f"{b:.9g}", run])
+        for a, b, run in zip(u, y, runs, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def plant(tmp_path):
+    return write_csv(tmp_path / "plant.csv")
+
+
+def run(*argv):
+    return cli.main([str(arg) for arg in argv])
+
+
+def run_fit(path, *more):
+    return run("fit", path, "--input", "u", "--output", "y", *more)
+
+
+def assert_one_line(capsys, *parts):
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("alssnn: error: ") and err.count("\n") == 1
+    for part in parts:
+        assert part in err
+
+
+# demo
+
+
+def test_demo_prints_the_table_and_writes_the_figure(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(cli, "QUICK_MAX_ITER", 8)
+    folder = tmp_path / "new" / "folder"
+    assert run("demo", "--quick", "--samples", 1200, "-o", folder) == 0
+    out, err = capsys.readouterr()
+    assert [line.split()[0] for line in out.splitlines()[3:7]] == [
+        "LTI",
+        "FL-SSNN",
+        "AL-SSNN",
+        "GR-SSNN",
+    ]
+    assert "- Accuracy: " in out and "- Linearity: " in out and "- Stability: " in out
+    assert "cost" in err and "cost " not in out.splitlines()[0]
+    assert (folder / "alssnn-demo.png").stat().st_size > 10_000
+    assert f"Figure: {folder / 'alssnn-demo.png'}" in out
+
+
+def test_demo_depends_on_the_seed_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(cli, "QUICK_MAX_ITER", 2)
+    tables = []
+    for seed in (0, 0, 1):
+        name = f"{len(tables)}.svg"
+        options = ["--noise", 0.1, "--samples", 600, "--seed", seed, "-q"]
+        assert run("demo", "--quick", *options, "-o", tmp_path, "--figure", name) == 0
+        out, err = capsys.readouterr()
+        assert err == ""
+        assert (tmp_path / name).read_text().startswith("<?xml")
+        tables.append(re.findall(r"\d\.\d{3}e[-+]\d+", out))
+    assert tables[0] == tables[1] != tables[2]
+
+
+def test_demo_of_the_measured_record(tmp_path, monkeypatch, capsys):
+    record = make_wiener_hammerstein(12_000, random_state=0)
+    calls = []
+
+    def fetch(split):
+        assert split == "paper"
+        return record.split(0.5)
+
+    def ladder(u, y, **options):
+        calls.append((len(u), options))
+        return alssnn.ladder.model_ladder(u[:600], y[:600], nx=2, models=["lti"])
+
+    monkeypatch.setattr(cli, "fetch_wiener_hammerstein", fetch)
+    monkeypatch.setattr(cli, "model_ladder", ladder)
+    monkeypatch.setattr(cli, "MEASURED_QUICK", 500)
+    argv = ["demo", "--record", "wiener-hammerstein", "-o", tmp_path]
+    assert run(*argv) == 0 and run(*argv, "--quick") == 0
+    (whole, options), (part, quick) = calls
+    assert (whole, len(options["test"])) == (6000, 6000)
+    assert (part, len(quick["test"])) == (500, 500)
+    assert isinstance(quick["test"], Record)
+    assert options["nx"] == 6 and options["max_iter"] > quick["max_iter"]
+    # the paper's weight 1 for outputs in volts
+    assert options["gamma"] == pytest.approx(1 / np.var(record.y[:6000]))
+
+
+def test_demo_without_the_measured_record(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("ALSSNN_DATA_HOME", str(tmp_path))
+    argv = ["demo", "--record", "wiener-hammerstein", "-o", tmp_path]
+    assert run(*argv) == 2
+    assert_one_line(capsys, "WienerHammerBenchmark.csv was not found")
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["--record", "wiener-hammerstein", "--noise", "0.1"], "belong to --record"),
+        (["--record", "wiener-hammerstein", "--samples", "9"], "belong to --record"),
+        (["--figure", "demo.doc"], "must end in .png, .pdf, .svg, got demo.doc"),
+        (["--samples", "0"], "must be an integer of at least 1, got 0"),
+        (["--seed", "-1"], "must be an integer of at least 0, got -1"),
+        (["--qui"], "unrecognized arguments: --qui"),
+    ],
+)
+def test_wrong_usage_of_demo(argv, message, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        run("demo", "-o", tmp_path, *argv)
+    assert message in capsys.readouterr().err
+
+
+def test_demo_with_wrong_noise(tmp_path, capsys):
+    assert run("demo", "--noise", "-1", "-o", tmp_path) == 2
+    assert_one_line(capsys, "`noise` must be nonnegative and finite, got -1.0.")
+
+
+def test_output_folder_that_is_a_file(plant, capsys):
+    assert run("demo", "-o", plant) == 2
+    assert_one_line(capsys, "plant.csv")
+
+
+# fit
+
+
+def test_fit_compares_models_of_a_file(plant, tmp_path, capsys):
+    figure = tmp_path / "plant.pdf"
+    assert run_fit(plant, *SMALL, "--dt", 0.01, "--figure", figure) == 0
+    out, _ = capsys.readouterr()
+    assert len(re.findall(r"^(LTI|FL-SSNN|AL-SSNN|GR-SSNN)", out, re.M)) == 4
+    assert figure.read_bytes().startswith(b"%PDF")
+
+
+def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsys):
+    seen = {}
+
+    def ladder(u, y, **options):
+        seen.update(options, u=u, y=y)
+        return alssnn.ladder.model_ladder(u, y, nx=2, models=["lti"])
+
+    monkeypatch.setattr(cli, "model_ladder", ladder)
+    options = ["--experiment", "run", "--test-size", "0.25", "--models", "al", "lti"]
+    options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
+    assert run_fit(plant, *options, "--quiet") == 0
+    np.testing.assert_allclose(seen.pop("u"), RECORD.u, rtol=1e-8)
+    np.testing.assert_allclose(seen.pop("y"), RECORD.y, rtol=1e-8)
+    assert list(seen.pop("experiment")) == ["first"] * 400 + ["second"] * 400
+    assert seen == {
+        "test_size": 0.25,
+        "models": ["al", "lti"],
+        "nx": 6,
+        "n_h": 2,
+        "n_g": 2,
+        "n_f": 2,
+        "max_iter": 3,
+        "gamma": 10.0,
+        "n_init": 2,
+        "random_state": 5,
+        "dt": 0.1,
+        "verbose": 0,
+    }
+    out, err = capsys.readouterr()
+    assert "Figure" not in out and "Accuracy" not in out and err == ""
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["--nx", "many"], "argument --nx: must be an integer of at least 1, got many"),
+        (["--n-h", "-1"], "must be an integer of at least 0, got -1"),
+        (["--gamma", "-1"], "argument --gamma: must be a number of at least 0, got -1"),
+        (["--dt", "0"], "argument --dt: must be a positive number, got 0"),
+        (["--dt", "fast"], "argument --dt: must be a positive number, got fast"),
+        (["--models", "arx"], "argument --models: invalid choice: 'arx'"),
+    ],
+)
+def test_wrong_usage_of_fit(plant, argv, message, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        run_fit(plant, *argv)
+    assert message in capsys.readouterr().err
+
+
+def test_fit_with_wrong_data(plant, tmp_path, capsys):
+    assert run_fit(plant, "--test-size", "2") == 2
+    assert_one_line(capsys, "`test_size` must lie strictly between 0 and 1, got 2.0.")
+    short = write_csv(tmp_path / "short.csv", rows=slice(0, 4))
+    assert run_fit(short, "--nx", 6, "-q") == 2
+    assert_one_line(capsys)
+
+
+def test_fit_without_a_file(tmp_path, capsys):
+    assert run_fit(tmp_path / "missing.csv") == 2
+    assert_one_line(capsys, "missing.csv")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (np.linalg.LinAlgError("SVD did not converge"), 1, "SVD did not converge"),
+        (RuntimeError("two\nlines"), 1, "two lines"),
+        (MemoryError(), 1, "MemoryError"),
+        (ValueError("bad data"), 2, "bad data"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_exit_codes(plant, monkeypatch, error, code, message, capsys):
+    def fail(*args, **options):
+        raise error
+
+    monkeypatch.setattr(cli, "model_ladder", fail)
+    assert run_fit(plant) == code
+    assert_one_line(capsys, message)
+
+
+def test_faults_of_the_package_keep_their_traceback(plant, monkeypatch):
+    def fail(*args, **options):
+        raise AttributeError("a bug")
+
+    monkeypatch.setattr(cli, "model_ladder", fail)
+    with pytest.raises(AttributeError, match="a bug"):
+        run_fit(plant)
+
+
+# CSV files
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_reads_any_common_delimiter(tmp_path, delimiter):
+    path = write_csv(tmp_path / "plant.csv", delimiter)
+    u, y, labels = cli.read_csv(path, ["u"], ["y"])
+    np.testing.assert_allclose(np.hstack([u, y]), np.hstack([*RECORD]), rtol=1e-8)
+    assert labels is None
+
+
+def test_reads_columns_in_the_order_asked_for(tmp_path):
+    path = tmp_path / "plant.csv"
+    text = '\ufeff"t", "u, left",y,note,u2\n0,1,2,free text,3\n\n1,4,5,,6\n,,,,\n'
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"columns: t,"):
+        cli.read_csv(path, ["x"], ["y"])
+    path.write_text(text.replace(', "', ',"'), encoding="utf-8")
+    u, y, labels = cli.read_csv(path, ["u2", "u, left"], ["y"], "t")
+    np.testing.assert_array_equal(u, [[3, 1], [6, 4]])
+    np.testing.assert_array_equal(y, [[2], [5]])
+    assert labels.tolist() == ["0", "1"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("u,z\n1,2\n", r"must have one column 'y', got none\. .* the columns: u, z\."),
+        ("u,y,y\n1,2,3\n", r"must have one column 'y', got several\. .* u, y, y\."),
+        ("u,y\n", r"must hold samples below its header, got none\. Write one line"),
+        ("", r"must have one column 'u', got none\."),
+        ("u,y\n1,2\n\n1,off\n", r"got 'off' in column 'y' at line 4\. Fill the gap"),
+        ("u,y\n1,2\n,3\n", r"finite numbers .* got '' in column 'u' at line 3\."),
+        ("u,y\n1,2\n3\n", r"got '' in column 'y' at line 3\."),
+        ("u,y\n1,nan\n", r"got 'nan' in column 'y' at line 2\."),
+        ("u;y\n1,5;2\n", r"with a decimal point, got '1,5' in column 'u' at line 2\."),
+        ("u,y\n" + "1" * 200_000 + ",2\n", r"field larger than field limit"),
+    ],
+)
+def test_wrong_files(tmp_path, text, message, capsys):
+    path = tmp_path / "plant.csv"
+    path.write_text(text, encoding="utf-8")
+    assert run_fit(path) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_long_headers_are_shortened(tmp_path):
+    path = tmp_path / "plant.csv"
+    path.write_text(",".join(f"channel_{i}" for i in range(1000)) + "\n")
+    with pytest.raises(ValueError, match=r"channel_9, .*\[\.\.\.\]") as caught:
+        cli.read_csv(path, ["u"], ["y"])
+    assert len(str(caught.value)) < 600
+
+
+def test_a_column_has_one_role(plant, capsys):
+    assert run("fit", plant, "--input", "u", "--output", "u") == 2
+    assert_one_line(capsys, "must name different columns, got 'u' twice. Its role")
+
+
+# help
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        run("--version")
+    assert capsys.readouterr().out == f"alssnn {alssnn.__version__}\n"
+
+
+@pytest.mark.parametrize("command", [[], ["demo"], ["fit"]])
+def test_help_teaches_by_examples(command, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        run(*command, "--help")
+    out = capsys.readouterr().out
+    assert "examples:\n  alssnn" in out
+    assert max(len(line) for line in out.splitlines()) <= 88
+
+
+def test_no_command_is_wrong_usage(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        run()
+    assert "usage: alssnn" in capsys.readouterr().err
+
+
+def test_runs_as_a_module_without_matplotlib_or_control():
+    code = (
+        "import sys, runpy; sys.argv = ['alssnn', '--version']\n"
+        "try: runpy.run_module('alssnn', run_name='__main__')\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        "sys.exit(bool({'matplotlib', 'control', 'cvxpy'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"alssnn {alssnn.__version__}\n"
