@@ -1,8 +1,9 @@
 """Names that every docstring example may use."""
 
-import alssnn
 import numpy as np
 import pytest
+
+import alssnn
 
 
 @pytest.fixture(autouse=True)

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from helpers import assert_jacobian, random_theta
 from scipy.optimize import least_squares
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
 from alssnn.simulation import simulate
 from alssnn.structures import state_space_structure
+from helpers import assert_jacobian, random_theta
 
 
 @pytest.fixture

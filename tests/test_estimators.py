@@ -4,7 +4,6 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import simulate_linear
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
@@ -12,6 +11,7 @@ from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.simulation import simulate
 from alssnn.structures import state_space_structure
+from helpers import simulate_linear
 
 ESTIMATORS = [
     LinearStateSpace(nx=2),

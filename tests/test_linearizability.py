@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from helpers import simulate_linear
 
 from alssnn.linearizability import measure, output_residual
+from helpers import simulate_linear
 
 
 @pytest.fixture

@@ -1,11 +1,11 @@
 import control
 import numpy as np
 import pytest
-from helpers import assert_jacobian, random_theta, simulate_linear
 
 from alssnn import kernels
 from alssnn.simulation import SIMULATION_CHUNK, channels, sensitivities, simulate
 from alssnn.structures import state_space_structure
+from helpers import assert_jacobian, random_theta, simulate_linear
 
 
 @pytest.fixture

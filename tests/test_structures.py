@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from helpers import assert_jacobian, random_theta
 
 from alssnn.lure import Lure
 from alssnn.simulation import regressors
 from alssnn.structures import state_space_structure
+from helpers import assert_jacobian, random_theta
 
 
 def test_split_and_join_are_inverse(structure, rng):

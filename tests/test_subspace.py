@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from helpers import simulate_linear
 
 from alssnn.subspace import (
     LinearModel,
@@ -9,6 +8,7 @@ from alssnn.subspace import (
     identify_linear,
     stabilize,
 )
+from helpers import simulate_linear
 
 
 def markov(A, B, C, n=12):

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from helpers import random_theta
 
 from alssnn.criterion import Criterion
 from alssnn.simulation import channels, simulate
 from alssnn.structures import state_space_structure
 from alssnn.subspace import LinearModel
 from alssnn.training import estimate_x0, initial_theta, train
+from helpers import random_theta
 
 
 @pytest.fixture

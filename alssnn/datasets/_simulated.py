@@ -31,7 +31,6 @@ are zero, one per filter.
 from numbers import Integral, Real
 
 import numpy as np
-from scipy import signal
 from sklearn.utils import check_random_state
 
 from ._record import Record
@@ -161,6 +160,8 @@ def _check_arguments(n_samples, noise, amplitude):
 
 def _band_limited_noise(n_samples, dt, rng):
     """Draw Gaussian noise of unit variance, band-limited to INPUT_CUTOFF."""
+    from scipy import signal  # slow to import
+
     sos = signal.butter(6, INPUT_CUTOFF, fs=1 / dt, output="sos")
     impulse_response = signal.sosfilt(sos, signal.unit_impulse(N_WARMUP))
     # The true gain, not that of the sample: a longer record continues a shorter one.
@@ -171,6 +172,8 @@ def _band_limited_noise(n_samples, dt, rng):
 def _wiener_hammerstein_filters(dt):
     """Return (A, B, C) of the filters before and after the nonlinearity."""
     # In radians per sample: the matrices stay of order one, whatever the sampling rate.
+    from scipy import signal  # slow to import
+
     radians = 2 * np.pi * dt
     designs = (
         signal.cheby1(3, 0.5, 4_400 * radians, analog=True, output="zpk"),
@@ -185,6 +188,8 @@ def _wiener_hammerstein_filters(dt):
 
 def _filter_states(A, B, u):
     """Return the states, of shape (N, nx), of x+ = A x + B u started at rest."""
+    from scipy import signal  # slow to import
+
     nx = len(A)
     # One transfer function per state: compiled, where a recursion in Python is not.
     numerators, denominator = signal.ss2tf(A, B, np.eye(nx), np.zeros((nx, 1)))

@@ -1,0 +1,74 @@
+"""Cost against wall time of the optimizers on the real Wiener-Hammerstein record.
+
+    python -m benchmarks.methods [--steps 150] [--seeds 0 1]
+
+Trains GR-SSNN and AL-SSNN on 8,000 samples by each method of `least_squares` and prints
+the root of the cost, in mV, after 5, 10, 20 and 40 seconds: the choice of the default.
+Needs the recording in ALSSNN_DATA_HOME.
+"""
+
+import argparse
+import os
+import time
+import warnings
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from sklearn.exceptions import ConvergenceWarning
+
+from alssnn import AlSsnn, GrSsnn
+from alssnn.datasets import fetch_wiener_hammerstein
+
+SAMPLES = slice(10_000, 18_000)
+TIMES = (5, 10, 20, 40)
+
+
+def cost_curve(model, record):
+    """Return times and costs of the accepted steps of the training."""
+    points, start = [], time.perf_counter()
+    reporter = type(model)._reporter
+
+    def record_points(self):
+        def report(label, iteration, cost):
+            if label == "train":
+                points.append((time.perf_counter() - start, cost))
+
+        return report
+
+    type(model)._reporter = record_points
+    try:
+        model.fit(record.u[SAMPLES], record.y[SAMPLES])
+    finally:
+        type(model)._reporter = reporter
+    return np.array(points), time.perf_counter() - start
+
+
+def main():
+    """Train by every method and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=150)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", ConvergenceWarning)
+    record, _ = fetch_wiener_hammerstein()
+    y = record.y[SAMPLES]
+    common = {"nx": 6, "max_iter": options.steps, "tol": 1e-8}
+    header = "".join(f"{t:>7d} s" for t in TIMES)
+    print(f"{'model':10s}{'method':8s}{'seed':>4s}{header}{'end':>9s}{'seconds':>9s}")
+    for name, model in (
+        ("GR-SSNN", GrSsnn(n_f=15, **common)),
+        ("AL-SSNN", AlSsnn(gamma=1 / y.var(), **common)),
+    ):
+        for seed in options.seeds:
+            for method in ("lm", "trf"):
+                model.set_params(method=method, random_state=seed)
+                points, seconds = cost_curve(model, record)
+                mv = 1e3 * y.std() * np.sqrt(points[:, 1])
+                at = [mv[points[:, 0] <= t][-1] for t in TIMES]
+                cells = "".join(f"{value:9.3f}" for value in [*at, mv[-1], seconds])
+                print(f"{name:10s}{method:8s}{seed:4d}{cells}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Speed and memory of the engine, as ratios of what runs side by side.
+
+    python -m benchmarks.speed [--plain]
+
+At N = 100,000, nx = 6, n_h = n_g = 10 (219 columns, 7 channels), one BLAS thread:
+
+- one pass for (J'J, J'r), its simulation included, over a bare `dsyrk` of as many
+  rows and columns (in blocks of 20,000 rows);
+- one simulation over that pass;
+- peak memory of a fit above the data, at N = 100,000 and 1,000,000 (Linux);
+- the time of `import alssnn` and what it must not import.
+
+`--plain` runs without numba.  Exits with 1 if a target is missed.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+N, NX, N_H, N_G = 100_000, 6, 10, 10
+REPEATS = 5
+BLOCK = 20_000
+TARGETS = {
+    "pass / dsyrk": 2.0,
+    "simulation / pass": 0.3,
+    "memory at N = 100,000, MB": 300,
+    "memory at N = 1,000,000, MB": 1000,
+    "import, s": 1.0,
+}
+
+
+def problem(n_samples):
+    """Return a criterion and a free vector of the size that is measured."""
+    from alssnn.criterion import Criterion
+    from alssnn.structures import state_space_structure
+
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((NX, NX))
+    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
+    structure = state_space_structure(
+        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX)), penalize_g=True
+    )
+    p = {k: 0.1 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    u, y = rng.standard_normal((n_samples, 1)), rng.standard_normal((n_samples, 1))
+    criterion = Criterion(structure, [(u, y)], gamma=16.0)
+    return criterion, criterion.join(structure.join({**p, "A": A}), np.zeros((1, NX)))
+
+
+def measure_speed():
+    """Return the ratios of pass, dsyrk and simulation, medians of paired runs."""
+    from scipy.linalg.blas import dsyrk
+
+    from alssnn.optimizers import single_threaded
+
+    criterion, free = problem(N)
+    n, rows = criterion.n, N * criterion.structure.nz
+    J = np.random.default_rng(0).standard_normal((BLOCK, n))
+    times = {"dsyrk": [], "pass": [], "simulation": []}
+    with single_threaded():
+        criterion.normal_equations(free)  # compiles the kernels
+        for _ in range(REPEATS):
+            start = time.perf_counter()
+            C = np.zeros((n, n), order="F")
+            for _ in range(rows // BLOCK):
+                C = dsyrk(1.0, J.T, beta=1.0, c=C, overwrite_c=1)
+            times["dsyrk"].append(time.perf_counter() - start)
+            start = time.perf_counter()
+            criterion.norm(free * (1 + 1e-12))  # a new point: nothing remembered
+            times["simulation"].append(time.perf_counter() - start)
+            start = time.perf_counter()
+            criterion.normal_equations(free)
+            times["pass"].append(time.perf_counter() - start)
+    ratio = {
+        "pass / dsyrk": np.median(np.divide(times["pass"], times["dsyrk"])),
+        "simulation / pass": np.median(np.divide(times["simulation"], times["pass"])),
+    }
+    return {name: np.median(t) for name, t in times.items()}, ratio
+
+
+def measure_memory(n_samples):
+    """Return the peak memory of a whole fit above that of the data, in MB."""
+    from alssnn import AlSsnn
+    from alssnn.datasets import make_wiener_hammerstein
+
+    model = AlSsnn(nx=NX, n_h=N_H, n_g=N_G, max_iter=2, polish_iter=2, random_state=0)
+    warnings.simplefilter("ignore")
+    # libraries and compiled code are not ours
+    model.fit(*make_wiener_hammerstein(3000, random_state=0))
+    record = make_wiener_hammerstein(n_samples, random_state=0)
+    before = _status("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
+    model.fit(*record)
+    return _status("VmHWM") - before
+
+
+def _status(key):
+    """Return a memory figure of this process, in MB (Linux)."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(key)) / 1024
+
+
+def measure_import():
+    """Return the median time of `import alssnn` in a fresh process, in seconds."""
+    script = (
+        "import sys, time; t = time.perf_counter(); import alssnn; "
+        "t = time.perf_counter() - t; "
+        "assert not {'cvxpy', 'control', 'matplotlib'} & set(sys.modules); print(t)"
+    )
+    return np.median([float(_run("-c", script)) for _ in range(5)])
+
+
+def _run(*arguments):
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, check=True
+    ).stdout
+
+
+def main():
+    """Measure, print, and compare with the targets."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--plain", action="store_true", help="run without numba")
+    parser.add_argument("--memory", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.plain:
+        sys.modules["numba"] = None
+    if options.memory:
+        print(measure_memory(options.memory))
+        return 0
+    flags = ["--plain"] if options.plain else []
+    seconds, figures = measure_speed()
+    for n_samples in (100_000, 1_000_000):
+        out = _run("-m", "benchmarks.speed", "--memory", str(n_samples), *flags)
+        figures[f"memory at N = {n_samples:,}, MB"] = float(out)
+    figures["import, s"] = measure_import()
+    load = os.getloadavg()[0]
+    print(f"numba {'off' if options.plain else 'on'}, load {load:.1f}")
+    print(", ".join(f"{name} {value:.3f} s" for name, value in seconds.items()))
+    for name, value in figures.items():
+        print(f"{name:28s}{value:10.3g}   target {TARGETS[name]:g}")
+    return int(any(value > TARGETS[name] for name, value in figures.items()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+r"""
+A first model
+=============
+
+From a record of input and output to a model made for control.  The plant is a simulated
+Wiener-Hammerstein circuit: a filter, a diode-like saturation, another filter.
+
+.. math:: x_{k+1} = A x_k + B (u_k + h(y_k)) + g(x_k, u_k), \qquad y_k = C x_k
+"""
+
+# %%
+# The record
+# ----------
+# A record has its input, output and sampling time; the first half trains.
+
+from alssnn import AlSsnn
+from alssnn.datasets import make_wiener_hammerstein
+
+record = make_wiener_hammerstein(6_000, noise=0.002, random_state=0)
+train, test = record.split(0.5)
+print(record)
+
+# %%
+# Fit and score
+# -------------
+# ``score`` is R2 of the free-run simulation on fresh data: the model sees the input
+# alone, the output only in the first samples, to find its initial state.
+
+model = AlSsnn(nx=6, n_h=8, n_g=8, dt=record.dt, max_iter=100, tol=1e-2, random_state=0)
+model.fit(train.u, train.y)
+print(f"R2 on fresh data: {model.score(test.u, test.y):.6f}")
+
+# %%
+# How linear is it?
+# -----------------
+# The ratio of norms in state coordinates looks harmless.  The linearization error says
+# what share of the *output* is not the response of the linear part: this plant is not
+# linearized by a static feedback of its output, however well the model fits.
+
+print(model.linearizability(test.u, test.y))
+
+# %%
+# The linear part
+# ---------------
+# It goes to python-control for the design of a controller.
+
+print(model.to_statespace().poles())
+
+# %%
+# All models at once
+# ------------------
+# ``model_ladder`` fits a linear, an exactly linearizable, an approximately linearizable
+# and a free model to the same data and shows them side by side.
+
+from alssnn import model_ladder
+from alssnn.plotting import plot_ladder
+
+ladder = model_ladder(
+    train.u, train.y, test=test, nx=6, n_h=8, n_g=8, n_f=10, dt=record.dt, max_iter=60
+)
+print(ladder)
+plot_ladder(ladder, unit="V")
