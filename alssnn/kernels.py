@@ -47,7 +47,7 @@ def _compiled(twin=None):
 
 
 @_compiled()
-def advance(base, P, W, x, X):
+def advance(base, P, E, layers, W, x, X):
     """Step a Lur'e form through L samples; ``X[k]`` receives the next state.
 
     Parameters
@@ -56,6 +56,10 @@ def advance(base, P, W, x, X):
         Part of [v; x+] that depends on neither x nor w.
     P : ndarray of shape (nw + nx, nx)
         Part of [v; x+] that is linear in x.
+    E : ndarray of shape (nw, nw)
+        Weights between neurons.
+    layers : ndarray of shape (n_layers + 1,)
+        First neuron of every layer, and nw.
     W : ndarray of shape (nx, nw)
         Output weights of the neurons.
     x : ndarray of shape (nx,)
@@ -69,7 +73,11 @@ def advance(base, P, W, x, X):
     for k in range(base.shape[0]):
         np.dot(P, x, q)
         q += base[k]
-        np.tanh(q[:nw], w)
+        for i in range(layers.shape[0] - 1):
+            a, b = layers[i], layers[i + 1]
+            if a > 0:
+                q[a:b] += np.dot(E[a:b, :a].copy(), w[:a])
+            np.tanh(q[a:b], w[a:b])
         x = X[k]
         np.dot(W, w, x)
         x += q[nw:]

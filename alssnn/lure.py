@@ -15,11 +15,15 @@ with the blocks of the design equations as sub-matrices of the one array `Theta`
 
 The regressor phi = [x; u; w; 1] and the matrix Theta are all that simulation,
 sensitivities and linearization need to know.  `z` stacks the output y and every
-signal that the cost penalizes.  E couples layers of deeper networks; it is zero
-for one hidden layer, the only case implemented here, and refused otherwise.
+signal that the cost penalizes.  E couples layers of neurons and is strictly lower
+triangular, so that w can be evaluated in order; it is zero for one hidden layer.
+
+The feedback u = v - K w - k turns one Lur'e form into another (`close`): cancelling
+h couples the neurons of g to those of h.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,8 +46,8 @@ class Lure:
     Raises
     ------
     ValueError
-        If the number of columns of `Theta` does not fit, or the network is not
-        of one hidden layer.
+        If the number of columns of `Theta` does not fit, or a neuron depends on
+        itself or a later one.
     """
 
     Theta: np.ndarray
@@ -52,17 +56,17 @@ class Lure:
     nw: int
 
     def __post_init__(self):
-        """Check the shape of `Theta` and that no layers are coupled."""
+        """Check the shape of `Theta` and the order of the neurons."""
         expected = self.nx + self.nu + self.nw + 1
         if self.Theta.ndim != 2 or self.Theta.shape[1] != expected:
             raise ValueError(
                 f"`Theta` must have {expected} columns for nx={self.nx}, "
                 f"nu={self.nu}, nw={self.nw}, got shape {self.Theta.shape}."
             )
-        if np.any(self.E):
+        if np.any(np.triu(self.E)):
             raise ValueError(
-                "`Theta` must have a zero block E, got coupled neurons. "
-                "Use networks of one hidden layer."
+                "`Theta` must have a strictly lower triangular block E, got a neuron "
+                "that depends on itself or a later one. Order the layers."
             )
 
     @property
@@ -99,3 +103,39 @@ class Lure:
     def b(self):
         """Return the biases of the neurons, shape (nw,)."""
         return self.Theta[self.nx + self.nz :, -1]
+
+    @cached_property
+    def layers(self):
+        """Return the layers of neurons, as slices: no coupling within one."""
+        starts = [0] if self.nw else []
+        for i in range(1, self.nw):
+            if np.any(self.E[i, starts[-1] : i]):
+                starts.append(i)
+        stops = [*starts[1:], self.nw]
+        return [slice(a, b) for a, b in zip(starts, stops, strict=False)]
+
+    def close(self, K, k):
+        """Return the form that the feedback u = v - K w - k makes, with input v.
+
+        Parameters
+        ----------
+        K : ndarray of shape (nu, nw)
+            Gain of the neurons.
+        k : ndarray of shape (nu,)
+            Constant part.
+
+        Returns
+        -------
+        lure : Lure
+            The closed loop.
+
+        Raises
+        ------
+        ValueError
+            If the loop makes a neuron depend on itself or a later one.
+        """
+        Theta = self.Theta.copy()
+        by_u = Theta[:, self.nx : self.nx + self.nu]
+        Theta[:, self.nx + self.nu : -1] -= by_u @ K
+        Theta[:, -1] -= by_u @ k
+        return Lure(Theta, self.nx, self.nu, self.nw)

@@ -1,13 +1,14 @@
 """Simulation and sensitivities of a Lur'e form: the only loops over time.
 
-`simulate` runs  x+ = M_x [x; u] + W_x w + c_x,  w = tanh(V [x; u] + b)  from x0.
+`simulate` runs  x+ = M_x [x; u] + W_x w + c_x,  w = tanh(V [x; u] + E w + b)  from x0.
 Everything that depends on u alone is computed in bulk, so that one step costs two
 small matrix-vector products.  The step loop is plain NumPy; when numba is
 installed (extra `fast`) the same function is compiled.
 
 `sensitivities` differentiates the channels along a simulated trajectory (eq. sens)
 
-    S+ = F S + G,    F = dx+/dx = M_x + W R V_x,  R = diag(1 - w^2)
+    S+ = F S + G,    F = dx+/dx = M_x + W R V_x,
+                     R = (I - diag(1 - w^2) E)^-1 diag(1 - w^2)
     J  = H S + D,    H = dz/dx,   G, D = direct derivatives (`structures`)
 
 for S = d x / d (theta, x0).  It works through the record in chunks that fit the
@@ -57,12 +58,15 @@ def simulate(lure, u, x0):
     Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]])
     c = np.concatenate([lure.b, lure.c[:nx]])
     W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
+    E = np.ascontiguousarray(lure.E, dtype=dtype)
+    layers = np.array([*(layer.start for layer in lure.layers), lure.nw])
     step = advance.plain if dtype.kind == "c" else advance
     with np.errstate(over="ignore", invalid="ignore"):
         for start in range(0, len(u), SIMULATION_CHUNK):
             base = u[start : start + SIMULATION_CHUNK] @ Pu.T + c
             stop = start + len(base)
-            step(base.astype(dtype, copy=False), P, W, X[start], X[start + 1 :])
+            base = base.astype(dtype, copy=False)
+            step(base, P, E, layers, W, X[start], X[start + 1 :])
             # "not <": nan must count as diverged
             if not np.abs(X[start + 1 : stop + 1]).max() < DIVERGED:
                 X[start + 1 :] = np.inf
@@ -88,8 +92,40 @@ def regressors(lure, X, u):
         Regressors; ``Phi @ lure.Theta.T`` is [x+; z; v].
     """
     xu = np.hstack([X, u])
-    w = np.tanh(xu @ lure.V.T + lure.b)
+    w = xu @ lure.V.T + lure.b
+    for layer in lure.layers:
+        before = slice(0, layer.start)
+        w[:, layer] += w[:, before] @ lure.E[layer, before].T
+        w[:, layer] = np.tanh(w[:, layer])
     return np.hstack([xu, w, np.ones((len(xu), 1))])
+
+
+def neuron_gains(lure, W, w):
+    """Return W R, the derivative of outputs W w by the neurons' own inputs v.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    W : ndarray of shape (n_rows, nw)
+        Output weights.
+    w : ndarray of shape (L, nw)
+        Values of the neurons.
+
+    Returns
+    -------
+    WR : ndarray of shape (L, n_rows, nw)
+        Gains; back-propagation through the layers (eq. sens).
+    """
+    slope = (1.0 - w**2)[:, None, :]
+    if len(lure.layers) <= 1:
+        return W * slope
+    WR = np.repeat(W[None], len(w), axis=0)
+    for layer in reversed(lure.layers):
+        before = slice(0, layer.start)
+        WR[:, :, layer] *= slope[:, :, layer]
+        WR[:, :, before] += WR[:, :, layer] @ lure.E[layer, before]
+    return WR
 
 
 def channels(lure, X, u, chunk=8192):
@@ -185,7 +221,7 @@ def sensitivities(structure, theta, X, u, scale, chunk=None):
         L = part.stop - start
         Phi = regressors(lure, X[part], u[part])
         w = Phi[:, nx + structure.nu : -1]
-        WR = W * (1.0 - w**2)[:, None, :]  # (L, nx + nz, nw)
+        WR = neuron_gains(lure, W, w)  # (L, nx + nz, nw)
         FH = (WR.reshape(L * (nx + nz), lure.nw) @ V_x).reshape(L, nx + nz, nx) + M_x
         T[:L] = 0.0
         structure.add_direct(p, Phi, WR, scale, T[:L])

@@ -93,9 +93,11 @@ def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons):
     base = rng.standard_normal((L, n_neurons + nx))
     P = 0.3 * rng.standard_normal((n_neurons + nx, nx))
     W = rng.standard_normal((nx, n_neurons))
+    E = np.tril(rng.standard_normal((n_neurons, n_neurons)), -1)
+    layers = np.arange(n_neurons + 1)
     states = [np.zeros((L, nx)), np.zeros((L, nx))]
-    kernels.advance(base, P, W, np.ones(nx), states[0])
-    kernels.advance.plain(base, P, W, np.ones(nx), states[1])
+    kernels.advance(base, P, E, layers, W, np.ones(nx), states[0])
+    kernels.advance.plain(base, P, E, layers, W, np.ones(nx), states[1])
     np.testing.assert_allclose(*states, rtol=0, atol=1e-14)
 
     FH, S = rng.standard_normal((L, nx + nz, nx)), rng.standard_normal((nx, n))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from alssnn.lure import Lure
-from alssnn.simulation import regressors
+from alssnn.simulation import neuron_gains, regressors
 from alssnn.structures import state_space_structure
 from helpers import assert_jacobian, random_theta
 
@@ -29,7 +29,10 @@ def test_lure_evaluates_the_model_equations(structure, rng):
     h, g = np.zeros(structure.nu), np.zeros(structure.nx)
     if "W_h" in p:
         h = p["W_h"] @ np.tanh(p["W_y"] @ y + p["b_y"]) + p["b_h"]
-    if "W_g" in p:
+    if "W_2" in p:
+        inner = np.tanh(p["W_x"] @ x + p["W_u"] @ u + p["b_x"])
+        g = p["W_g"] @ np.tanh(p["W_2"] @ inner + p["b_2"])
+    elif "W_g" in p:
         b_g = p.get("b_g", -p["W_g"] @ np.tanh(p["b_x"]))
         g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["W_u"] @ u + p["b_x"]) + b_g
     expected = [p["A"] @ x + p["B"] @ (u + h) + g, y]
@@ -65,7 +68,7 @@ def test_direct_derivative_of_one_step(structure, rng):
     lure = structure.lure(theta)
     Phi = regressors(lure, X, u)
     w = Phi[:, structure.nx + structure.nu : -1]
-    WR = (lure.W * scale[:, None]) * (1 - w**2)[:, None, :]
+    WR = neuron_gains(lure, lure.W * scale[:, None], w)
     out = np.zeros((L, n_rows, structure.n_params))
     structure.add_direct(structure.split(theta), Phi, WR, scale, out)
     assert_jacobian(step, out, theta)
@@ -103,10 +106,37 @@ def test_free_C_needs_a_linear_model():
         state_space_structure(2, 1, 1, n_h=2)
 
 
-def test_lure_refuses_wrong_shapes_and_coupled_layers():
+def test_lure_refuses_wrong_shapes_and_disorder():
     with pytest.raises(ValueError, match="must have 5 columns"):
         Lure(np.zeros((4, 4)), 2, 1, 1)
     Theta = np.zeros((4, 5))
     Theta[-1, 3] = 1.0
-    with pytest.raises(ValueError, match="Use networks of one hidden layer"):
+    with pytest.raises(ValueError, match="depends on itself or a later one"):
         Lure(Theta, 2, 1, 1)
+
+
+def test_layers_are_found_from_the_couplings():
+    Theta = np.zeros((6, 7))
+    lure = Lure(Theta, 1, 1, 4)
+    assert lure.layers == [slice(0, 4)]
+    Theta[2 + 2, 2 + 0] = 1.0  # neuron 2 sees neuron 0
+    Theta[2 + 3, 2 + 1] = 1.0  # neuron 3 sees neuron 1: the same layer as 2
+    assert Lure(Theta, 1, 1, 4).layers == [slice(0, 2), slice(2, 4)]
+    assert Lure(np.zeros((2, 3)), 1, 1, 0).layers == []
+
+
+def test_feedback_cancels_h(rng):
+    structure = state_space_structure(
+        2, 1, 1, n_h=3, n_g=2, C=np.ones((1, 2)), penalize_g=True
+    )
+    theta = random_theta(structure, rng)
+    p = structure.split(theta)
+    K = np.hstack([p["W_h"], np.zeros((1, 2))])
+    closed = structure.lure(theta).close(K, p["b_h"])
+    x, v = rng.standard_normal(2), rng.standard_normal(1)
+    h = p["W_h"] @ np.tanh(p["W_y"] @ [x.sum()] + p["b_y"]) + p["b_h"]
+    pre = p["W_x"] @ x + p["W_u"] @ (v - h) + p["b_x"]
+    omega = p["W_g"] @ (np.tanh(pre) - np.tanh(p["b_x"]))
+    out = closed.Theta @ regressors(closed, x[None], v[None])[0]
+    np.testing.assert_allclose(out[:2], p["A"] @ x + p["B"] @ v + omega, atol=1e-14)
+    np.testing.assert_allclose(out[3:5], omega, atol=1e-14)
