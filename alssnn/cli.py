@@ -68,7 +68,7 @@ The last part of the record (or of every experiment) tests, the rest trains.
 
 examples:
   alssnn fit plant.csv --input u --output y
-      four models; the number of states is chosen from the data
+      all models; the number of states is chosen from the data
   alssnn fit plant.csv --input u1 u2 --output y --nx 6 --dt 0.01 --figure plant.png
       two inputs, six states, sampled every 10 ms, and a figure
   alssnn fit plant.csv --input u --output y --experiment run --models lti al
@@ -143,9 +143,9 @@ def _new_parser(make, description, epilog, **options):
 def _add_demo(commands):
     demo = _new_parser(
         lambda **options: commands.add_parser("demo", **options),
-        "Compare four models of a Wiener-Hammerstein circuit.",
+        "Compare five models of a Wiener-Hammerstein circuit.",
         DEMO_EPILOG,
-        help="compare four models of a circuit, in about a minute",
+        help="compare five models of a circuit, in about a minute",
     )
     demo.add_argument(
         "--record",
@@ -229,7 +229,7 @@ def _add_fit(commands):
         nargs="+",
         choices=list(PRESETS),
         default=list(PRESETS),
-        help="models to compare (default: all four)",
+        help="models to compare (default: all)",
     )
     model.add_argument(
         "--nx",

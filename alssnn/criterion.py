@@ -195,10 +195,6 @@ class Criterion(LeastSquares):
         n_params = self.structure.n_params
         return free[:n_params], free[n_params:].reshape(-1, self.structure.n_x0)
 
-    def _start(self, x0):
-        """Return the state of the Lur'e form for a free initial state."""
-        return np.concatenate([x0, np.zeros(self.structure.nx - len(x0))])
-
     # -- values ----------------------------------------------------------------------
 
     def _residual(self, lure, X, u, y):
@@ -217,7 +213,7 @@ class Criterion(LeastSquares):
         square = float(np.sum((self.decay * free) ** 2))
         trajectories = []
         for (u, y), start in zip(self.experiments, x0, strict=True):
-            X = simulate(lure, u, self._start(start))
+            X = simulate(lure, u, self.structure.initial_state(start))
             if not np.all(np.isfinite(X[-1])):
                 return DIVERGED_NORM, None
             r = self._residual(lure, X, u, y)
@@ -314,7 +310,9 @@ class Criterion(LeastSquares):
         theta, x0 = self.split(free)
         lure = self.structure.lure(theta)
         parts = [
-            self._residual(lure, simulate(lure, u, self._start(start)), u, y).ravel()
+            self._residual(
+                lure, simulate(lure, u, self.structure.initial_state(start)), u, y
+            ).ravel()
             for (u, y), start in zip(self.experiments, x0, strict=True)
         ]
         return np.concatenate([*parts, self.decay * free])
@@ -337,7 +335,7 @@ class Criterion(LeastSquares):
         n_params, n_x0 = self.structure.n_params, self.structure.n_x0
         parts = []
         for i, ((u, _), start) in enumerate(zip(self.experiments, x0, strict=True)):
-            X = simulate(lure, u, self._start(start))
+            X = simulate(lure, u, self.structure.initial_state(start))
             block = np.zeros((len(u) * self.structure.nz, self.n))
             where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
             block[:, where] = np.concatenate(

@@ -2,7 +2,7 @@
 
 One hidden layer, tanh, linear output layer (eq. model):
 
-    h(y)    = W_h tanh(W_y y + b_y) + b_h
+    h(y)    = W_h tanh(W_y y + b_y) + b_h      or     h(x) = W_h tanh(W_s x + b_s) + b_h
     g(x, u) = W_g tanh(W_x x + W_u u + b_x) + b_g
 
 In deviation variables the operating point is (x, u) = (0, 0), and the tied bias
@@ -86,29 +86,33 @@ class Term:
     right: Factor | None = None
 
 
-def network_h():
-    """Return parameters and terms of the matched network B h(y), y = C x.
+def network_h(feedback):
+    """Return parameters and terms of the matched network B h(s).
+
+    Parameters
+    ----------
+    feedback : {"output", "state"}
+        What h sees: s = y = C x, or s = x.
 
     Returns
     -------
     parameters : dict of str to tuple of str
-        Axes of W_h, b_h, W_y, b_y.
+        Axes of W_h, b_h and of W_y, b_y (output) or W_s, b_s (state).
     terms : list of Term
         Contributions to x+ and to the neurons' inputs.
     """
     w = NETWORK_AXES["h"]
-    parameters = {
-        "W_h": ("u", w),
-        "b_h": ("u",),
-        "W_y": (w, "y"),
-        "b_y": (w,),
-    }
+    parameters: dict[str, tuple[str, ...]] = {"W_h": ("u", w), "b_h": ("u",)}
     terms = [
         Term("x", w, Factor("B"), Factor("W_h")),
         Term("x", ONE, Factor("B"), Factor("b_h")),
-        Term(w, "x", Factor("W_y"), Factor("C")),
-        Term(w, ONE, Factor("b_y")),
     ]
+    if feedback == "output":
+        parameters |= {"W_y": (w, "y"), "b_y": (w,)}
+        terms += [Term(w, "x", Factor("W_y"), Factor("C")), Term(w, ONE, Factor("b_y"))]
+    else:
+        parameters |= {"W_s": (w, "x"), "b_s": (w,)}
+        terms += [Term(w, "x", Factor("W_s")), Term(w, ONE, Factor("b_s"))]
     return parameters, terms
 
 
@@ -152,15 +156,15 @@ def network_g(rows, *, tied_bias):
     return parameters, terms
 
 
-def evaluate_h(p, y):
-    """Evaluate h(y) (eq. model); zero for a model without h.
+def evaluate_h(p, s):
+    """Evaluate h(s) (eq. model); zero for a model without h.
 
     Parameters
     ----------
     p : dict of str to ndarray
         Parameters by name.
-    y : ndarray of shape (N, ny)
-        Outputs, deviations in the units of `p`.
+    s : ndarray of shape (N, ny) or (N, nx)
+        Outputs (deviations in the units of `p`) or states, whatever h sees.
 
     Returns
     -------
@@ -168,5 +172,6 @@ def evaluate_h(p, y):
         Matched nonlinearity, in the units of u.
     """
     if "W_h" not in p:
-        return np.zeros((len(y), p["B"].shape[1]))
-    return np.tanh(y @ p["W_y"].T + p["b_y"]) @ p["W_h"].T + p["b_h"]
+        return np.zeros((len(s), p["B"].shape[1]))
+    inner, bias = ("W_y", "b_y") if "W_y" in p else ("W_s", "b_s")
+    return np.tanh(s @ p[inner].T + p[bias]) @ p["W_h"].T + p["b_h"]

@@ -95,6 +95,21 @@ class Structure:
         """Return the number of free initial states."""
         return self.sizes[self.states[0]]
 
+    def initial_state(self, x0):
+        """Return the state of the Lur'e form for a free initial state.
+
+        Parameters
+        ----------
+        x0 : ndarray of shape (n_x0,)
+            Initial value of the first state axis; the others start at zero.
+
+        Returns
+        -------
+        x : ndarray of shape (nx,)
+            Initial state.
+        """
+        return np.concatenate([x0, np.zeros(self.nx - len(x0))])
+
     @property
     def nu(self):
         """Return the number of inputs."""
@@ -301,9 +316,18 @@ class Structure:
 
 
 def state_space_structure(
-    nx, nu, ny, *, n_h=0, n_g=0, C=None, penalize_g=False, tied_bias=True
+    nx,
+    nu,
+    ny,
+    *,
+    n_h=0,
+    n_g=0,
+    C=None,
+    feedback="output",
+    penalty=None,
+    tied_bias=True,
 ):
-    """Return the structure x+ = A x + B (u + h(y)) + g(x, u), y = C x.
+    """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x.
 
     Parameters
     ----------
@@ -313,8 +337,12 @@ def state_space_structure(
         Hidden neurons of h and g; zero leaves the network out.
     C : ndarray of shape (ny, nx) or None, default=None
         Fixed output matrix; None makes it a free parameter (linear models only).
-    penalize_g : bool, default=False
-        Whether g is a channel next to y.
+    feedback : {"output", "state"}, default="output"
+        What h sees: s = y or s = x.
+    penalty : {"state", "output"} or None, default=None
+        Channel next to y: g itself, or the output-referred residual e (eq. gauge),
+        for which the states are (x, zeta). None for simulation alone. The flat
+        vector theta does not depend on it.
     tied_bias : bool, default=True
         Whether the output bias of g is tied so that g(0, 0) = 0; else it is free.
 
@@ -331,7 +359,8 @@ def state_space_structure(
     if C is None and (n_h or n_g):
         raise ValueError("`C` must be given for a model with networks, got None.")
     sizes = {"x": nx, "u": nu, "y": ny}
-    parameters = {"A": ("x", "x"), "B": ("x", "u")}
+    states, channels, neurons = ["x"], ["y"], []
+    parameters: dict[str, tuple[str, ...]] = {"A": ("x", "x"), "B": ("x", "u")}
     terms = [
         Term("x", "x", Factor("A")),
         Term("x", "u", Factor("B")),
@@ -342,28 +371,34 @@ def state_space_structure(
         parameters["C"] = ("y", "x")
     else:
         constants, constant_axes = {"C": np.array(C, float)}, {"C": ("y", "x")}
-    channels, neurons = ["y"], []
     linear = tuple(parameters)
     if n_h:
         sizes[NETWORK_AXES["h"]] = n_h
         neurons.append(NETWORK_AXES["h"])
-        more, new = network_h()
+        more, new = network_h(feedback)
         parameters |= more
         terms += new
     if n_g:
         sizes[NETWORK_AXES["g"]] = n_g
         neurons.append(NETWORK_AXES["g"])
         rows = ["x"]
-        if penalize_g:
+        if penalty == "state":
             sizes["g"] = nx
             channels.append("g")
             rows.append("g")
+        elif penalty == "output":  # zeta+ = A zeta + g, e = C zeta
+            sizes |= {"zeta": nx, "e": ny}
+            states.append("zeta")
+            channels.append("e")
+            rows.append("zeta")
+            terms.append(Term("zeta", "zeta", Factor("A")))
+            terms.append(Term("e", "zeta", Factor("C")))
         more, new = network_g(rows, tied_bias=tied_bias)
         parameters |= more
         terms += new
     return Structure(
         sizes=sizes,
-        states=("x",),
+        states=tuple(states),
         channels=tuple(channels),
         neurons=tuple(neurons),
         parameters=parameters,

@@ -6,7 +6,13 @@ has a random direction in its (unit variance) inputs and is zero at a random sam
 
 Long records are trained coarse to fine: the liveliest stretch takes most of the
 iterations, all samples the last few.  Several random starts compete on the stretch;
-the best of them goes on.  All arrays here are scaled deviations (`experiments`).
+the best of them goes on.
+
+A small gamma is reached by continuation: from a large one, whose optimum is close to
+the linear start, down to the wanted one, each optimum the start of the next.  Aiming
+at a small gamma at once ends in worse optima, often with an unstable A.
+
+All arrays here are scaled deviations (`experiments`).
 """
 
 import numpy as np
@@ -17,9 +23,12 @@ from .criterion import DIVERGED_NORM, Criterion, Restricted
 from .experiments import stretch
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
+from .stability import Contractive
+from .subspace import stabilize
 
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
+GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -43,11 +52,11 @@ def initial_theta(structure, linear, experiments, rng):
         Flat parameters.
     """
     p = {"A": linear.A, "B": linear.B}
-    theta = structure.join(p)
-    lure = structure.lure(theta)
+    lure = structure.lure(structure.join(p))
     pick = rng.integers(len(experiments))
     u, y = experiments[pick]
-    X = simulate(lure, u, linear.x0[pick])[:-1]
+    X = simulate(lure, u, structure.initial_state(linear.x0[pick]))
+    X = X[:-1, : structure.n_x0]
     if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
         X = np.zeros_like(X)
     signals = {"x": X, "u": u, "y": y}
@@ -117,6 +126,8 @@ def train(
     *,
     gamma=0.0,
     alpha=0.0,
+    phi=None,
+    continuation=0,
     coarse_samples=None,
     polish_iter=20,
     n_jobs=None,
@@ -136,10 +147,14 @@ def train(
         Weight of the penalized channels.
     alpha : float, default=0.0
         Weight of the squared network parameters.
+    phi : float or None, default=None
+        Rate of stability by construction (eq. contract); None leaves A free.
+    continuation : int, default=0
+        Number of larger gammas that come first, each half a decade above the next.
     coarse_samples : int or None, default=None
-        Samples of the first stage; None trains on all samples at once.
+        Samples of the first stages; None trains on all samples at once.
     polish_iter : int, default=20
-        Trial steps on all samples after a coarse stage.
+        Trial steps on all samples after the coarse stages.
     n_jobs : int or None, default=None
         Restarts in parallel, as in joblib.
     **options : dict
@@ -151,25 +166,26 @@ def train(
         That of the last stage, with ``theta`` and ``x0`` of the best start and the
         trial steps of all its stages in ``nfev``.
     """
-    whole = Criterion(structure, experiments, gamma=gamma, alpha=alpha)
-    coarse = whole
-    if coarse_samples is not None and coarse_samples < whole.n_samples:
-        coarse = Criterion(
-            structure, stretch(experiments, coarse_samples), gamma=gamma, alpha=alpha
-        )
+    total = sum(len(u) for u, _ in experiments)
+    is_coarse = coarse_samples is not None and coarse_samples < total
+    first = stretch(experiments, coarse_samples) if is_coarse else experiments
+    gammas = gamma * GAMMA_STEP ** np.arange(continuation, -1, -1)
     results = Parallel(n_jobs=n_jobs)(
-        delayed(_stage)(coarse, theta, label=_label(i, len(starts)), **options)
+        delayed(_descend)(
+            [Criterion(structure, first, gamma=g, alpha=alpha) for g in gammas],
+            theta,
+            phi,
+            label=_label(i, len(starts)),
+            **options,
+        )
         for i, theta in enumerate(starts)
     )
     best = min(results, key=lambda result: result.cost)
-    if coarse is not whole:
+    if is_coarse:
         steps = best.nfev
-        best = _stage(
-            whole,
-            best.theta,
-            label="all samples",
-            **{**options, "max_iter": polish_iter},
-        )
+        criterion = Criterion(structure, experiments, gamma=gamma, alpha=alpha)
+        options = {**options, "max_iter": polish_iter}
+        best = _stage(criterion, best.theta, phi, label="all samples", **options)
         best.nfev += steps
     return best
 
@@ -178,13 +194,38 @@ def _label(i, n_starts):
     return "train" if n_starts == 1 else f"start {i + 1}/{n_starts}"
 
 
-def _stage(criterion, theta, **options):
-    """Minimize from theta, with initial states estimated first."""
+def _descend(criteria, theta, phi, **options):
+    """Minimize one criterion after the other, each from the optimum of the last."""
+    steps, x0 = 0, None
+    for criterion in criteria:
+        result = _stage(criterion, theta, phi, x0, **options)
+        theta, x0 = result.theta, result.x0
+        steps += result.nfev
+    result.nfev = steps
+    return result
+
+
+def _stage(criterion, theta, phi, x0=None, **options):
+    """Minimize from theta and x0, which is estimated first if it is not known."""
     structure, experiments = criterion.structure, criterion.experiments
-    at_rest = np.zeros((len(experiments), structure.n_x0))
-    noise = Criterion(structure, experiments).norm(criterion.join(theta, at_rest)) ** 2
     with single_threaded():
-        x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
-        result = minimize(criterion, criterion.join(theta, x0), **options)
+        if x0 is None:
+            at_rest = criterion.join(
+                theta, np.zeros((len(experiments), structure.n_x0))
+            )
+            noise = Criterion(structure, experiments).norm(at_rest) ** 2
+            x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
+        free = criterion.join(theta, x0)
+        if not criterion.norm(free) < DIVERGED_NORM:
+            # a short stretch did not show that A is unstable, a long record does
+            p = structure.split(theta)
+            theta = structure.join({**p, "A": stabilize(p["A"])})
+            free = criterion.join(theta, x0)
+        if phi is None:
+            result = minimize(criterion, free, **options)
+        else:
+            problem = Contractive(criterion, phi)
+            result = minimize(problem, problem.from_free(free), **options)
+            result.x = problem.to_free(result.x)
     theta, x0 = criterion.split(result.x)
     return OptimizeResult({**result, "theta": theta, "x0": x0})

@@ -46,7 +46,7 @@ def problem(n_samples):
     A = rng.standard_normal((NX, NX))
     A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
     structure = state_space_structure(
-        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX)), penalize_g=True
+        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX)), penalty="state"
     )
     p = {k: 0.1 * rng.standard_normal(s) for k, s in structure.shapes.items()}
     u, y = rng.standard_normal((n_samples, 1)), rng.standard_normal((n_samples, 1))

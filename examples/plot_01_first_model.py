@@ -52,6 +52,8 @@ print(model.to_statespace().poles())
 # ``model_ladder`` fits a linear, an exactly linearizable, an approximately linearizable
 # and a free model to the same data and shows them side by side.
 
+import matplotlib.pyplot as plt
+
 from alssnn import model_ladder
 from alssnn.plotting import plot_ladder
 
@@ -59,4 +61,6 @@ ladder = model_ladder(
     train.u, train.y, test=test, nx=6, n_h=8, n_g=8, n_f=10, dt=record.dt, max_iter=60
 )
 print(ladder)
-plot_ladder(ladder, unit="V")
+_, axes = plt.subplots(3, 1, figsize=(8, 9), layout="constrained")
+plot_ladder(ladder, axes=axes, unit="V")
+plt.show()

@@ -13,12 +13,18 @@ STRUCTURES = {
     "more outputs than states": ((1, 1, 3), {}),
     "fl": ((3, 2, 2), {"n_h": 4}),
     "gr": ((3, 2, 2), {"n_g": 3, "tied_bias": False}),
-    "al": ((3, 2, 2), {"n_h": 4, "n_g": 3, "penalize_g": True}),
-    "al-siso": ((2, 1, 1), {"n_h": 2, "n_g": 2, "penalize_g": True}),
+    "al": ((3, 2, 2), {"n_h": 4, "n_g": 3, "penalty": "state"}),
+    "al-siso": ((2, 1, 1), {"n_h": 2, "n_g": 2, "penalty": "state"}),
     "al-unpenalized": ((3, 1, 2), {"n_h": 2, "n_g": 3}),
+    "fl-state": ((3, 2, 1), {"n_h": 4, "feedback": "state"}),
+    "al-output": ((3, 2, 2), {"n_h": 4, "n_g": 3, "penalty": "output"}),
+    "al-state-output": (
+        (2, 1, 1),
+        {"n_h": 2, "n_g": 3, "feedback": "state", "penalty": "output"},
+    ),
     "al-free-bias": (
         (3, 2, 1),
-        {"n_h": 2, "n_g": 3, "penalize_g": True, "tied_bias": False},
+        {"n_h": 2, "n_g": 3, "penalty": "state", "tied_bias": False},
     ),
 }
 
@@ -31,7 +37,7 @@ def rng():
 def two_layers(rng):
     """Return a structure whose g has two hidden layers, declared by hand."""
     base = state_space_structure(
-        3, 2, 1, n_h=2, n_g=3, C=rng.standard_normal((1, 3)), penalize_g=True
+        3, 2, 1, n_h=2, n_g=3, C=rng.standard_normal((1, 3)), penalty="state"
     )
     first = [t for t in base.terms if t.left.name != "W_g"]
     output = [Term("x", "w_2", Factor("W_g")), Term("g", "w_2", Factor("W_g"))]

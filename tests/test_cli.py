@@ -54,10 +54,11 @@ def test_demo_prints_the_table_and_writes_the_figure(tmp_path, monkeypatch, caps
     folder = tmp_path / "new" / "folder"
     assert run("demo", "--quick", "--samples", 1200, "-o", folder) == 0
     out, err = capsys.readouterr()
-    assert [line.split()[0] for line in out.splitlines()[3:7]] == [
+    assert [line.split()[0] for line in out.splitlines()[3:8]] == [
         "LTI",
         "FL-SSNN",
         "AL-SSNN",
+        "AL-SSNN/x",
         "GR-SSNN",
     ]
     assert "- Accuracy: " in out and "- Linearity: " in out and "- Stability: " in out
@@ -147,7 +148,7 @@ def test_fit_compares_models_of_a_file(plant, tmp_path, capsys):
     figure = tmp_path / "plant.pdf"
     assert run_fit(plant, *SMALL, "--dt", 0.01, "--figure", figure) == 0
     out, _ = capsys.readouterr()
-    assert len(re.findall(r"^(LTI|FL-SSNN|AL-SSNN|GR-SSNN)", out, re.M)) == 4
+    assert len(re.findall(r"^(LTI|FL-SSNN|AL-SSNN|AL-SSNN/x|GR-SSNN) ", out, re.M)) == 5
     assert figure.read_bytes().startswith(b"%PDF")
 
 

@@ -21,7 +21,7 @@ def free(criterion, rng):
 
 def test_cost_is_the_paper_s(rng):
     structure = state_space_structure(
-        2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2)), penalize_g=True
+        2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2)), penalty="state"
     )
     theta, x0 = random_theta(structure, rng), rng.standard_normal((1, 2))
     u, y = rng.standard_normal((15, 1)), rng.standard_normal((15, 1))
@@ -96,7 +96,7 @@ def test_least_squares_takes_the_same_steps_compressed_and_dense(method, rng):
     # a scalar state leaves no freedom of basis: J has full rank and rounding is all
     # that can tell the two apart
     structure = state_space_structure(
-        1, 1, 1, n_h=2, n_g=1, C=np.ones((1, 1)), penalize_g=True
+        1, 1, 1, n_h=2, n_g=1, C=np.ones((1, 1)), penalty="state"
     )
     truth = random_theta(structure, rng)
     u = rng.standard_normal((300, 1))
@@ -126,12 +126,12 @@ def test_gamma_zero_and_no_penalty_agree(rng):
     options = {"n_h": 2, "n_g": 2, "C": np.ones((1, 2))}
     u, y = rng.standard_normal((30, 1)), rng.standard_normal((30, 1))
     norms = []
-    for penalize_g in (True, False):
-        structure = state_space_structure(2, 1, 1, penalize_g=penalize_g, **options)
+    for penalty in ("state", "output", None):
+        structure = state_space_structure(2, 1, 1, penalty=penalty, **options)
         theta = random_theta(structure, np.random.default_rng(1))
         criterion = Criterion(structure, [(u, y)], gamma=0.0)
         norms.append(criterion.norm(criterion.join(theta, np.zeros((1, 2)))))
-    assert norms[0] == pytest.approx(norms[1], rel=1e-14)
+    np.testing.assert_allclose(norms, norms[0], rtol=1e-14)
 
 
 def test_chunk_size_changes_nothing(structure, experiments, free):
@@ -146,6 +146,8 @@ def test_chunk_size_changes_nothing(structure, experiments, free):
 
 
 def test_splitting_a_record_at_its_true_state_keeps_the_cost(structure, rng):
+    if "zeta" in structure.states:
+        pytest.skip("zeta starts at zero in every experiment: e is a property of it")
     theta = random_theta(structure, rng)
     u = rng.standard_normal((40, structure.nu))
     y = rng.standard_normal((40, structure.sizes["y"]))

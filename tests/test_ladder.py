@@ -8,6 +8,7 @@ import pytest
 from alssnn import AlSsnn, LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.ladder import Ladder, Rung, model_ladder
+from alssnn.ladder._explain import _about_feedback
 from alssnn.metrics import fit_percent, rmse
 
 SMALL = {"nx": 6, "n_h": 2, "n_g": 3, "n_f": 4, "max_iter": 15}
@@ -51,11 +52,14 @@ def explain(*rows):
 # Rows
 
 
-def test_rows_are_the_four_models_in_order(ladder):
-    assert [row.name for row in ladder] == ["LTI", "FL-SSNN", "AL-SSNN", "GR-SSNN"]
-    assert len(ladder) == 4
+def test_rows_are_the_models_in_order(ladder):
+    names = ["LTI", "FL-SSNN", "AL-SSNN", "AL-SSNN/x", "GR-SSNN"]
+    assert [row.name for row in ladder] == names
+    assert len(ladder) == 5
     assert ladder["AL-SSNN"].model.n_g == 3
-    with pytest.raises(KeyError, match="one of LTI, FL-SSNN, AL-SSNN, GR-SSNN, got"):
+    with pytest.raises(
+        KeyError, match="one of LTI, FL-SSNN, AL-SSNN, AL-SSNN/x, GR-SSNN, got"
+    ):
         ladder["ARX"]
 
 
@@ -66,6 +70,7 @@ def test_rows_count_free_parameters(ladder):
         linear + 6,
         linear + h,
         linear + h + g,
+        linear + h + 2 * 5 + g,  # h sees six states instead of one output
         linear + f,
     ]
 
@@ -190,7 +195,10 @@ def test_models_can_be_estimators(record):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"models": ["arx"]}, "`models` must name lti, fl, al, gr, got 'arx'. Give"),
+        (
+            {"models": ["arx"]},
+            "`models` must name lti, fl, al, al-state, gr, got 'arx'. Give",
+        ),
         ({"models": []}, "`models` must name at least one model, got none. Use"),
         ({"test": (1, 2, 3, 4)}, r"`test` must be a Record, .* got 4 items. Use None"),
         ({"test_size": 1.0}, "`test_size` must lie strictly between 0 and 1, got 1.0"),
@@ -264,6 +272,11 @@ def test_explanation_of_a_plant_that_h_does_not_linearize():
     assert "cancelling h does not make this plant more linear" in text
 
 
+def test_explanation_without_any_rest():
+    text = explain(make_row("LTI", missed=20.0, rest=0.0), make_row(rest=0.0))
+    assert "0 % of the output of AL-SSNN is still not" in text
+
+
 def test_explanation_of_networks_that_gain_nothing():
     lti = make_row("LTI", missed=1.0, rest=0.0)
     assert "the networks gain nothing" in explain(lti, make_row(missed=0.95))
@@ -281,3 +294,15 @@ def test_explanation_without_the_rows_it_is_about():
     assert make_ladder(make_row("LTI")).explain() == ""
     assert explain(make_row(rest=2.0)).startswith("- Linearity: with u = v - h(y), 2 %")
     assert "(A, B, C). - Stability" in explain(make_row(rest=2.0))
+
+
+def test_advice_on_feedback():
+    def row(error):
+        return SimpleNamespace(linearization_error=np.array([error]))
+
+    gain = _about_feedback(row(0.2), row(0.002))
+    assert "h(y) leaves 20 % of the output nonlinear, h(x) 0.2 %" in gain
+    assert "observer and cancel h(x)" in gain
+    assert "not worth its while" in _about_feedback(row(0.02), row(0.015))
+    assert "observer and cancel" in _about_feedback(row(np.inf), row(0.1))
+    assert "says nothing about state feedback" in _about_feedback(row(0.1), row(np.inf))

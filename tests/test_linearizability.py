@@ -1,71 +1,459 @@
+import builtins
+import pickle
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from alssnn.linearizability import measure, output_residual
-from helpers import simulate_linear
+from alssnn.linearizability import (
+    Bands,
+    Linearizability,
+    Region,
+    measure,
+    output_residual,
+)
+from alssnn.linearizability._measure import h2_gain, peak_gain
+from alssnn.lure import Lure
+from alssnn.structures import state_space_structure
+from helpers import random_theta, simulate_linear
+
+DT = 0.01
+
+
+def make_model(rng, *, n_h=3, n_g=4, radius=0.7, **options):
+    """Return a random model, what `measure` takes, and its equations by name."""
+    structure = state_space_structure(
+        3, 2, 2, n_h=n_h, n_g=n_g, C=rng.standard_normal((2, 3)), **options
+    )
+    theta = random_theta(structure, rng, radius=radius)
+    p = {**structure.split(theta), **structure.constants}
+    K, k = np.zeros((2, structure.nw)), np.zeros(2)
+    if n_h:
+        K[:, :n_h], k = p["W_h"], p["b_h"]
+    experiments = [
+        (rng.standard_normal((n, 2)), rng.standard_normal((n, 2)), x0)
+        for n, x0 in ((60, np.zeros(3)), (83, rng.standard_normal(3)))
+    ]
+    linear = p["A"], p["B"], p["C"]
+    return SimpleNamespace(
+        p=p, args=(structure.lure(theta), linear, (K, k), experiments)
+    )
 
 
 @pytest.fixture
-def trajectory(rng):
-    A = np.array([[0.8, 0.1], [-0.2, 0.7]])
-    B, C = rng.standard_normal((2, 1)), rng.standard_normal((2, 2))
-    X, u = rng.standard_normal((40, 2)), rng.standard_normal((40, 1))
-    y, h = rng.standard_normal((40, 2)), rng.standard_normal((40, 1))
-    return A, B, C, (X, u, y, h, 0.1 * rng.standard_normal((40, 2)))
+def model(rng):
+    return make_model(rng)
 
 
-def test_output_residual_is_the_response_to_g(trajectory):
-    A, _, C, (*_, g) = trajectory
-    expected = simulate_linear(A, np.eye(2), C, g)
-    np.testing.assert_allclose(output_residual(A, C, g), expected, atol=1e-14)
+def replay(p, u, x0, *, closed):
+    """Run the equations of the model and its linear part, sample by sample."""
+    run = SimpleNamespace(x=[], u=[], y=[], linear=[], h=[], g=[], e=[], y_linear=[])
+    x, x_linear = x0, x0
+    for v in u:
+        s = x if "W_s" in p else p["C"] @ x
+        h = np.zeros(2)
+        if "W_h" in p:
+            inner = p["W_s"] @ s + p["b_s"] if "W_s" in p else p["W_y"] @ s + p["b_y"]
+            h = p["W_h"] @ np.tanh(inner) + p["b_h"]
+        u_k = v - h if closed else v
+        g = np.zeros(3)
+        if "W_g" in p:
+            b_g = p.get("b_g", -p["W_g"] @ np.tanh(p["b_x"]))
+            g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["W_u"] @ u_k + p["b_x"]) + b_g
+        run.x.append(x)
+        run.u.append(u_k)
+        run.y.append(p["C"] @ x)
+        run.h.append(h)
+        run.g.append(g)
+        run.linear.append(p["A"] @ x + p["B"] @ v)
+        run.y_linear.append(p["C"] @ x_linear)
+        run.e.append(p["C"] @ (x - x_linear))
+        x = p["A"] @ x + p["B"] @ (u_k + h) + g
+        x_linear = p["A"] @ x_linear + p["B"] @ (u_k + h)
+    return {name: np.array(value) for name, value in vars(run).items()}
 
 
-def test_measure_against_the_definitions(trajectory):
-    A, B, C, (X, u, y, h, g) = trajectory
-    record = measure(A, B, C, [(X, u, y, h, g)])
-    linear = np.linalg.norm(X @ A.T + u @ B.T, axis=1)
-    ratio_g = np.linalg.norm(g, axis=1) / linear
-    ratio_h = np.linalg.norm(h, axis=1) / linear
-    e = output_residual(A, C, g)
-    error = np.sqrt(np.mean(e**2, axis=0) / np.mean(y**2, axis=0))
-    np.testing.assert_allclose(record.linearization_error, error)
-    assert record.ratio_g_mean == pytest.approx(ratio_g.mean())
-    assert record.ratio_g_max == pytest.approx(ratio_g.max())
-    assert record.ratio_h_mean == pytest.approx(ratio_h.mean())
-    assert record.ratio_h_max == pytest.approx(ratio_h.max())
-    assert record.spectral_radius == pytest.approx(np.sqrt(0.8 * 0.7 + 0.02))
+def replay_all(model, *, closed):
+    runs = [replay(model.p, u, x0, closed=closed) for u, _, x0 in model.args[3]]
+    return {name: np.vstack([run[name] for run in runs]) for name in runs[0]}
 
 
-def test_the_error_does_not_depend_on_the_state_basis_but_the_ratio_does(
-    trajectory, rng
-):
-    A, B, C, (X, u, y, h, g) = trajectory
-    T = rng.standard_normal((2, 2))
-    T_inv = np.linalg.inv(T)
-    here = measure(A, B, C, [(X, u, y, h, g)])
-    there = measure(T @ A @ T_inv, T @ B, C @ T_inv, [(X @ T.T, u, y, h, g @ T.T)])
-    np.testing.assert_allclose(
-        there.linearization_error, here.linearization_error, rtol=1e-8
+def sizes(z):
+    return np.linalg.norm(z, axis=1)
+
+
+def rms(z):
+    return np.sqrt(np.mean(z**2, axis=0))
+
+
+# Definitions
+
+VARIANTS = {
+    "al": {},
+    "state feedback": {"feedback": "state"},
+    "gr": {"n_h": 0, "tied_bias": False},
+    "fl": {"n_g": 0},
+    "linear": {"n_h": 0, "n_g": 0},
+}
+
+
+@pytest.mark.parametrize("options", VARIANTS.values(), ids=VARIANTS)
+def test_measures_against_a_plain_loop(rng, options):
+    model = make_model(rng, **options)
+    record = measure(*model.args, dt=DT)
+    run, y = (
+        replay_all(model, closed=False),
+        np.vstack([y for _, y, _ in model.args[3]]),
     )
-    assert abs(there.ratio_g_mean / here.ratio_g_mean - 1) > 0.01
+    np.testing.assert_allclose(record.e, run["e"], atol=1e-13)
+    np.testing.assert_allclose(
+        record.linearization_error, rms(run["e"]) / rms(y), atol=1e-13
+    )
+    for name in "gh":
+        ratio = sizes(run[name]) / sizes(run["linear"])
+        assert getattr(record, f"ratio_{name}_mean") == pytest.approx(ratio.mean())
+        assert getattr(record, f"ratio_{name}_max") == pytest.approx(ratio.max())
+    loop = replay_all(model, closed=True)
+    np.testing.assert_allclose(
+        record.closed_linearization_error,
+        rms(loop["e"]) / rms(loop["y_linear"]),
+        atol=1e-13,
+    )
+    linear, omega = sizes(loop["linear"]), sizes(loop["g"])
+    assert record.closed_linear_mean == pytest.approx(linear.mean())
+    assert record.closed_linear_max == pytest.approx(linear.max())
+    assert record.closed_omega_mean == pytest.approx(omega.mean(), abs=1e-14)
+    assert record.closed_omega_max == pytest.approx(omega.max(), abs=1e-14)
+    assert record.closed_ratio_mean == pytest.approx((omega / linear).mean(), abs=1e-13)
+    assert record.closed_ratio_max == pytest.approx((omega / linear).max(), abs=1e-13)
+    assert record.spectral_radius == pytest.approx(0.7)
 
 
-def test_a_model_without_g_has_no_error_and_prints(trajectory):
-    A, B, C, (X, u, y, h, g) = trajectory
-    record = measure(A, B, C, [(X, u, 0 * y, h, 0 * g)])
-    np.testing.assert_array_equal(record.linearization_error, 0)
-    assert "linearization error" in str(record)
+def test_output_residual_is_the_response_to_g(model, rng):
+    p, g = model.p, rng.standard_normal((40, 3))
+    expected = simulate_linear(p["A"], np.eye(3), p["C"], g)
+    np.testing.assert_allclose(output_residual(p["A"], p["C"], g), expected, atol=1e-13)
 
 
-def test_an_unstable_A_gives_an_infinite_error(trajectory):
-    A, B, C, (X, u, y, h, g) = trajectory
-    N = 3000
-    long = tuple(np.tile(z, (N // 40, 1)) for z in (X, u, y, h, g))
-    assert np.isinf(measure(3 * A, B, C, [long]).linearization_error).all()
+def test_without_h_the_closed_loop_is_the_open_one(rng):
+    record = measure(*make_model(rng, n_h=0).args)
+    assert record.closed_ratio_mean == record.ratio_g_mean
+    assert record.closed_ratio_max == record.ratio_g_max
+    assert record.ratio_h_max == 0
 
 
-def test_a_diverged_trajectory_is_infinitely_nonlinear(trajectory):
-    A, B, C, (X, u, y, h, g) = trajectory
-    record = measure(A, B, C, [(X, u, y, h, np.full_like(g, np.nan))])
-    assert np.isinf(record.linearization_error).all()
-    assert record.ratio_g_mean == record.ratio_h_max == np.inf
+def test_without_g_nothing_is_left(rng):
+    record = measure(*make_model(rng, n_g=0).args)
+    np.testing.assert_allclose(record.linearization_error, 0, atol=1e-13)
+    np.testing.assert_allclose(record.closed_linearization_error, 0, atol=1e-13)
+
+
+def test_silence_has_no_error():
+    lure = Lure(np.array([[0.5, 1.0, 0.0]]), 1, 1, 0)
+    linear = np.array([[0.5]]), np.array([[1.0]]), np.array([[1.0]])
+    feedback, zero = (np.zeros((1, 0)), np.zeros(1)), np.zeros((9, 1))
+    record = measure(lure, linear, feedback, [(zero, zero, np.zeros(1))])
+    assert record.linearization_error == record.closed_linearization_error == 0
+    assert record.ratio_g_max == record.closed_ratio_mean == 0
+    np.testing.assert_array_equal(record.bands.output, 0)
+
+
+# Frequency bands
+
+
+def test_bands_add_up_to_the_whole(model):
+    record = measure(*model.args, dt=DT)
+    bands = record.bands
+    np.testing.assert_allclose(
+        np.sum(bands.error**2, axis=0), record.linearization_error**2, rtol=1e-12
+    )
+    np.testing.assert_allclose(np.sum(bands.output**2, axis=0), 1, rtol=1e-12)
+    expected = np.array([0, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1]) / (2 * DT)
+    np.testing.assert_allclose(bands.edges, expected)
+
+
+def test_bands_against_projections_on_sinusoids(model):
+    record = measure(*model.args, dt=DT)
+    total = np.sum([np.sum(y**2, axis=0) for _, y, _ in model.args[3]], axis=0)
+    squares, start = np.zeros((6, 2)), 0
+    for u, _, _ in model.args[3]:
+        n = len(u)
+        e, start = record.e[start : start + n], start + n
+        for k in range(n):  # two-sided discrete Fourier transform
+            frequency = min(k, n - k) / (n * DT)
+            band = min(np.sum(frequency >= record.bands.edges[1:]), 5)
+            wave = np.exp(-2j * np.pi * k * np.arange(n) / n)
+            squares[band] += np.abs(wave @ e) ** 2 / n
+    np.testing.assert_allclose(record.bands.error, np.sqrt(squares / total), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("cycles", "band"), [(0, 0), (1, 1), (5, 3), (31, 5), (32, 5)])
+def test_a_tone_is_in_its_band(model, cycles, band):
+    lure, linear, feedback, _ = model.args
+    y = np.cos(2 * np.pi * cycles * np.arange(64) / 64)[:, None] * [1.0, 3.0]
+    record = measure(lure, linear, feedback, [(np.zeros((64, 2)), y, np.zeros(3))])
+    expected = np.zeros((6, 2))
+    expected[band] = 1
+    np.testing.assert_allclose(record.bands.output, expected, atol=1e-12)
+
+
+# State basis
+
+
+def transform(model, T):
+    """Return the same model with the state T x."""
+    lure, (A, B, C), feedback, experiments = model.args
+    T_inv = np.linalg.inv(T)
+    Theta, nx = lure.Theta.copy(), lure.nx
+    Theta[:nx] = T @ Theta[:nx]
+    Theta[:, :nx] = Theta[:, :nx] @ T_inv
+    return (
+        Lure(Theta, nx, lure.nu, lure.nw),
+        (T @ A @ T_inv, T @ B, C @ T_inv),
+        feedback,
+        [(u, y, T @ x0) for u, y, x0 in experiments],
+    )
+
+
+def region_of(lure, linear, experiments):
+    """Return the region of the linear response to the first experiment."""
+    u, _, x0 = experiments[0]
+    X = np.zeros((len(u), lure.nx))
+    X[0] = x0
+    for k in range(len(u) - 1):
+        X[k + 1] = linear[0] @ X[k] + linear[1] @ u[k]
+    return Region.of(X, u, X @ linear[2].T)
+
+
+def test_what_depends_on_the_state_basis_and_what_does_not(model, rng):
+    T = rng.standard_normal((3, 3))
+    other = transform(model, T)
+    here, there = (
+        measure(*args, region=region_of(args[0], args[1], args[3]))
+        for args in (model.args, other)
+    )
+    for name in ("linearization_error", "closed_linearization_error", "e"):
+        np.testing.assert_allclose(
+            getattr(there, name), getattr(here, name), rtol=1e-8, atol=1e-11
+        )
+    np.testing.assert_allclose(there.bands.error, here.bands.error, rtol=1e-8)
+    np.testing.assert_array_equal(there.bands.output, here.bands.output)
+    assert there.spectral_radius == pytest.approx(here.spectral_radius, rel=1e-8)
+    assert there.outside == here.outside > 0
+    assert there.closed_outside == here.closed_outside > 0
+    for name in (
+        "ratio_g_mean",
+        "ratio_h_mean",
+        "closed_ratio_mean",
+        "closed_omega_max",
+        "peak_gain",
+        "h2_gain",
+    ):
+        assert np.all(abs(getattr(there, name) / getattr(here, name) - 1) > 0.01), name
+
+
+def test_the_gain_grows_as_the_basis_shrinks_g(model):
+    here, there = measure(*model.args), measure(*transform(model, 1e-3 * np.eye(3)))
+    assert there.closed_omega_mean == pytest.approx(1e-3 * here.closed_omega_mean)
+    np.testing.assert_allclose(there.h2_gain, 1e3 * here.h2_gain)
+
+
+# What the basis hides
+
+
+def test_h2_gain_is_the_energy_of_the_impulse_responses(model):
+    A, _, C = model.args[1]
+    energy, power = np.zeros(2), np.eye(3)
+    for _ in range(300):
+        energy += np.sum((C @ power) ** 2, axis=1)
+        power = A @ power
+    np.testing.assert_allclose(h2_gain(A, C), np.sqrt(energy), rtol=1e-10)
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.99, 0.9999])
+def test_peak_gain_is_the_largest_power(rng, radius):
+    A = np.triu(rng.standard_normal((4, 4)), 1) + np.diag([radius, 0.3, -0.8, radius])
+    norms = [1.0]
+    power = np.eye(4)
+    for _ in range(20_000):
+        power = power @ A
+        norms.append(np.linalg.norm(power, ord=2))
+    assert peak_gain(A) == pytest.approx(max(norms), rel=1e-9)
+    assert max(norms) > 1.5
+
+
+def test_a_contraction_has_no_peak(rng):
+    Q, _ = np.linalg.qr(rng.standard_normal((5, 5)))
+    assert peak_gain(0.999 * Q) == peak_gain(np.zeros((5, 5))) == 1.0
+
+
+def test_a_search_without_end_is_given_up():
+    A = (1 - 1e-12) * np.array([[1.0, 1.0], [0.0, 1.0]])
+    assert peak_gain(A) > 5e4
+
+
+def test_gain_of_a_numerically_singular_equation_is_infinite():
+    A = np.array([[0.99, 1e9], [0.0, 0.98]])
+    assert np.isinf(h2_gain(A, np.eye(2))).all()
+
+
+# Divergence
+
+
+def longer(args, n=40):
+    *model, experiments = args
+    experiments = [
+        (np.tile(u, (n, 1)), np.tile(y, (n, 1)), x) for u, y, x in experiments
+    ]
+    return (*model, experiments)
+
+
+def numbers(record):
+    frame = record.to_frame()
+    return dict(zip(frame["quantity"], frame["value"], strict=True))
+
+
+def test_a_diverging_model_is_infinitely_nonlinear(rng):
+    record = measure(*longer(make_model(rng, radius=1.3).args), region=None)
+    values = numbers(record)
+    assert not np.isnan([v for k, v in values.items() if "outside" not in k]).any()
+    assert np.isposinf(record.linearization_error).all()
+    assert np.isposinf(record.closed_linearization_error).all()
+    assert np.isposinf(record.bands.error).all()
+    assert np.isfinite(record.bands.output).all()
+    assert np.isposinf(record.h2_gain).all()
+    for name in (
+        "ratio_g_mean",
+        "ratio_h_max",
+        "closed_linear_max",
+        "closed_omega_mean",
+    ):
+        assert values[name] == np.inf
+    assert values["closed_ratio_mean"] == values["peak_gain"] == np.inf
+    assert np.isposinf(record.e[-1]).all()
+    assert "inf" in str(record)
+
+
+def test_a_bounded_model_with_unstable_A_has_infinite_errors(rng):
+    # h = -0.5 x / B, nearly, keeps x+ = 1.2 x + (u + h) bounded
+    Theta = np.array([[1.2, 1.0, -5.0, 0.0], [0.1, 0.0, 0.0, 0.0]])
+    lure = Lure(Theta, 1, 1, 1)
+    linear = np.array([[1.2]]), np.array([[1.0]]), np.array([[1.0]])
+    u = 0.1 * rng.standard_normal((3000, 1))
+    experiments = [(u, u, np.zeros(1))]
+    feedback = np.array([[-5.0]]), np.zeros(1)
+    region = Region.of(10 * u, u, 10 * u)
+    record = measure(lure, linear, feedback, experiments, region=region)
+    assert np.isfinite(record.ratio_h_mean) and record.outside < 0.01
+    assert np.isposinf(record.closed_linearization_error).all()
+    assert record.closed_ratio_mean == record.closed_linear_mean == np.inf
+    assert record.closed_outside > 0.9
+    # the same with g instead of h: a bounded residual with an unbounded effect
+    nothing = np.zeros((1, 1)), np.zeros(1)
+    record = measure(lure, linear, nothing, experiments)
+    assert np.isfinite(record.ratio_g_mean)
+    assert np.isposinf(record.linearization_error).all()
+    assert np.isposinf(record.bands.error).all()
+    assert np.isposinf(record.closed_linearization_error).all()
+
+
+# Region
+
+
+def test_region_contains_its_samples_and_no_others(rng):
+    X = rng.standard_normal((500, 3)) @ rng.standard_normal((3, 3)) + [5.0, 0.0, -1.0]
+    u, y = rng.uniform(-1, 1, (500, 2)), X[:, :1]
+    region = pickle.loads(pickle.dumps(Region.of(X, u, y)))
+    assert not region.outside(X, u, y).any()
+    assert region.outside(X, u + np.array([0, 0.1]), y).mean() == np.mean(
+        u[:, 1] + 0.1 > region.high[1]
+    )
+    far = X + 10 * X.std(axis=0)
+    assert region.outside(far, u, y).all()
+    assert region.outside(X, u, y + np.ptp(y) * 1.1).all()
+    far[0] = np.inf
+    assert region.outside(far, u, y)[0]
+
+
+def test_region_against_the_covariance(rng):
+    X = rng.standard_normal((300, 2)) @ np.array([[1.0, 2.0], [0.0, 0.1]])
+    u = np.zeros((300, 1))
+    S_inv = np.linalg.inv(np.cov(X.T))
+    distance = np.einsum("ki,ij,kj->k", X - X.mean(0), S_inv, X - X.mean(0))
+    test = 1.5 * X
+    expected = np.einsum("ki,ij,kj->k", test - X.mean(0), S_inv, test - X.mean(0))
+    np.testing.assert_array_equal(
+        Region.of(X, u, u).outside(test, u, u), expected > 1.01**2 * distance.max()
+    )
+
+
+def test_region_of_unexcited_states(rng):
+    X, u = np.zeros((50, 2)), rng.standard_normal((50, 1))
+    assert not Region.of(X, u, u).outside(X, u, u).any()
+    X[:, 0] = u[:, 0]  # no statement on the other one
+    assert not Region.of(X, u, u).outside(X + np.array([0, 1]), u, u).any()
+
+
+def test_shares_outside_against_a_plain_loop(model):
+    lure, linear, _, experiments = model.args
+    region = region_of(lure, linear, experiments)
+    record = measure(*model.args, region=region)
+    for share, closed in ((record.outside, False), (record.closed_outside, True)):
+        run = replay_all(model, closed=closed)
+        assert share == region.outside(run["x"], run["u"], run["y"]).mean()
+    assert record.outside != record.closed_outside
+
+
+# Table
+
+
+def test_table_is_aligned_and_has_units(model):
+    region = region_of(model.args[0], model.args[1], model.args[3])
+    record = measure(*model.args, dt=DT, region=region, output_names=["level", "flow"])
+    assert repr(record) == str(record)
+    lines = str(record).splitlines()
+    assert max(map(len, lines)) <= 79
+    assert lines[0].split() == ["open", "loop", "closed", "loop"]
+    assert lines[1].startswith("linearization error, level ")
+    assert len(lines[1]) == len(lines[0]) and lines[1].endswith(" %")
+    assert f"{100 * record.linearization_error[0]:.3g} %" in lines[1]
+    assert "frequency band, flow" in str(record)
+    assert "25 to 50 Hz" in str(record)
+
+
+def test_table_of_one_output_does_not_name_it():
+    one, many = np.ones(1), np.ones((6, 1))
+    bands = Bands(np.arange(7.0), many, many)
+    record = Linearizability(
+        one, *[1.0] * 5, one, *[1.0] * 7, one, None, None, bands, one
+    )
+    assert "linearization error   " in str(record) and "y0" not in str(record)
+    assert "-" in str(record)  # the region is not known
+
+
+def test_frame_has_every_number(model):
+    record = measure(*model.args, dt=DT)
+    frame = record.to_frame()
+    assert list(frame.columns) == ["quantity", "output", "f_min", "f_max", "value"]
+    by_name = frame.groupby("quantity")["value"].apply(list)
+    assert by_name["linearization_error"] == list(record.linearization_error)
+    assert by_name["peak_gain"] == [record.peak_gain]
+    assert by_name["bands.error"] == list(record.bands.error.ravel())
+    assert set(by_name.index) | {"bands", "e", "output_names"} == (
+        set(vars(record)) | {"bands.error", "bands.output", "bands"}
+    )
+    band = frame[(frame["quantity"] == "bands.output") & (frame["output"] == "y1")]
+    np.testing.assert_array_equal(band["f_max"], record.bands.edges[1:])
+
+
+def test_frame_without_pandas(model, monkeypatch):
+    real = builtins.__import__
+
+    def refuse(name, *args, **kwargs):
+        if name == "pandas":
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(ImportError, match=r"needs pandas.* Install it by pip install"):
+        measure(*model.args).to_frame()

@@ -14,7 +14,7 @@ def run(structure, rng):
     return (
         theta,
         rng.standard_normal((30, structure.nu)),
-        rng.standard_normal(structure.nx),
+        rng.standard_normal(structure.n_x0),
     )
 
 
@@ -47,10 +47,10 @@ def test_sensitivities(structure, run, rng):
 
     def trajectory(v):
         lure = structure.lure(v[: structure.n_params])
-        X = simulate(lure, u, v[structure.n_params :])
+        X = simulate(lure, u, structure.initial_state(v[structure.n_params :]))
         return channels(lure, X, u) * scale
 
-    X = simulate(structure.lure(theta), u, x0)
+    X = simulate(structure.lure(theta), u, structure.initial_state(x0))
     J = [J.copy() for _, J in sensitivities(structure, theta, X, u, scale)]
     assert_jacobian(trajectory, np.concatenate(J), np.concatenate([theta, x0]))
 
@@ -58,7 +58,7 @@ def test_sensitivities(structure, run, rng):
 @pytest.mark.parametrize("chunk", [1, 7, 30, 1000])
 def test_chunk_size_of_sensitivities_changes_nothing(structure, run, chunk):
     theta, u, x0 = run
-    X = simulate(structure.lure(theta), u, x0)
+    X = simulate(structure.lure(theta), u, structure.initial_state(x0))
     scale = np.ones(structure.nz)
     results = []
     for size in (None, chunk):

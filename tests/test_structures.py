@@ -13,31 +13,39 @@ def test_split_and_join_are_inverse(structure, rng):
 
 
 def test_join_ignores_strangers_and_fills_with_zero(structure):
-    theta = structure.join({"A": np.eye(structure.nx), "stranger": 1.0})
+    theta = structure.join({"A": np.eye(structure.n_x0), "stranger": 1.0})
     p = structure.split(theta)
-    np.testing.assert_array_equal(p["A"], np.eye(structure.nx))
+    np.testing.assert_array_equal(p["A"], np.eye(structure.n_x0))
     assert not np.any(p["B"])
 
 
 def test_lure_evaluates_the_model_equations(structure, rng):
     theta = random_theta(structure, rng)
     p = {**structure.constants, **structure.split(theta)}
-    x, u = rng.standard_normal(structure.nx), rng.standard_normal(structure.nu)
+    full, u = rng.standard_normal(structure.nx), rng.standard_normal(structure.nu)
     lure = structure.lure(theta)
-    out = lure.Theta @ regressors(lure, x[None], u[None])[0]
+    out = lure.Theta @ regressors(lure, full[None], u[None])[0]
+    x, zeta = full[: structure.n_x0], full[structure.n_x0 :]
     y = p["C"] @ x
-    h, g = np.zeros(structure.nu), np.zeros(structure.nx)
-    if "W_h" in p:
+    h, g = np.zeros(structure.nu), np.zeros(structure.n_x0)
+    if "W_y" in p:
         h = p["W_h"] @ np.tanh(p["W_y"] @ y + p["b_y"]) + p["b_h"]
+    if "W_s" in p:
+        h = p["W_h"] @ np.tanh(p["W_s"] @ x + p["b_s"]) + p["b_h"]
     if "W_2" in p:
         inner = np.tanh(p["W_x"] @ x + p["W_u"] @ u + p["b_x"])
         g = p["W_g"] @ np.tanh(p["W_2"] @ inner + p["b_2"])
     elif "W_g" in p:
         b_g = p.get("b_g", -p["W_g"] @ np.tanh(p["b_x"]))
         g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["W_u"] @ u + p["b_x"]) + b_g
-    expected = [p["A"] @ x + p["B"] @ (u + h) + g, y]
+    expected = [p["A"] @ x + p["B"] @ (u + h) + g]
+    if "zeta" in structure.states:
+        expected.append(p["A"] @ zeta + g)
+    expected.append(y)
     if "g" in structure.channels:
         expected.append(g)
+    if "e" in structure.channels:
+        expected.append(p["C"] @ zeta)
     n = structure.nx + structure.nz
     np.testing.assert_allclose(out[:n], np.concatenate(expected), atol=1e-14)
 
@@ -76,7 +84,7 @@ def test_direct_derivative_of_one_step(structure, rng):
 
 def test_tied_bias_makes_g_vanish_at_the_operating_point(rng):
     structure = state_space_structure(
-        3, 2, 1, n_g=4, C=np.ones((1, 3)), penalize_g=True
+        3, 2, 1, n_g=4, C=np.ones((1, 3)), penalty="state"
     )
     lure = structure.lure(random_theta(structure, rng))
     at_rest = regressors(lure, np.zeros((1, 3)), np.zeros((1, 2)))
@@ -89,12 +97,13 @@ def test_rescale_keeps_the_map_from_input_to_output(structure, rng):
     su = rng.uniform(0.1, 9, structure.nu)
     sy = rng.uniform(0.1, 9, structure.sizes["y"])
     q = structure.rescale(p, {"u": su, "y": sy})
-    x, u = rng.standard_normal(structure.nx), rng.standard_normal(structure.nu)
+    x, u = rng.standard_normal(structure.n_x0), rng.standard_normal(structure.nu)
     np.testing.assert_allclose(q["B"] @ (su * u), p["B"] @ u)
     np.testing.assert_allclose(q["C"] @ x, sy * (p["C"] @ x))
-    if "W_h" in p:
+    if "W_y" in p:
         y = p["C"] @ x
         np.testing.assert_allclose(q["W_y"] @ (sy * y), p["W_y"] @ y)
+    if "W_h" in p:
         np.testing.assert_allclose(q["B"] @ q["b_h"], p["B"] @ p["b_h"])
     if "W_g" in p:
         np.testing.assert_allclose(q["W_u"] @ (su * u), p["W_u"] @ u)
@@ -127,7 +136,7 @@ def test_layers_are_found_from_the_couplings():
 
 def test_feedback_cancels_h(rng):
     structure = state_space_structure(
-        2, 1, 1, n_h=3, n_g=2, C=np.ones((1, 2)), penalize_g=True
+        2, 1, 1, n_h=3, n_g=2, C=np.ones((1, 2)), penalty="state"
     )
     theta = random_theta(structure, rng)
     p = structure.split(theta)

@@ -3,6 +3,7 @@ import pytest
 
 from alssnn.criterion import Criterion
 from alssnn.simulation import channels, simulate
+from alssnn.stability import contractive_basis
 from alssnn.structures import state_space_structure
 from alssnn.subspace import LinearModel
 from alssnn.training import estimate_x0, initial_theta, train
@@ -134,3 +135,76 @@ def test_the_best_of_several_starts_goes_on(problem, rng, n_jobs):
     best = train(structure, experiments, starts, max_iter=8, tol=1e-9, n_jobs=n_jobs)
     assert best.cost == min(costs)
     assert len(set(costs)) == 3
+
+
+@pytest.fixture
+def penalized(rng):
+    """A structure with g, a linear start and a mildly nonlinear record."""
+    structure = state_space_structure(
+        2, 1, 1, n_h=2, n_g=2, C=np.array([[1.0, 0.5]]), penalty="output"
+    )
+    A, B = np.array([[0.7, 0.3], [-0.3, 0.6]]), np.array([[0.5], [1.0]])
+    u, x, y = rng.standard_normal((400, 1)), np.zeros(2), np.empty((400, 1))
+    for k in range(400):
+        y[k] = structure.constants["C"] @ x
+        x = A @ x + B @ u[k] + 0.1 * np.tanh(x) ** 2
+    linear = LinearModel(A, B, structure.constants["C"], np.zeros((1, 2)))
+    return structure, linear, [(u, y)]
+
+
+def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
+    structure, linear, experiments = penalized
+    gammas = []
+    original = Criterion.__init__
+
+    def record(self, *args, **options):
+        gammas.append(options.get("gamma"))
+        original(self, *args, **options)
+
+    monkeypatch.setattr(Criterion, "__init__", record)
+    start = initial_theta(structure, linear, experiments, rng)
+    calls = []
+    result = train(
+        structure,
+        experiments,
+        [start],
+        gamma=0.1,
+        continuation=2,
+        max_iter=5,
+        report=lambda *args: calls.append(args),
+    )
+    np.testing.assert_allclose(gammas[:3], [1.0, 0.1 * np.sqrt(10), 0.1])
+    assert sum(iteration == 0 for _, iteration, _ in calls) == 3  # three searches
+    assert result.nfev <= 15
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.2])
+def test_contractive_training_keeps_the_lyapunov_inequality(penalized, rng, phi):
+    structure, linear, experiments = penalized
+    linear = contractive_basis(linear, phi)
+    structure = state_space_structure(
+        2, 1, 1, n_h=2, n_g=2, C=linear.C, penalty="output"
+    )
+    start = initial_theta(structure, linear, experiments, rng)
+    result = train(
+        structure, experiments, [start], gamma=0.1, phi=phi, max_iter=30, tol=1e-9
+    )
+    A = structure.split(result.theta)["A"]
+    # P = I: A'A - (1 - phi) I is negative semidefinite
+    assert np.linalg.eigvalsh(A.T @ A - (1 - phi) * np.eye(2)).max() < 1e-12
+    first = Criterion(structure, experiments, gamma=0.1)
+    assert result.cost < 0.1 * first.norm(first.join(start, np.zeros((1, 2)))) ** 2
+
+
+def test_a_start_that_diverges_on_the_whole_record_is_reflected(rng):
+    structure = state_space_structure(
+        1, 1, 1, n_g=1, C=np.ones((1, 1)), penalty="output"
+    )
+    u = rng.standard_normal((20_000, 1))
+    y = np.zeros((20_000, 1))
+    for k in range(len(u) - 1):
+        y[k + 1] = 0.9 * y[k] + u[k]
+    start = structure.join({"A": [[1.01]], "B": [[1.0]], "W_x": [[1.0]]})
+    result = train(structure, [(u, y)], [start], gamma=0.1, max_iter=20, tol=1e-12)
+    assert result.cost < 1e-6
+    assert abs(structure.split(result.theta)["A"][0, 0]) < 1

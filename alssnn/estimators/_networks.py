@@ -8,11 +8,13 @@ import numpy as np
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
+from ..stability import contractive_basis
 from ..structures import state_space_structure
 from ..subspace import identify_linear
 from ..training import initial_theta, train
 from ._base import POSITIVE, StateSpaceModel
 
+FEEDBACK = StrOptions({"output", "state"})
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
 
@@ -32,34 +34,49 @@ class _Ssnn(StateSpaceModel):
         "warm_start": ["boolean"],
     }
 
+    # What a preset fixes and another lets the user choose.
+    gamma: float = 0.0
+    penalty: str | None = None
+    stability: str | None = None
+    phi: float = 0.0
+    continuation: int = 0
+
     @abstractmethod
     def _networks(self):
-        """Return the options of `state_space_structure` and gamma."""
+        """Return the sizes and kinds of networks, for `state_space_structure`."""
 
     def _identify(self, experiments, previous):
-        options, gamma = self._networks()
         report = self._reporter()
-        if previous is not None and self._fits(previous[0], options):
-            structure, starts = previous[0], [previous[1]]
+        networks = self._networks()
+        penalty = self.penalty if self.gamma > 0 else None
+        phi = self.phi if self.stability == "contractive" else None
+        if previous is not None and self._fits(previous[0], networks):
+            plain, starts = previous[0], [previous[1]]
         else:
             linear = identify_linear(experiments, self.nx, report=report)
             self.singular_values_ = linear.singular_values
+            if phi is not None:
+                linear = contractive_basis(linear, phi)
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
-            structure = state_space_structure(nx, nu, ny, C=linear.C, **options)
-            if structure.nw == 0:  # nothing to train beyond the linear model
-                return linear.as_fit()
+            plain = state_space_structure(nx, nu, ny, C=linear.C, **networks)
+            if plain.nw == 0 and phi is None:
+                return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
             starts = [
-                initial_theta(structure, linear, experiments, np.random.default_rng(s))
-                for s in seeds
+                initial_theta(plain, linear, experiments, np.random.default_rng(seed))
+                for seed in seeds
             ]
+        nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
+        C = plain.constants["C"]
         result = train(
-            structure,
+            state_space_structure(nx, nu, ny, C=C, penalty=penalty, **networks),
             experiments,
             starts,
-            gamma=gamma,
+            gamma=self.gamma,
             alpha=self.alpha,
+            phi=phi,
+            continuation=self.continuation,
             coarse_samples=self.coarse_samples,
             polish_iter=self.polish_iter,
             n_jobs=self.n_jobs,
@@ -68,17 +85,18 @@ class _Ssnn(StateSpaceModel):
             tol=self.tol,
             report=report,
         )
-        return structure, result.theta, result
+        return plain, result.theta, result
 
-    def _fits(self, structure, options):
+    def _fits(self, structure, networks):
         """Tell whether a fitted structure is the one the parameters ask for."""
         nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
         if self.nx not in ("auto", nx) or nu != self.n_features_in_:
             return False
-        wanted = state_space_structure(
-            nx, nu, ny, C=structure.constants.get("C"), **options
-        )
-        return wanted.shapes == structure.shapes and wanted.nz == structure.nz
+        if "C" not in structure.constants:  # the linear model
+            return False
+        C = structure.constants["C"]
+        wanted = state_space_structure(nx, nu, ny, C=C, **networks)
+        return wanted.shapes == structure.shapes
 
 
 class AlSsnn(_Ssnn):
@@ -105,6 +123,20 @@ class AlSsnn(_Ssnn):
         Weight of the mean of ``|g|^2`` relative to that of the output error, with
         outputs scaled to unit variance. A weight meant for unscaled outputs is
         divided by var(y).
+    feedback : {"output", "state"}, default="output"
+        What h sees: the output y (the paper), or the state x, which needs an
+        observer in the loop but linearizes more plants.
+    penalty : {"state", "output"}, default="state"
+        What gamma weighs: ``|g|^2`` in state coordinates (the paper), or ``|e|^2``,
+        what g adds to the output (eq. gauge), which no state basis can hide.
+    stability : {"contractive"} or None, default=None
+        "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract).
+    phi : float, default=0.01
+        Rate of decay for ``stability="contractive"``, per sample: ``|x|^2`` of
+        the linear part falls by the share phi in every step.
+    continuation : int, default=0
+        Number of larger weights gamma that are trained first, each half a decade
+        above the next. Small weights, and `penalty="output"`, want 4.
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
     operating_point : {"mean", "zero"} or tuple, default="mean"
@@ -143,8 +175,8 @@ class AlSsnn(_Ssnn):
     x0_ : ndarray of shape (n_experiments, nx)
         Estimated initial states of the training experiments.
     params_ : Bunch
-        All parameters by name (A, B, C, W_h, b_h, W_y, b_y, W_g, W_x, W_u, b_x), in
-        the user's units.
+        All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, W_g, W_x,
+        W_u, b_x), in the user's units.
     singular_values_ : ndarray
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
@@ -195,6 +227,11 @@ class AlSsnn(_Ssnn):
         "n_h": [COUNT],
         "n_g": [COUNT],
         "gamma": [WEIGHT],
+        "feedback": [FEEDBACK],
+        "penalty": [StrOptions({"state", "output"})],
+        "stability": [StrOptions({"contractive"}), None],
+        "phi": [Interval(Real, 0, 1, closed="left")],
+        "continuation": [COUNT],
     }
 
     def __init__(
@@ -204,6 +241,11 @@ class AlSsnn(_Ssnn):
         n_g=10,
         gamma=1.0,
         *,
+        feedback="output",
+        penalty="state",
+        stability=None,
+        phi=0.01,
+        continuation=0,
         alpha=0.0,
         operating_point="mean",
         dt=1.0,
@@ -223,6 +265,11 @@ class AlSsnn(_Ssnn):
         self.n_h = n_h
         self.n_g = n_g
         self.gamma = gamma
+        self.feedback = feedback
+        self.penalty = penalty
+        self.stability = stability
+        self.phi = phi
+        self.continuation = continuation
         self.alpha = alpha
         self.operating_point = operating_point
         self.dt = dt
@@ -239,9 +286,7 @@ class AlSsnn(_Ssnn):
         self.verbose = verbose
 
     def _networks(self):
-        penalize_g = self.n_g > 0 and self.gamma > 0
-        options = {"n_h": self.n_h, "n_g": self.n_g, "penalize_g": penalize_g}
-        return options, self.gamma
+        return {"n_h": self.n_h, "n_g": self.n_g, "feedback": self.feedback}
 
 
 class FlSsnn(_Ssnn):
@@ -261,6 +306,8 @@ class FlSsnn(_Ssnn):
         Number of states; "auto" chooses 1 to 10 from the singular values.
     n_h : int, default=10
         Hidden neurons of h; 0 leaves h out.
+    feedback : {"output", "state"}, default="output"
+        What h sees: the output y, or the state x (needs an observer in the loop).
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
     operating_point : {"mean", "zero"} or tuple, default="mean"
@@ -299,7 +346,8 @@ class FlSsnn(_Ssnn):
     x0_ : ndarray of shape (n_experiments, nx)
         Estimated initial states of the training experiments.
     params_ : Bunch
-        All parameters by name (A, B, C, W_h, b_h, W_y, b_y), in the user's units.
+        All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s), in the
+        user's units.
     singular_values_ : ndarray
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
@@ -343,6 +391,7 @@ class FlSsnn(_Ssnn):
     _parameter_constraints: ClassVar[dict] = {
         **_Ssnn._parameter_constraints,
         "n_h": [COUNT],
+        "feedback": [FEEDBACK],
     }
 
     def __init__(
@@ -350,6 +399,7 @@ class FlSsnn(_Ssnn):
         nx="auto",
         n_h=10,
         *,
+        feedback="output",
         alpha=0.0,
         operating_point="mean",
         dt=1.0,
@@ -367,6 +417,7 @@ class FlSsnn(_Ssnn):
     ):
         self.nx = nx
         self.n_h = n_h
+        self.feedback = feedback
         self.alpha = alpha
         self.operating_point = operating_point
         self.dt = dt
@@ -383,7 +434,7 @@ class FlSsnn(_Ssnn):
         self.verbose = verbose
 
     def _networks(self):
-        return {"n_h": self.n_h}, 0.0
+        return {"n_h": self.n_h, "feedback": self.feedback}
 
 
 class GrSsnn(_Ssnn):
@@ -487,6 +538,8 @@ class GrSsnn(_Ssnn):
         "n_f": [COUNT],
     }
 
+    _for_control = False
+
     def __init__(
         self,
         nx="auto",
@@ -525,4 +578,4 @@ class GrSsnn(_Ssnn):
         self.verbose = verbose
 
     def _networks(self):
-        return {"n_g": self.n_f, "tied_bias": False}, 0.0
+        return {"n_g": self.n_f, "tied_bias": False}

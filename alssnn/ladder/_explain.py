@@ -5,6 +5,7 @@ import textwrap
 import numpy as np
 
 CLEARLY = 1.1  # ratio of errors below which two models count as equally accurate
+WORTHWHILE = 2.0  # gain in linearity for which an observer pays
 TEXT_WIDTH = 79  # columns
 
 
@@ -14,21 +15,23 @@ def explain(rows, dt):
     Parameters
     ----------
     rows : sequence of Rung
-        Rows; those named LTI and AL-SSNN are spoken of.
+        Rows; those named LTI, AL-SSNN and "AL-SSNN/x" are spoken of.
     dt : float
         Sampling time, in seconds.
 
     Returns
     -------
     text : str
-        One paragraph each on accuracy, linearity and stability; empty without an
-        AL-SSNN.
+        One paragraph each on accuracy, linearity, feedback and stability; empty
+        without an AL-SSNN.
     """
     named = {row.name: row for row in rows}
     if "AL-SSNN" not in named:
         return ""
     al, lti = named["AL-SSNN"], named.get("LTI")
     sentences = [_about_linearity(al, lti), _about_stability(al, dt)]
+    if "AL-SSNN/x" in named:
+        sentences.insert(1, _about_feedback(al, named["AL-SSNN/x"]))
     if lti is not None:
         sentences.insert(0, _about_accuracy(al, lti))
     return "\n".join(
@@ -75,7 +78,7 @@ def _about_linearity(al, lti):
     )
     if lti is None or not np.isfinite(lti.rmse_test).all():
         return f"{facts}."
-    ratio = _missed(lti) / max(rest, np.finfo(float).tiny)
+    ratio = _missed(lti) / max(rest, np.finfo(float).eps)  # the rest may be 0
     if ratio > CLEARLY:
         return (
             f"{facts}: {ratio:.2g} times less than LTI misses without that feedback. "
@@ -86,6 +89,27 @@ def _about_linearity(al, lti):
         "cancelling h does not make this plant more linear. Try a larger gamma and "
         "watch what it costs in accuracy."
     )
+
+
+def _about_feedback(al, state):
+    rest, rest_state = (
+        float(100 * row.linearization_error.mean()) for row in (al, state)
+    )
+    if not np.isfinite(rest_state):
+        return (
+            "Feedback: the model with h(x) is unstable on the test data and says "
+            "nothing about state feedback."
+        )
+    facts = (
+        f"Feedback: h(y) leaves {_percent(rest)} of the output nonlinear, h(x) "
+        f"{_percent(rest_state)}"
+    )
+    if not np.isfinite(rest) or rest > WORTHWHILE * rest_state:
+        return (
+            f"{facts}: no static output feedback linearizes this plant as well. "
+            "Estimate the state by an observer and cancel h(x)."
+        )
+    return f"{facts}: an observer is not worth its while, h(y) does."
 
 
 def _about_stability(al, dt):

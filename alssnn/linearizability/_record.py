@@ -1,0 +1,247 @@
+"""What is reported on linearity: fields, a table, a data frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
+PER_OUTPUT = ("linearization_error", "closed_linearization_error", "h2_gain")
+SCALARS = (
+    "ratio_g_mean",
+    "ratio_g_max",
+    "ratio_h_mean",
+    "ratio_h_max",
+    "closed_linear_mean",
+    "closed_linear_max",
+    "closed_omega_mean",
+    "closed_omega_max",
+    "closed_ratio_mean",
+    "closed_ratio_max",
+    "spectral_radius",
+    "peak_gain",
+    "outside",
+    "closed_outside",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """Hold what e and y have in frequency bands (eq. bands).
+
+    Parameters
+    ----------
+    edges : ndarray of shape (n_bands + 1,)
+        Edges of the bands, in Hz, from 0 to the Nyquist frequency: octaves, the lowest
+        band reaching down to zero.
+    error : ndarray of shape (n_bands, ny)
+        Root mean square of e in the band over that of all of y. The squares of a
+        column add up to the square of `linearization_error`.
+    output : ndarray of shape (n_bands, ny)
+        Root mean square of the measured y in the band over that of all of y. The
+        squares of a column add up to one.
+    """
+
+    edges: np.ndarray
+    error: np.ndarray
+    output: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearizability:
+    """Report how much nonlinearity is left when h is cancelled.
+
+    Parameters
+    ----------
+    linearization_error : ndarray of shape (ny,)
+        Ratio rms(e) / rms(y) per output (eq. gauge), y the measured output as
+        deviation from the operating point. Does not depend on the state basis.
+    ratio_g_mean, ratio_g_max : float
+        Mean and maximum over time of ``|g| / |A x + B u|``, in the state basis.
+    ratio_h_mean, ratio_h_max : float
+        Mean and maximum over time of ``|h| / |A x + B u|``, h in the units of u.
+    spectral_radius : float
+        Largest modulus of the eigenvalues of A.
+    closed_linearization_error : ndarray of shape (ny,)
+        The same error of the closed loop u = v - h, where v is the recorded input:
+        rms(e) / rms(y_lin), both of the response to v, y_lin that of the linear system
+        (A, B, C) from the same initial state. There is no measured output to compare
+        with. Does not depend on the state basis.
+    closed_linear_mean, closed_linear_max : float
+        Mean and maximum over time of ``|A x + B v|`` (eq. loop).
+    closed_omega_mean, closed_omega_max : float
+        Mean and maximum over time of ``|omega|``, omega = g(x, v - h).
+    closed_ratio_mean, closed_ratio_max : float
+        Mean and maximum over time of ``|omega| / |A x + B v|``.
+    peak_gain : float
+        Maximum of ``||A^k||`` over k >= 0 (eq. gains), inf if A is not stable. Depends
+        on the state basis: much above one, small ``|g|`` says little.
+    h2_gain : ndarray of shape (ny,)
+        H2 norm from g to every output (eq. gains), in units of y per unit of the
+        states; inf if A is not stable. Depends on the state basis as `peak_gain` does.
+    outside : float or None
+        Share of samples (x, u) outside the region of the training data, where the
+        networks are extrapolated; None if it is not known.
+    closed_outside : float or None
+        The same in the closed loop, with u = v - h.
+    bands : Bands
+        The linearization error, and the output, in frequency bands.
+    e : ndarray of shape (N, ny)
+        Output-referred residual of the open loop at the samples of the data, in the
+        units of y; inf where it diverges.
+    output_names : list of str or None
+        Names of the outputs.
+
+    Notes
+    -----
+    A quantity that a diverging simulation makes meaningless is inf.
+    """
+
+    linearization_error: np.ndarray
+    ratio_g_mean: float
+    ratio_g_max: float
+    ratio_h_mean: float
+    ratio_h_max: float
+    spectral_radius: float
+    closed_linearization_error: np.ndarray
+    closed_linear_mean: float
+    closed_linear_max: float
+    closed_omega_mean: float
+    closed_omega_max: float
+    closed_ratio_mean: float
+    closed_ratio_max: float
+    peak_gain: float
+    h2_gain: np.ndarray
+    outside: float | None
+    closed_outside: float | None
+    bands: Bands
+    e: np.ndarray
+    output_names: list[str] | None = None
+
+    def __repr__(self):
+        """Return a table."""
+        rows = [
+            ("", "open loop", "closed loop"),
+            *(
+                (f"linearization error{of}", _percent(a), _percent(b))
+                for of, a, b in zip(
+                    self._suffixes(),
+                    self.linearization_error,
+                    self.closed_linearization_error,
+                    strict=True,
+                )
+            ),
+            _pair("|g| / |Ax+Bu|  mean", self.ratio_g_mean, self.closed_ratio_mean),
+            _pair("               max", self.ratio_g_max, self.closed_ratio_max),
+            _pair("|h| / |Ax+Bu|  mean", self.ratio_h_mean),
+            _pair("               max", self.ratio_h_max),
+            _pair("|Ax+Bu|        mean", None, self.closed_linear_mean),
+            _pair("               max", None, self.closed_linear_max),
+            _pair("|g|            mean", None, self.closed_omega_mean),
+            _pair("               max", None, self.closed_omega_max),
+            (
+                "samples outside the training region",
+                _percent(self.outside),
+                _percent(self.closed_outside),
+            ),
+            (),
+            ("spectral radius of A", f"{self.spectral_radius:.6f}"),
+            _pair("peak of |A^k|", self.peak_gain),
+            *(
+                _pair(f"H2 gain from g to y{of}", gain)
+                for of, gain in zip(self._suffixes(), self.h2_gain, strict=True)
+            ),
+        ]
+        bands = self.bands
+        limits = [
+            f"{low:g} to {high:g} Hz"
+            for low, high in zip(bands.edges[:-1], bands.edges[1:], strict=True)
+        ]
+        for i, of in enumerate(self._suffixes()):
+            rows += [(), (f"frequency band{of}", "rms e / rms y", "rms y / rms y")]
+            rows += [
+                (name, _percent(a), _percent(b))
+                for name, a, b in zip(
+                    limits, bands.error[:, i], bands.output[:, i], strict=True
+                )
+            ]
+        rows += [
+            (),
+            ("closed loop: u = v - h, where v is the recorded input; its",),
+            ("linearization error is relative to the linear response to v",),
+        ]
+        return "\n".join(_line(row) for row in rows)
+
+    def to_frame(self):
+        """Return all quantities but `e` as a tidy pandas DataFrame.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+            One row per number, with the columns `quantity` (the name of the field),
+            `output` (None if it belongs to no single one), `f_min` and `f_max` (edges
+            of the frequency band in Hz, nan without one) and `value`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                "`to_frame` needs pandas, which could not be imported. Install it by "
+                "pip install pandas, or print the record."
+            ) from error
+        names, edges = self._names(), self.bands.edges
+        rows = [
+            (quantity, name, np.nan, np.nan, value)
+            for quantity in PER_OUTPUT
+            for name, value in zip(names, getattr(self, quantity), strict=True)
+        ]
+        rows += [
+            (quantity, None, np.nan, np.nan, getattr(self, quantity))
+            for quantity in SCALARS
+        ]
+        rows += [
+            (f"bands.{kind}", name, edges[k], edges[k + 1], value)
+            for kind in ("error", "output")
+            for k, values in enumerate(getattr(self.bands, kind))
+            for name, value in zip(names, values, strict=True)
+        ]
+        frame = pandas.DataFrame(
+            rows, columns=["quantity", "output", "f_min", "f_max", "value"]
+        )
+        return frame.astype({"f_min": float, "f_max": float, "value": float})
+
+    def _names(self):
+        """Return a name of every output."""
+        ny = len(self.linearization_error)
+        return self.output_names or [f"y{i}" for i in range(ny)]
+
+    def _suffixes(self):
+        """Return what tells the outputs apart in the table."""
+        names = self._names()
+        return [f", {name}" for name in names] if len(names) > 1 else [""]
+
+
+# -- the table -------------------------------------------------------------------------
+
+
+def _percent(value):
+    return "-" if value is None else f"{100 * value:.3g} %"
+
+
+def _pair(name, *values):
+    """Return a row of plain numbers; None leaves a cell empty."""
+    return (name, *("" if value is None else f"{value:.3g}" for value in values))
+
+
+def _line(row):
+    """Return one line of the table; a row of one cell is a note."""
+    if len(row) < 2:
+        return "".join(row)
+    cells = [
+        cell.rjust(width) for cell, width in zip(row[1:], WIDTHS[1:], strict=False)
+    ]
+    return (row[0].ljust(WIDTHS[0]) + "".join(cells)).rstrip()

@@ -1,0 +1,94 @@
+"""Where a model was trained.
+
+A network says nothing outside the data it has seen.  A sample (x, u) is *inside* if
+
+    u and y = C x lie in the box that they spanned in training, and
+    x lies in the ellipsoid  |W' (x - center)| <= radius  of the training states,
+
+W W' being the inverse of their covariance (up to a factor) and `radius` the largest
+value in training.  Neither depends on the basis of the states.  Both are a little
+enlarged, for the initial states of the same data are not always estimated alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MARGIN = 0.01  # enlargement of the box and the ellipsoid, relative to their width
+RANK_TOL = 1e-10  # directions of x with less spread than that were not excited
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Hold the region that the training data cover.
+
+    Parameters
+    ----------
+    low, high : ndarray of shape (nu + ny,)
+        Box of [u; y], deviations in the user's units.
+    center : ndarray of shape (nx,)
+        Mean state.
+    whiten : ndarray of shape (nx, n_excited)
+        Map from deviations of the state to coordinates of equal variance.
+    radius : float
+        Largest norm in these coordinates.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    center: np.ndarray
+    whiten: np.ndarray
+    radius: float
+
+    @classmethod
+    def of(cls, X, u, y):
+        """Return the region of training trajectories.
+
+        Parameters
+        ----------
+        X : ndarray of shape (N, nx)
+            Simulated states.
+        u : ndarray of shape (N, nu)
+            Inputs.
+        y : ndarray of shape (N, ny)
+            Simulated outputs.
+
+        Returns
+        -------
+        region : Region
+            The region, enlarged by `MARGIN`.
+        """
+        uy = np.hstack([u, y])
+        low, high = uy.min(axis=0), uy.max(axis=0)
+        center = X.mean(axis=0)
+        R = np.linalg.qr(X - center, mode="r")
+        _, spread, Vt = np.linalg.svd(R, full_matrices=False)
+        excited = spread > RANK_TOL * spread.max()
+        whiten = Vt[excited].T / spread[excited]
+        radius = np.linalg.norm((X - center) @ whiten, axis=1).max()
+        slack = MARGIN * (high - low)
+        return cls(low - slack, high + slack, center, whiten, (1 + MARGIN) * radius)
+
+    def outside(self, X, u, y):
+        """Return which samples lie outside.
+
+        Parameters
+        ----------
+        X : ndarray of shape (N, nx)
+            States.
+        u : ndarray of shape (N, nu)
+            Inputs of the plant.
+        y : ndarray of shape (N, ny)
+            Outputs of the model.
+
+        Returns
+        -------
+        outside : ndarray of bool, shape (N,)
+            Whether a sample is outside; a diverged one is.
+        """
+        uy = np.hstack([u, y])
+        with np.errstate(over="ignore", invalid="ignore"):
+            distance = np.linalg.norm((X - self.center) @ self.whiten, axis=1)
+        box = np.all((uy >= self.low) & (uy <= self.high), axis=1)
+        # nan compares false
+        return ~(box & (distance <= self.radius) & np.isfinite(X).all(axis=1))

@@ -1,0 +1,227 @@
+"""Choosing gamma: accuracy against linearity along a path of warm-started fits.
+
+A large gamma gives a linear loop and a poor fit, a small one the reverse.  The path
+goes down in gamma, each fit the start of the next, which is both quicker and better
+than separate fits: training at a small gamma from a linear start ends in worse optima
+(see `training`).  The knee is the point of the curve
+
+    (log linearization error, log RMSE),   both scaled to [0, 1],
+
+farthest below the straight line between its ends.
+"""
+
+import copy
+import time
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+
+from .metrics import rmse
+
+DEFAULT_GAMMAS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class GammaPath:
+    """Hold accuracy and linearity along a path of weights gamma.
+
+    Parameters
+    ----------
+    gammas : ndarray of shape (n,)
+        Weights, falling.
+    models : tuple of object
+        Fitted estimators.
+    rmse_train, rmse_test : ndarray of shape (n,)
+        Root-mean-square error of the free-run simulation, mean over the outputs, in
+        the units of y; inf where it diverges.
+    linearization_error : ndarray of shape (n,)
+        Share rms(e) / rms(y) of the test output (eq. gauge), mean over the outputs.
+    spectral_radius : ndarray of shape (n,)
+        Largest modulus of the eigenvalues of A.
+    seconds : ndarray of shape (n,)
+        Duration of every fit, in seconds.
+    """
+
+    gammas: np.ndarray
+    models: tuple[Any, ...] = field(repr=False)
+    rmse_train: np.ndarray
+    rmse_test: np.ndarray
+    linearization_error: np.ndarray
+    spectral_radius: np.ndarray
+    seconds: np.ndarray
+
+    def knee(self):
+        """Return the index of the best trade-off.
+
+        Returns
+        -------
+        index : int
+            Stable model farthest below the line between the ends of the curve of log
+            RMSE against log linearization error; the most accurate stable model if
+            the curve is not convex anywhere.
+
+        Raises
+        ------
+        ValueError
+            If no model of the path is stable on the test data.
+        """
+        usable = np.isfinite(self.rmse_test) & np.isfinite(self.linearization_error)
+        usable &= self.spectral_radius < 1
+        if not usable.any():
+            raise ValueError(
+                "`knee` needs a stable model on the path, got none. Use larger gammas "
+                'or `stability="contractive"`.'
+            )
+        where = np.flatnonzero(usable)
+        tiny = np.finfo(float).tiny
+        across = _unit(np.log(np.maximum(self.linearization_error[where], tiny)))
+        down = _unit(np.log(np.maximum(self.rmse_test[where], tiny)))
+        depth = 1.0 - across - down  # below the line from (0, 1) to (1, 0)
+        if depth.max() <= 0:
+            return int(where[np.argmin(self.rmse_test[where])])
+        return int(where[np.argmax(depth)])
+
+    def __len__(self):
+        """Return the number of weights."""
+        return len(self.gammas)
+
+    def __str__(self):
+        """Return the path as a table; a star marks the knee."""
+        try:
+            knee = self.knee()
+        except ValueError:
+            knee = -1
+        lines = [
+            f"{'gamma':>10s}{'RMSE train':>12s}{'RMSE test':>12s}{'e/y, %':>9s}"
+            f"{'radius':>9s}{'time, s':>9s}"
+        ]
+        for i, gamma in enumerate(self.gammas):
+            lines.append(
+                f"{gamma:10.4g}{self.rmse_train[i]:12.4g}{self.rmse_test[i]:12.4g}"
+                f"{100 * self.linearization_error[i]:9.3g}"
+                f"{self.spectral_radius[i]:9.4f}{self.seconds[i]:9.1f}"
+                + (" *" if i == knee else "")
+            )
+        return "\n".join(lines)
+
+    def to_frame(self):
+        """Return the path as a pandas DataFrame.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+            One row per weight.
+        """
+        import pandas
+
+        names = ("rmse_train", "rmse_test", "linearization_error", "spectral_radius")
+        columns = {name: getattr(self, name) for name in (*names, "seconds")}
+        return pandas.DataFrame(columns, index=pandas.Index(self.gammas, name="gamma"))
+
+
+def _unit(values):
+    """Scale values to [0, 1]; equal values to 0."""
+    span = np.ptp(values)
+    return (values - values.min()) / span if span > 0 else np.zeros_like(values)
+
+
+def gamma_path(
+    estimator,
+    u,
+    y,
+    gammas=DEFAULT_GAMMAS,
+    *,
+    experiment=None,
+    test=None,
+    callback=None,
+):
+    """Fit along falling gamma, each fit the start of the next.
+
+    Parameters
+    ----------
+    estimator : AlSsnn
+        Unfitted estimator; its `gamma` is replaced and it is left alone.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    gammas : sequence of float, default=(10, 3, 1, 0.3, 0.1, 0.03, 0.01)
+        Weights; sorted to fall.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    test : Record or tuple or None, default=None
+        Test data (u, y) or (u, y, experiment); None measures on the training data.
+    callback : callable or None, default=None
+        Called as ``callback(gamma, model)`` after every fit.
+
+    Returns
+    -------
+    path : GammaPath
+        Accuracy against linearization error; ``path.models[path.knee()]`` is the
+        model at the knee.
+
+    Raises
+    ------
+    ValueError
+        If `gammas` is empty or not positive.
+
+    Notes
+    -----
+    The first weight takes `max_iter` and `polish_iter` trial steps; the others share
+    as many, so that the path costs about two fits.
+
+    Examples
+    --------
+    >>> from alssnn.model_selection import gamma_path
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> estimator = alssnn.AlSsnn(nx=6, n_h=3, n_g=3, max_iter=20, random_state=0)
+    >>> path = gamma_path(estimator, *record, gammas=[10, 1, 0.1])
+    >>> bool(path.rmse_test[-1] < path.rmse_test[0])
+    True
+    """
+    gammas = np.sort(np.asarray(gammas, dtype=float))[::-1]
+    if gammas.ndim != 1 or len(gammas) == 0 or not np.all(gammas > 0):
+        raise ValueError(
+            f"`gammas` must hold at least one positive weight, got {gammas.tolist()}. "
+            "Leave g unpenalized by GrSsnn."
+        )
+    test = (u, y, experiment) if test is None else tuple(test)
+    model = clone(estimator).set_params(warm_start=True)
+    budget = model.get_params()
+    models, seconds = [], []
+    for i, gamma in enumerate(gammas):
+        if i == 1:  # share one more fit among the others
+            share = {
+                name: max(1, budget[name] // (len(gammas) - 1))
+                for name in ("max_iter", "polish_iter")
+            }
+            model.set_params(**share, continuation=0)
+        start = time.perf_counter()
+        with warnings.catch_warnings():
+            # the path goes on from wherever a fit stops
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            model.set_params(gamma=float(gamma)).fit(u, y, experiment)
+        seconds.append(time.perf_counter() - start)
+        models.append(copy.deepcopy(model).set_params(warm_start=False))
+        if callback is not None:
+            callback(float(gamma), models[-1])
+    records = [fitted.linearizability(*test) for fitted in models]
+    return GammaPath(
+        gammas=gammas,
+        models=tuple(models),
+        rmse_train=np.array([_error(m, (u, y, experiment)) for m in models]),
+        rmse_test=np.array([_error(m, test) for m in models]),
+        linearization_error=np.array([r.linearization_error.mean() for r in records]),
+        spectral_radius=np.array([r.spectral_radius for r in records]),
+        seconds=np.array(seconds),
+    )
+
+
+def _error(model, data):
+    """Return the RMSE of the free-run simulation, inf where it diverges."""
+    y_true, y_pred = model.simulate_test(*data)
+    return rmse(y_true, y_pred) if np.isfinite(y_pred).all() else np.inf

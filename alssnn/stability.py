@@ -1,0 +1,224 @@
+"""Stability by construction: A = sqrt(1 - phi) K(Q), K a contraction for every Q.
+
+    K(Q) = Q (I + Q'Q)^(-1/2)      =>   A'A <= (1 - phi) I             (eq. contract)
+
+so that P = I is a Lyapunov matrix of A with rate phi, whatever the optimizer does to
+the free matrix Q.  Only the *compressed* problem is reparameterized: with T = dA/dQ,
+
+    J_Q = J_A T,    J_Q'J_Q = T' (J_A'J_A) T,    J_Q'r = T' J_A'r
+
+on n x n matrices, never on the record.  The state basis can no longer hide g: a
+contraction amplifies nothing on the way to the output.
+
+The linear start is brought into a basis in which its A is such a contraction: for
+r between rho(A) and (1 - phi)^(1/2), the solution P of  (A/r)' P (A/r) - P = -I  gives
+|P^(1/2) A P^(-1/2)| <= r.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cholesky, eigh, solve_discrete_lyapunov
+
+from .criterion import LeastSquares
+from .subspace import stabilize
+
+MARGIN = 0.98  # of the start inside the set that Q can reach: Q stays finite
+
+
+def contraction(Q):
+    """Return K(Q) = Q (I + Q'Q)^(-1/2), of norm below one (eq. contract).
+
+    Parameters
+    ----------
+    Q : ndarray of shape (nx, nx)
+        Free matrix.
+
+    Returns
+    -------
+    K : ndarray of shape (nx, nx)
+        Contraction.
+    """
+    eigenvalues, V = eigh(np.eye(len(Q)) + Q.T @ Q)
+    return Q @ (V / np.sqrt(eigenvalues)) @ V.T
+
+
+def contraction_derivative(Q):
+    """Return the derivative of K(Q).
+
+    Parameters
+    ----------
+    Q : ndarray of shape (nx, nx)
+        Free matrix.
+
+    Returns
+    -------
+    T : ndarray of shape (nx**2, nx**2)
+        Derivative of K.ravel() by Q.ravel().
+
+    Notes
+    -----
+    With S = I + Q'Q = V diag(s) V', the derivative of S^(-1/2) in direction dS is
+    V (F * V' dS V) V', F the divided differences of s^(-1/2) (Daleckii and Krein).
+    """
+    n = len(Q)
+    s, V = eigh(np.eye(n) + Q.T @ Q)
+    root = np.sqrt(s)
+    # (s_i^-1/2 - s_j^-1/2) / (s_i - s_j), written without cancellation
+    F = -1.0 / (np.outer(root, root) * np.add.outer(root, root))
+    inverse_root = (V / root) @ V.T
+    dQ = np.eye(n * n).reshape(n * n, n, n)
+    dS = dQ.transpose(0, 2, 1) @ Q + Q.T @ dQ
+    dK = dQ @ inverse_root + Q @ (V @ (F * (V.T @ dS @ V)) @ V.T)
+    return dK.reshape(n * n, n * n).T
+
+
+def contraction_inverse(K):
+    """Return Q with K = K(Q).
+
+    Parameters
+    ----------
+    K : ndarray of shape (nx, nx)
+        Matrix of norm below one.
+
+    Returns
+    -------
+    Q : ndarray of shape (nx, nx)
+        Free matrix.
+
+    Raises
+    ------
+    ValueError
+        If the norm of `K` is not below one.
+    """
+    eigenvalues, V = eigh(np.eye(len(K)) - K.T @ K)
+    if not eigenvalues[0] > 0:
+        norm = np.linalg.norm(K, 2)
+        raise ValueError(
+            f"`K` must have a norm below 1, got {norm:.6g}. Change the state basis."
+        )
+    return K @ (V / np.sqrt(eigenvalues)) @ V.T
+
+
+def contractive_basis(model, phi):
+    """Bring a linear model into a basis in which A'A < (1 - phi) I.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Linear model; eigenvalues of A too close to the limit are moved inside.
+    phi : float
+        Rate, 0 <= phi < 1.
+
+    Returns
+    -------
+    model : LinearModel
+        The model in the new basis, scaled by one factor so that the mean of the
+        diagonal of the basis change is one.
+    """
+    limit = np.sqrt(1.0 - phi)
+    A = stabilize(model.A, limit=MARGIN * limit)
+    if np.linalg.norm(A, 2) <= MARGIN * limit:
+        return replace(model, A=A)  # nothing to do: keep the basis
+    r = (np.abs(np.linalg.eigvals(A)).max() + limit) / 2  # radius < r < limit
+    P = solve_discrete_lyapunov((A / r).T, np.eye(len(A)))
+    T = cholesky(P)  # P = T'T
+    T /= np.sqrt(np.mean(T**2) * len(T))
+    T_inv = np.linalg.inv(T)
+    return replace(
+        model, A=T @ A @ T_inv, B=T @ model.B, C=model.C @ T_inv, x0=model.x0 @ T.T
+    )
+
+
+class Contractive(LeastSquares):
+    """Replace A by Q in the free vector of a criterion.
+
+    Parameters
+    ----------
+    criterion : Criterion
+        Criterion whose structure has a parameter A.
+    phi : float
+        Rate, 0 <= phi < 1.
+    """
+
+    def __init__(self, criterion, phi):
+        self.criterion = criterion
+        self.scale = np.sqrt(1.0 - phi)
+        self.where = criterion.structure.slices["A"]
+        self.shape = criterion.structure.shapes["A"]
+
+    def to_free(self, free):
+        """Return the free vector with A in place of Q.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector with Q.
+
+        Returns
+        -------
+        free : ndarray of shape (n,)
+            Free vector of the criterion.
+        """
+        free = np.array(free)
+        Q = free[self.where].reshape(self.shape)
+        free[self.where] = self.scale * contraction(Q).ravel()
+        return free
+
+    def from_free(self, free):
+        """Return the free vector with Q in place of A.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector of the criterion, with A'A < (1 - phi) I.
+
+        Returns
+        -------
+        free : ndarray of shape (n,)
+            Free vector with Q.
+        """
+        free = np.array(free)
+        A = free[self.where].reshape(self.shape)
+        free[self.where] = contraction_inverse(A / self.scale).ravel()
+        return free
+
+    def norm(self, free):
+        """Return |r|.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector with Q.
+
+        Returns
+        -------
+        norm : float
+            Norm of the residual.
+        """
+        return self.criterion.norm(self.to_free(free))
+
+    def normal_equations(self, free):
+        """Return J'J, J'r and |r|.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector with Q.
+
+        Returns
+        -------
+        JJ : ndarray of shape (n, n)
+            Gauss-Newton matrix.
+        Jr : ndarray of shape (n,)
+            Half the gradient of |r|^2.
+        norm : float
+            Norm of the residual.
+        """
+        JJ, Jr, norm = self.criterion.normal_equations(self.to_free(free))
+        Q = free[self.where].reshape(self.shape)
+        T = self.scale * contraction_derivative(Q)
+        JJ[self.where] = T.T @ JJ[self.where]
+        JJ[:, self.where] = JJ[:, self.where] @ T
+        Jr[self.where] = T.T @ Jr[self.where]
+        return JJ, Jr, norm

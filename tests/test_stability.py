@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+
+from alssnn.criterion import Criterion
+from alssnn.stability import (
+    Contractive,
+    contraction,
+    contraction_derivative,
+    contraction_inverse,
+    contractive_basis,
+)
+from alssnn.structures import state_space_structure
+from alssnn.subspace import LinearModel
+from helpers import random_theta, simulate_linear
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0, 1e3])
+def test_every_Q_gives_a_contraction_and_comes_back(rng, size):
+    Q = size * rng.standard_normal((4, 4))
+    K = contraction(Q)
+    assert np.linalg.norm(K, 2) < 1
+    np.testing.assert_allclose(contraction_inverse(K), Q, rtol=1e-6 * max(1, size**2))
+
+
+def test_derivative_of_the_contraction(rng):
+    Q = rng.standard_normal((3, 3))
+    T = np.empty((9, 9))
+    for i in range(9):
+        dQ = np.zeros(9)
+        dQ[i] = 1e-6
+        dQ = dQ.reshape(3, 3)
+        T[:, i] = (contraction(Q + dQ) - contraction(Q - dQ)).ravel() / 2e-6
+    # central differences, step 1e-6
+    np.testing.assert_allclose(contraction_derivative(Q), T, atol=1e-9)
+
+
+def test_a_norm_of_one_has_no_Q():
+    with pytest.raises(ValueError, match=r"norm below 1, got 2\. Change the state"):
+        contraction_inverse(2 * np.eye(2))
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.01, 0.3])
+@pytest.mark.parametrize("radius", [0.5, 0.95, 1.2])
+def test_contractive_basis(rng, phi, radius):
+    A = rng.standard_normal((4, 4))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    model = LinearModel(
+        A, rng.standard_normal((4, 2)), rng.standard_normal((1, 4)), np.ones((3, 4))
+    )
+    new = contractive_basis(model, phi)
+    assert np.linalg.norm(new.A, 2) < np.sqrt(1 - phi)
+    if radius < 0.98 * np.sqrt(1 - phi):  # inside: the same system in another basis
+        u = rng.standard_normal((30, 2))
+        for i in range(3):
+            np.testing.assert_allclose(
+                simulate_linear(new.A, new.B, new.C, u, new.x0[i]),
+                simulate_linear(model.A, model.B, model.C, u, model.x0[i]),
+                atol=1e-10,
+            )
+
+
+def test_normal_equations_by_Q(rng):
+    structure = state_space_structure(
+        3, 1, 1, n_h=2, n_g=2, C=np.ones((1, 3)), penalty="state"
+    )
+    u, y = rng.standard_normal((40, 1)), rng.standard_normal((40, 1))
+    criterion = Criterion(structure, [(u, y)], gamma=0.5)
+    problem = Contractive(criterion, phi=0.1)
+    theta = random_theta(structure, rng, radius=0.3)
+    p = structure.split(theta)
+    p["A"] *= 0.5 / np.linalg.norm(p["A"], 2)
+    free = problem.from_free(criterion.join(structure.join(p), rng.standard_normal(3)))
+    np.testing.assert_allclose(problem.to_free(free)[:9], p["A"].ravel(), atol=1e-14)
+    JJ, Jr, norm = problem.normal_equations(free)
+    assert norm == problem.norm(free)
+    gradient = [
+        (problem.norm(free + d) ** 2 - problem.norm(free - d) ** 2) / 2e-5 / 2
+        for d in 1e-5 * np.eye(len(free))
+    ]
+    np.testing.assert_allclose(Jr, gradient, atol=1e-8)  # central differences
+    J = np.array(
+        [
+            (
+                criterion.residuals(problem.to_free(free + d))
+                - criterion.residuals(problem.to_free(free - d))
+            )
+            / 2e-5
+            for d in 1e-5 * np.eye(len(free))
+        ]
+    )
+    np.testing.assert_allclose(JJ, J @ J.T, atol=1e-8)
