@@ -9,7 +9,6 @@ Needs the recording in ALSSNN_DATA_HOME.
 
 import argparse
 import os
-import time
 import warnings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -19,29 +18,10 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, GrSsnn
 from alssnn.datasets import fetch_wiener_hammerstein
+from benchmarks._curves import cost_curve
 
 SAMPLES = slice(10_000, 18_000)
 TIMES = (5, 10, 20, 40)
-
-
-def cost_curve(model, record):
-    """Return times and costs of the accepted steps of the training."""
-    points, start = [], time.perf_counter()
-    reporter = type(model)._reporter
-
-    def record_points(self):
-        def report(label, iteration, cost):
-            if label == "train":
-                points.append((time.perf_counter() - start, cost))
-
-        return report
-
-    type(model)._reporter = record_points
-    try:
-        model.fit(record.u[SAMPLES], record.y[SAMPLES])
-    finally:
-        type(model)._reporter = reporter
-    return np.array(points), time.perf_counter() - start
 
 
 def main():
@@ -63,10 +43,12 @@ def main():
         for seed in options.seeds:
             for method in ("lm", "trf"):
                 model.set_params(method=method, random_state=seed)
-                points, seconds = cost_curve(model, record)
-                mv = 1e3 * y.std() * np.sqrt(points[:, 1])
-                at = [mv[points[:, 0] <= t][-1] for t in TIMES]
-                cells = "".join(f"{value:9.3f}" for value in [*at, mv[-1], seconds])
+                curve = cost_curve(model, record.u[SAMPLES], record.y[SAMPLES])
+                times, costs = curve.stage("train")
+                mv = 1e3 * y.std() * np.sqrt(costs)
+                at = [mv[times <= t][-1] for t in TIMES]
+                values = [*at, mv[-1], curve.seconds]
+                cells = "".join(f"{value:9.3f}" for value in values)
                 print(f"{name:10s}{method:8s}{seed:4d}{cells}", flush=True)
 
 

@@ -8,6 +8,7 @@ import pytest
 import alssnn
 from alssnn import cli
 from alssnn.datasets import Record, make_wiener_hammerstein
+from alssnn.tables import read_csv
 
 SMALL = ["--nx", "6", "--n-h", "2", "--n-g", "2", "--n-f", "2", "--max-iter", "3"]
 RECORD = make_wiener_hammerstein(800, noise=0.01, random_state=0)
@@ -248,7 +249,7 @@ def test_faults_of_the_package_keep_their_traceback(plant, monkeypatch):
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
 def test_reads_any_common_delimiter(tmp_path, delimiter):
     path = write_csv(tmp_path / "plant.csv", delimiter)
-    u, y, labels = cli.read_csv(path, ["u"], ["y"])
+    u, y, labels = read_csv(path, ["u"], ["y"])
     np.testing.assert_allclose(np.hstack([u, y]), np.hstack([*RECORD]), rtol=1e-8)
     assert labels is None
 
@@ -258,9 +259,9 @@ def test_reads_columns_in_the_order_asked_for(tmp_path):
     text = '\ufeff"t", "u, left",y,note,u2\n0,1,2,free text,3\n\n1,4,5,,6\n,,,,\n'
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"columns: t,"):
-        cli.read_csv(path, ["x"], ["y"])
+        read_csv(path, ["x"], ["y"])
     path.write_text(text.replace(', "', ',"'), encoding="utf-8")
-    u, y, labels = cli.read_csv(path, ["u2", "u, left"], ["y"], "t")
+    u, y, labels = read_csv(path, ["u2", "u, left"], ["y"], "t")
     np.testing.assert_array_equal(u, [[3, 1], [6, 4]])
     np.testing.assert_array_equal(y, [[2], [5]])
     assert labels.tolist() == ["0", "1"]
@@ -292,7 +293,7 @@ def test_long_headers_are_shortened(tmp_path):
     path = tmp_path / "plant.csv"
     path.write_text(",".join(f"channel_{i}" for i in range(1000)) + "\n")
     with pytest.raises(ValueError, match=r"channel_9, .*\[\.\.\.\]") as caught:
-        cli.read_csv(path, ["u"], ["y"])
+        read_csv(path, ["u"], ["y"])
     assert len(str(caught.value)) < 600
 
 

@@ -22,6 +22,7 @@ from ..structures import Structure
 from ..training import estimate_x0
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
+WEIGHT = Interval(Real, 0, None, closed="left")
 
 
 class StateSpaceModel(

@@ -1,0 +1,102 @@
+"""Records from CSV files: named columns, and errors that say where to look."""
+
+import csv
+import textwrap
+
+import numpy as np
+
+DELIMITERS = ",;\t"
+COLUMNS_SHOWN = 300  # characters of a header in a message
+
+
+def read_csv(path, inputs, outputs, experiment=None):
+    """Read the columns of a record from a CSV file with a header.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File; columns are separated by comma, semicolon or tab, whichever the header
+        has most of.
+    inputs : sequence of str
+        Names of the columns of the inputs.
+    outputs : sequence of str
+        Names of the columns of the outputs.
+    experiment : str or None, default=None
+        Name of the column of labels.
+
+    Returns
+    -------
+    u : ndarray of shape (N, nu)
+        Inputs.
+    y : ndarray of shape (N, ny)
+        Outputs.
+    experiment : ndarray of str of shape (N,) or None
+        Labels.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If a column is missing, ambiguous or asked for twice, a value is not a finite
+        number, or there are no samples.
+    """
+    names = [*inputs, *outputs]
+    wanted = names if experiment is None else [*names, experiment]
+    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+        header = file.readline()
+        delimiter = max(DELIMITERS, key=header.count)
+        columns = [c.strip() for c in next(csv.reader([header], delimiter=delimiter))]
+        places = _find_columns(path, columns, wanted)
+        reader = csv.reader(file, delimiter=delimiter)
+        values, labels = [], []
+        for fields in reader:
+            if not any(field.strip() for field in fields):
+                continue  # blank lines, as at the end of many files
+            cells = [fields[i].strip() if i < len(fields) else "" for i in places]
+            line = reader.line_num + 1  # the header was read before
+            values.append(_numbers(path, names, cells, line))
+            labels.append(cells[-1])
+    if not values:
+        raise ValueError(
+            f"`{path}` must hold samples below its header, got none. "
+            "Write one line per sample."
+        )
+    data = np.array(values)
+    u, y = data[:, : len(inputs)], data[:, len(inputs) :]
+    return u, y, None if experiment is None else np.array(labels)
+
+
+def _find_columns(path, columns, wanted):
+    """Return the places of the wanted columns."""
+    found_columns = textwrap.shorten(", ".join(columns), COLUMNS_SHOWN)
+    for name in wanted:
+        if columns.count(name) != 1:
+            found = "none" if name not in columns else "several"
+            raise ValueError(
+                f"`{path}` must have one column {name!r}, got {found}. Its first "
+                f"line names the columns: {found_columns}."
+            )
+        if wanted.count(name) != 1:
+            raise ValueError(
+                f"`--input`, `--output` and `--experiment` must name different "
+                f"columns, got {name!r} twice. Its role can only be one."
+            )
+    return [columns.index(name) for name in wanted]
+
+
+def _numbers(path, names, cells, line):
+    values = []
+    for name, cell in zip(names, cells, strict=False):  # the label may follow
+        try:
+            value = float(cell)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise ValueError(
+                f"`{path}` must hold finite numbers with a decimal point, got "
+                f"{cell!r} in column {name!r} at line {line}. Fill the gap, or cut "
+                "the record there."
+            )
+        values.append(value)
+    return values
