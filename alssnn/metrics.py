@@ -13,6 +13,8 @@ function here removes a transient: slice both arguments first.
 import numpy as np
 from sklearn.utils import check_array
 
+__all__ = ["fit_percent", "nrmse", "rmse"]
+
 
 def rmse(y_true, y_pred, *, multioutput="uniform_average"):
     """Compute the root-mean-square error.
