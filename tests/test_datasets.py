@@ -2,20 +2,33 @@ import os
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import integrate, signal
 
 from alssnn.datasets import (
     Record,
     fetch_wiener_hammerstein,
+    make_duffing,
+    make_pendulum,
+    make_prey_predator,
     make_wiener_hammerstein,
 )
 
 DT = 1 / 51_200  # s
+MAKERS = [
+    make_wiener_hammerstein,
+    make_pendulum,
+    make_duffing,
+    partial(make_duffing, excitation="stairs"),
+    make_prey_predator,
+]
+every_maker = pytest.mark.parametrize("make", MAKERS, ids=range(len(MAKERS)))
 
 
 @pytest.fixture
@@ -130,7 +143,7 @@ def test_record_errors(changed, error, message):
         Record(**(arguments | changed))
 
 
-# Simulated Wiener-Hammerstein plant
+# All simulated plants
 
 
 def test_import_is_light():
@@ -141,20 +154,84 @@ def test_import_is_light():
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
-def test_plant_reproduces_record():
-    record = make_wiener_hammerstein(2_000, random_state=0)
+@every_maker
+def test_plant_reproduces_record(make):
+    record = make(2_000, random_state=0)
     y = simulate_plant(record.plant, record.u, record.x0)
     # rounding of a compiled transfer function against a recursion
     np.testing.assert_allclose(y, record.y, rtol=0, atol=1e-10)
 
 
-def test_plant_reproduces_record_in_python_control():
+@every_maker
+def test_plant_reproduces_record_in_python_control(make):
     control = pytest.importorskip("control")
-    record = make_wiener_hammerstein(500, random_state=0)
+    record = make(500, random_state=0)
     response = control.input_output_response(
-        record.plant, np.arange(500) * record.dt, record.u.T, X0=record.x0
+        record.plant,
+        np.arange(500) * record.dt,
+        record.u.T,
+        X0=record.x0,
+        squeeze=False,
     )
-    np.testing.assert_allclose(response.outputs, record.y[:, 0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(response.outputs.T, record.y, rtol=0, atol=1e-10)
+    assert record.plant.dt == record.dt
+    assert len(record.x0) == record.plant.nstates
+
+
+@every_maker
+def test_noise_is_relative_to_the_output(make):
+    clean = make(5_000, random_state=3)
+    noisy = make(5_000, noise=0.1, random_state=3)
+    np.testing.assert_array_equal(noisy.u, clean.u)
+    np.testing.assert_array_equal(noisy.x0, clean.x0)
+    e = noisy.y - clean.y
+    assert e.std() == pytest.approx(0.1 * clean.y.std(), rel=0.05)
+    assert abs(np.mean(e[1:] * e[:-1])) < 0.05 * e.var()  # white
+
+
+@every_maker
+def test_random_state_is_reproducible(make):
+    first = make(100, noise=0.1, random_state=5)
+    again = make(100, noise=0.1, random_state=5)
+    other = make(100, noise=0.1, random_state=6)
+    np.testing.assert_array_equal(first.y, again.y)
+    assert not np.allclose(first.y, other.y)
+    clean, longer = make(100, random_state=5), make(150, random_state=5)
+    np.testing.assert_allclose(longer.u[:100], first.u, rtol=1e-12)
+    np.testing.assert_allclose(longer.y[:100], clean.y, rtol=1e-9, atol=1e-12)
+    seeded = make(100, noise=0.1, random_state=np.random.RandomState(5))
+    np.testing.assert_array_equal(seeded.y, first.y)
+
+
+@every_maker
+def test_simulated_record_without_plant_pickles(make):
+    record = replace(make(1, random_state=0), plant=None)
+    assert len(record) == 1
+    copy = pickle.loads(pickle.dumps(record))
+    np.testing.assert_array_equal(copy.y, record.y)
+    np.testing.assert_array_equal(copy.x0, record.x0)
+
+
+@every_maker
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"n_samples": 10.0}, TypeError, "`n_samples` must be an int, got 10.0"),
+        ({"n_samples": True}, TypeError, "`n_samples` must be an int, got True"),
+        ({"n_samples": 0}, ValueError, "`n_samples` must be at least 1, got 0"),
+        ({"noise": "low"}, TypeError, "`noise` must be a number, got 'low'"),
+        ({"noise": -0.1}, ValueError, "`noise` must be nonnegative and finite, got"),
+        ({"noise": np.nan}, ValueError, "`noise` must be nonnegative and finite, got"),
+        ({"amplitude": None}, TypeError, "`amplitude` must be a number, got None"),
+        ({"amplitude": 0}, ValueError, "`amplitude` must be positive and finite, got"),
+    ],
+)
+def test_maker_errors(make, arguments, error, message):
+    with pytest.raises(error, match=message):
+        make(**arguments)
+
+
+# Simulated Wiener-Hammerstein plant
 
 
 def test_plant_signals():
@@ -227,46 +304,117 @@ def test_record_is_stationary_and_band_limited():
     assert power[frequencies < 8_000].sum() / power.sum() > 0.7
 
 
-def test_noise_is_relative_to_the_output():
-    clean = make_wiener_hammerstein(20_000, random_state=3)
-    noisy = make_wiener_hammerstein(20_000, noise=0.1, random_state=3)
-    np.testing.assert_array_equal(noisy.u, clean.u)
-    np.testing.assert_array_equal(noisy.x0, clean.x0)
-    e = noisy.y - clean.y
-    assert e.std() == pytest.approx(0.1 * clean.y.std(), rel=0.03)
-    assert abs(np.mean(e[1:] * e[:-1])) < 0.03 * e.var()  # white
+# Simulated pendulum, Duffing oscillator, prey and predator
 
 
-def test_random_state_is_reproducible():
-    first = make_wiener_hammerstein(100, noise=0.1, random_state=5)
-    again = make_wiener_hammerstein(100, noise=0.1, random_state=5)
-    other = make_wiener_hammerstein(100, noise=0.1, random_state=6)
-    np.testing.assert_array_equal(first.y, again.y)
-    assert not np.allclose(first.u, other.u)
-    longer = make_wiener_hammerstein(150, random_state=5)
-    np.testing.assert_allclose(longer.u[:100], first.u, rtol=1e-12)
-    seeded = make_wiener_hammerstein(
-        100, noise=0.1, random_state=np.random.RandomState(5)
-    )
-    np.testing.assert_array_equal(seeded.y, first.y)
+def pendulum_rates(t, x, u):
+    return [x[1], u[0] - 9.81 * np.sin(x[0]) - 0.8 * x[1]]
+
+
+def duffing_rates(t, x, u):
+    return [x[1], u[0] - 0.1 * x[1] - x[0] - x[0] ** 3]
+
+
+def prey_predator_rates(t, x, u):
+    x1, x2, x3 = x
+    return [
+        0.2 * x1 - 0.01 * x1 * x2 - 0.05 * x1 * x3 + u[0] ** 2,
+        0.1 * x2 - 0.01 * x1 * x2 - 0.05 * x2 * x3 + u[1] ** 2,
+        -0.5 * x3 + 0.02 * x1 * x3 + 0.02 * x2 * x3,
+    ]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "message"),
+    ("make", "rates"),
     [
-        ({"n_samples": 10.0}, TypeError, "`n_samples` must be an int, got 10.0"),
-        ({"n_samples": True}, TypeError, "`n_samples` must be an int, got True"),
-        ({"n_samples": 0}, ValueError, "`n_samples` must be at least 1, got 0"),
-        ({"noise": "low"}, TypeError, "`noise` must be a number, got 'low'"),
-        ({"noise": -0.1}, ValueError, "`noise` must be nonnegative and finite, got"),
-        ({"noise": np.nan}, ValueError, "`noise` must be nonnegative and finite, got"),
-        ({"amplitude": None}, TypeError, "`amplitude` must be a number, got None"),
-        ({"amplitude": 0}, ValueError, "`amplitude` must be positive and finite, got"),
+        (make_pendulum, pendulum_rates),
+        (make_duffing, duffing_rates),
+        (make_prey_predator, prey_predator_rates),
     ],
 )
-def test_make_wiener_hammerstein_errors(arguments, error, message):
+def test_plant_integrates_its_equation(make, rates):
+    record = make(40, random_state=0)
+    exact = x = record.x0
+    for k in range(40):
+        held = (0, record.dt), exact
+        solution = integrate.solve_ivp(
+            rates, *held, args=(record.u[k],), rtol=1e-10, atol=1e-12
+        )
+        exact, x = solution.y[:, -1], record.plant.dynamics(k, x, record.u[k])
+    np.testing.assert_allclose(x, exact, rtol=1e-4, atol=1e-5)
+
+
+def test_prey_predator_is_bounded():
+    record = make_prey_predator()
+    assert record.u.shape == (50_000, 2) and record.dt == 0.05
+    assert 4 < record.y.min() and record.y.max() < 30
+    assert record.y[25_000:].std() == pytest.approx(1.476, abs=0.001)
+    np.testing.assert_array_equal(record.x0, [30, 30, 20])
+    t = 0.05 * 777
+    expected = 2 * np.sin(t + 1) + 2 * np.sin(t / 10 + 1)
+    assert record.u[777, 1] == pytest.approx(expected)
+
+
+def test_pendulum_stays_below_the_top():
+    for seed in range(5):
+        u, y = make_pendulum(4_000, random_state=seed)
+        assert np.abs(y).max() < 2 and np.abs(u).max() <= 4
+        changes = np.diff(np.flatnonzero(np.diff(u[:, 0])))
+        assert changes.min() >= 4 and changes.max() <= 30  # 0.2 to 1.5 s
+
+
+@pytest.mark.parametrize("excitation", ["multisine", "stairs"])
+def test_duffing_excitation(excitation):
+    record = make_duffing(20_000, excitation=excitation, random_state=0)
+    assert record.u.std() == pytest.approx(0.1, rel=0.03)
+    if excitation == "multisine":
+        frequencies, power = signal.welch(record.u[:, 0], 1 / 0.4, nperseg=1_024)
+        above = power[frequencies > 3.2 / (2 * np.pi)].sum()
+        assert above < 0.01 * power.sum()
+
+
+@pytest.mark.parametrize(
+    ("make", "floor"),
+    [
+        (make_pendulum, 0.107),
+        (make_duffing, 0.321),
+        (partial(make_duffing, excitation="stairs"), 0.156),
+    ],
+)
+def test_oscillators_are_far_from_linear(make, floor):
+    record = make(20_000, random_state=0)
+    assert linear_floor(record, n_taps=400) == pytest.approx(floor, abs=0.02)
+    # stationary: the start is as lively as the rest
+    assert record.y[:500].std() > 0.4 * record.y.std()
+    almost_linear = make(5_000, amplitude=0.001, random_state=0)
+    assert linear_floor(almost_linear, n_taps=400) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "error", "message"),
+    [
+        (make_pendulum, {"gravity": "g"}, TypeError, "`gravity` must be a number"),
+        (make_pendulum, {"damping": 0}, ValueError, "`damping` must be positive"),
+        (make_pendulum, {"hold": 1.0}, ValueError, "`hold` must be 2 finite numbers"),
+        (make_pendulum, {"hold": (2, 1)}, ValueError, "`hold` must be an increasing"),
+        (make_pendulum, {"hold": (0, 1)}, ValueError, "`hold` must be an increasing"),
+        (make_pendulum, {"amplitude": 30.0}, ValueError, "must keep the arm below"),
+        (make_pendulum, {"amplitude": 1e300}, ValueError, "must keep the arm below"),
+        (make_duffing, {"k1": -1.0}, ValueError, "`k1` must be positive and finite"),
+        (make_duffing, {"k3": True}, TypeError, "`k3` must be a number, got True"),
+        (make_duffing, {"amplitude": 1e6}, ValueError, "must keep the oscillator slow"),
+        (make_duffing, {"excitation": "sine"}, ValueError, "must be 'multisine' or"),
+        (make_prey_predator, {"a": 0.2}, ValueError, "`a` must be 2 finite numbers"),
+        (make_prey_predator, {"d": (1, np.nan)}, ValueError, "`d` must be 2 finite"),
+        (make_prey_predator, {"x0": "many"}, ValueError, "`x0` must be 3 finite"),
+        (make_prey_predator, {"x0": (1, -1, 1)}, ValueError, "positive and finite pop"),
+        (make_prey_predator, {"dt": 5.0}, ValueError, "positive and finite pop"),
+        (make_prey_predator, {"e": 0}, ValueError, "`e` must be positive and finite"),
+    ],
+)
+def test_plant_errors(make, arguments, error, message):
     with pytest.raises(error, match=message):
-        make_wiener_hammerstein(**arguments)
+        make(1_000, random_state=0, **arguments)
 
 
 # Measured Wiener-Hammerstein record

@@ -28,11 +28,10 @@ are zero, one per filter.
    Symposium on System Identification (SYSID), Saint-Malo, 2009.
 """
 
-from numbers import Integral, Real
-
 import numpy as np
 from sklearn.utils import check_random_state
 
+from ._checks import _check_positive, _check_samples
 from ._record import Record
 
 SAMPLING_RATE = 51_200.0  # Hz, of the benchmark
@@ -112,7 +111,8 @@ def make_wiener_hammerstein(
     >>> record.plant.nstates
     6
     """
-    _check_arguments(n_samples, noise, amplitude)
+    _check_samples(n_samples, noise)
+    _check_positive("amplitude", amplitude, "Give the standard deviation in volts.")
     rng = check_random_state(random_state)
     dt = 1 / SAMPLING_RATE
     first, second = _wiener_hammerstein_filters(dt)
@@ -130,32 +130,6 @@ def make_wiener_hammerstein(
         y = y + noise * y.std() * rng.standard_normal(n_samples)
     plant = _wiener_hammerstein_plant(first, second, dt)
     return Record(u, y, dt, "simulated Wiener-Hammerstein", plant, x0)
-
-
-def _check_arguments(n_samples, noise, amplitude):
-    """Check the arguments that the makers share."""
-    if isinstance(n_samples, bool) or not isinstance(n_samples, Integral):
-        raise TypeError(
-            f"`n_samples` must be an int, got {n_samples!r}. Give a number of samples."
-        )
-    if n_samples < 1:
-        raise ValueError(
-            f"`n_samples` must be at least 1, got {n_samples}. "
-            "Give a positive number of samples."
-        )
-    for name, value in (("noise", noise), ("amplitude", amplitude)):
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise TypeError(f"`{name}` must be a number, got {value!r}. Give a float.")
-    if not 0 <= noise < np.inf:
-        raise ValueError(
-            f"`noise` must be nonnegative and finite, got {noise}. "
-            "Use 0.01 for noise of 1 % of the output."
-        )
-    if not 0 < amplitude < np.inf:
-        raise ValueError(
-            f"`amplitude` must be positive and finite, got {amplitude}. "
-            "Give the standard deviation of the input in volts."
-        )
 
 
 def _band_limited_noise(n_samples, dt, rng):
