@@ -1,0 +1,29 @@
+"""From an identified model to a closed loop, with the objects of python-control.
+
+    x+ = A x + B (u + h(s)) + g(x, u)        y = C x        u = v - h(s)   (eq. loop)
+
+`export` turns the model into systems, `law` cancels h, `observer` estimates the state,
+`design` computes gains for (A, B, C), and `loop` connects them.
+
+python-control is imported in this package and nowhere else.  Its objects cannot be
+pickled, so none is ever stored: they are built on demand.  Its axes are (signals,
+time), ours (time, signals).
+"""
+
+from .design import lqi, lqr, place
+from .export import Dynamics, signal_names, to_statespace
+from .law import LinearizingLaw
+from .loop import closed_loop
+from .observer import Observer
+
+__all__ = [
+    "Dynamics",
+    "LinearizingLaw",
+    "Observer",
+    "closed_loop",
+    "lqi",
+    "lqr",
+    "place",
+    "signal_names",
+    "to_statespace",
+]

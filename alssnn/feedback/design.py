@@ -1,0 +1,175 @@
+"""Gains for the linear part (A, B, C), by python-control.
+
+The law u = v - h(s) leaves x+ = A x + B (v - u_offset), y = C x + y_offset, for which
+these functions compute v = ... - K x_hat.  All matrices are in the user's units.  They
+check what python-control would only fail on: that v reaches every state that must be
+moved (the test of Popov, Belevitch and Hautus).
+"""
+
+import control
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from .observer import check_weight
+
+CONTROLLABLE = 1e-9  # smallest singular value, relative, of [A - lambda I, B]
+
+
+def lqr(model, Q, R):
+    """Return the gain of the linear-quadratic regulator.
+
+    It minimizes the sum of x' Q x + v' R v by v = -K x (deviations).
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    Q : array_like of shape (nx, nx)
+        Weight of the states; ``C_.T @ Qy @ C_`` weighs the outputs.
+    R : array_like of shape (nu, nu)
+        Weight of the inputs v.
+
+    Returns
+    -------
+    K : ndarray of shape (nu, nx)
+        Gain; give it to `closed_loop`.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If a weight is not positive (semi)definite or has the wrong size, or (A, B)
+        has an uncontrollable unstable mode.
+
+    See Also
+    --------
+    lqi : The same with integrators, for references without offset.
+    """
+    A, B, _ = _matrices(model)
+    Q = check_weight("Q", Q, len(A))
+    R = check_weight("R", R, B.shape[1], definite=True)
+    _check_controllable(A, B, radius=1.0)
+    return _solve(control.dlqr, A, B, Q, R)
+
+
+def lqi(model, Q, R):
+    """Return the gain of the linear-quadratic regulator with integrators.
+
+    The state x is augmented by z+ = z + y - r, the sum of the tracking error, so that
+    y settles at a constant reference without offset; v = -K [x; z].
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    Q : array_like of shape (nx + ny, nx + ny)
+        Weight of the states and of the integrators (in the units of y).
+    R : array_like of shape (nu, nu)
+        Weight of the inputs v.
+
+    Returns
+    -------
+    K : ndarray of shape (nu, nx + ny)
+        Gain of states and integrators; give it to `closed_loop`.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If a weight is not positive (semi)definite or has the wrong size, or v cannot
+        move every output to a constant reference.
+
+    See Also
+    --------
+    lqr : The same without integrators.
+    """
+    A, B, C = _matrices(model)
+    nx, (ny, nu) = len(A), (len(C), B.shape[1])
+    if ny > nu:
+        raise ValueError(
+            f"`model` must have at most as many outputs as inputs, got {ny} outputs "
+            f"and {nu} inputs. Identify a model of the outputs that have a reference."
+        )
+    Q = check_weight("Q", Q, nx + ny)
+    R = check_weight("R", R, nu, definite=True)
+    size = np.linalg.norm(C, axis=1, keepdims=True)
+    integrators = np.hstack([C / size, np.eye(ny)])
+    augmented = np.vstack([np.hstack([A, np.zeros((nx, ny))]), integrators])
+    _check_controllable(augmented, np.vstack([B, np.zeros((ny, nu))]), radius=1.0)
+    return _solve(control.dlqr, A, B, Q, R, integral_action=C)
+
+
+def place(model, poles):
+    """Return the gain that places the poles of the linear loop.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    poles : array_like of shape (nx,)
+        Eigenvalues of A - B K, complex ones in conjugate pairs; stable inside the
+        unit circle. None may occur more than nu times.
+
+    Returns
+    -------
+    K : ndarray of shape (nu, nx)
+        Gain; give it to `closed_loop`.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the number of poles is wrong, they are repeated too often or not in
+        conjugate pairs, or (A, B) is not controllable.
+    """
+    A, B, _ = _matrices(model)
+    poles = np.asarray(poles)
+    if poles.shape != (len(A),):
+        raise ValueError(
+            f"`poles` must have shape ({len(A)},), got {poles.shape}. Give one pole "
+            "per state."
+        )
+    _check_controllable(A, B, radius=0.0)
+    try:
+        return np.asarray(control.place(A, B, poles))
+    except ValueError as error:
+        raise ValueError(
+            "`poles` must come in conjugate pairs, none more often than nu = "
+            f"{B.shape[1]} times, got {poles}. Move them apart."
+        ) from error
+
+
+def _matrices(model):
+    check_is_fitted(model)
+    return model.A_, model.B_, model.C_
+
+
+def _check_controllable(A, B, radius):
+    """Refuse modes from a radius on that B does not reach."""
+    size = np.linalg.norm(B, axis=0)
+    B = B / np.where(size > 0, size, 1.0)  # the units of u do not matter
+    for mode in np.linalg.eigvals(A):
+        if abs(mode) < radius - CONTROLLABLE:
+            continue
+        pencil = np.hstack([A - mode * np.eye(len(A)), B])
+        values = np.linalg.svd(pencil, compute_uv=False)
+        if values[-1] < CONTROLLABLE * values[0]:
+            raise ValueError(
+                "`model` must have a controllable pair (A, B), got a mode "
+                f"{mode:.6g} that v does not reach. Lower `nx`, or leave out the "
+                "outputs that the inputs do not move."
+            )
+
+
+def _solve(design, *args, **options):
+    try:
+        K, _, _ = design(*args, **options)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "`Q` and `R` must give a stable loop, got a Riccati equation without "
+            "solution. Weigh every state in `Q`, or make the weights more alike."
+        ) from error
+    return np.asarray(K)

@@ -1,0 +1,360 @@
+"""Identified models as systems of python-control.
+
+`to_statespace` makes a linear system from given matrices.  `Dynamics` is the whole
+identified model, one step at a time and in the units of the user: states are
+deviations, u and y carry their operating point,
+
+    x+ = f(x, u - u_offset),        y = C x + y_offset.
+
+With the Lur'e form of f (eq. lure) its derivatives are those of (eq. sens):
+
+    [A B; C D](x, u) = M + W R V
+"""
+
+import re
+from dataclasses import dataclass
+
+import control
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from ..lure import Lure
+from ..simulation import neuron_gains, regressors
+
+
+def signal_names(names, letter, size):
+    """Return names of signals that python-control accepts.
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        Names in the user's data, such as DataFrame columns.
+    letter : str
+        Letter of default names ``letter[0]``, ``letter[1]``, ...
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    names : list of str
+        One unique name per signal; "." means `system.signal` there and becomes "_".
+    """
+    if names is None:
+        return [f"{letter}[{i}]" for i in range(size)]
+    clean = [re.sub(r"\.", "_", str(name)) for name in names]
+    return [
+        name if clean.index(name) == i else f"{name}_{i}"
+        for i, name in enumerate(clean)
+    ]
+
+
+def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
+    """Return a discrete-time `control.StateSpace` with named signals.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix.
+    B : ndarray of shape (nx, nu)
+        Input matrix.
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+    D : ndarray of shape (ny, nu)
+        Feedthrough matrix.
+    dt : float
+        Sampling time, in seconds.
+    inputs, outputs : sequence of str or None, default=None
+        Names of the signals.
+    name : str or None, default=None
+        Name of the system.
+
+    Returns
+    -------
+    sys : control.StateSpace
+        The system.
+    """
+    return control.ss(
+        A,
+        B,
+        C,
+        D,
+        dt,
+        inputs=signal_names(inputs, "u", B.shape[1]),
+        outputs=signal_names(outputs, "y", C.shape[0]),
+        states=signal_names(None, "x", A.shape[0]),
+        name=name,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """Hold one step of an identified model, in the units of the user.
+
+    The methods `update` and `output` have the signature that python-control expects
+    and can be pickled.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model with the states x alone, the channel y, and deviations in the user's
+        units.
+    u_offset : ndarray of shape (nu,)
+        Operating point of the inputs, in the units of u.
+    y_offset : ndarray of shape (ny,)
+        Operating point of the outputs, in the units of y.
+    dt : float
+        Sampling time, in seconds.
+    inputs, outputs : list of str
+        Names of the signals.
+    name : str
+        Name of the model.
+    """
+
+    lure: Lure
+    u_offset: np.ndarray
+    y_offset: np.ndarray
+    dt: float
+    inputs: list
+    outputs: list
+    name: str
+
+    @classmethod
+    def of(cls, model):
+        """Return the dynamics of a fitted estimator.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model of this package.
+
+        Returns
+        -------
+        dynamics : Dynamics
+            One step of the model.
+
+        Raises
+        ------
+        NotFittedError
+            If the model is not fitted.
+        """
+        check_is_fitted(model)
+        lure, _ = model._plant()
+        return cls(
+            lure,
+            model.u_offset_,
+            model.y_offset_,
+            model.dt,
+            signal_names(getattr(model, "feature_names_in_", None), "u", lure.nu),
+            signal_names(model.output_names_, "y", len(model.C_)),
+            type(model).__name__,
+        )
+
+    def step(self, x, u):
+        """Return the next state.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,)
+            State.
+        u : ndarray of shape (nu,)
+            Input, in the user's units.
+
+        Returns
+        -------
+        x_next : ndarray of shape (nx,)
+            State one sample later.
+        """
+        phi = regressors(self.lure, x[None], (u - self.u_offset)[None])[0]
+        return self.lure.Theta[: self.lure.nx] @ phi
+
+    def measure(self, x):
+        """Return the output, which does not depend on the input.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,)
+            State.
+
+        Returns
+        -------
+        y : ndarray of shape (ny,)
+            Output, in the user's units.
+        """
+        nx, nz = self.lure.nx, self.lure.nz
+        return self.lure.M[nx : nx + nz, :nx] @ x + self.y_offset
+
+    def jacobian(self, x, du):
+        """Return the linearization at a state and an input.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,)
+            State.
+        du : ndarray of shape (nu,)
+            Deviation of the input from the operating point, in the units of u.
+
+        Returns
+        -------
+        A : ndarray of shape (nx, nx)
+            Derivative of x+ by x.
+        B : ndarray of shape (nx, nu)
+            Derivative of x+ by u.
+        C : ndarray of shape (ny, nx)
+            Derivative of y by x.
+        D : ndarray of shape (ny, nu)
+            Derivative of y by u.
+        """
+        lure, nx = self.lure, self.lure.nx
+        w = regressors(lure, x[None], du[None])[:, nx + lure.nu : -1]
+        J = lure.M + neuron_gains(lure, lure.W, w)[0] @ lure.V  # (eq. sens)
+        return J[:nx, :nx], J[:nx, nx:], J[nx:, :nx], J[nx:, nx:]
+
+    def linearize(self, x=None, u=None):
+        """Return the linearization at an operating point as a system.
+
+        Parameters
+        ----------
+        x : array_like of shape (nx,) or None, default=None
+            State; None means the operating point of the fit, zero.
+        u : array_like of shape (nu,) or None, default=None
+            Deviation of the input from `u_offset_`; None means zero.
+
+        Returns
+        -------
+        sys : control.StateSpace
+            Discrete-time system of deviations from (x, u).
+
+        Raises
+        ------
+        ValueError
+            If `x` or `u` has the wrong size.
+        """
+        x = check_point("x", x, self.lure.nx)
+        u = check_point("u", u, self.lure.nu)
+        A, B, C, D = self.jacobian(x, u)
+        return to_statespace(
+            A,
+            B,
+            C,
+            D,
+            self.dt,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            name=self.name,
+        )
+
+    def update(self, t, x, u, params):
+        """Return the next state, for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State.
+        u : ndarray of shape (nu,)
+            Input, in the user's units.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        x_next : ndarray of shape (nx,)
+            State one sample later.
+        """
+        return self.step(x, u)
+
+    def output(self, t, x, u, params):
+        """Return the output, for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State.
+        u : ndarray of shape (nu,)
+            Input; not used, y = C x.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        y : ndarray of shape (ny,)
+            Output, in the user's units.
+        """
+        return self.measure(x)
+
+    def output_and_state(self, t, x, u, params):
+        """Return the output and the state, for loops that feed the state back.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State.
+        u : ndarray of shape (nu,)
+            Input; not used.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        yx : ndarray of shape (ny + nx,)
+            Output in the user's units, then the state.
+        """
+        return np.concatenate([self.measure(x), x])
+
+    def to_nlsys(self):
+        """Return the model as a system of python-control.
+
+        Returns
+        -------
+        sys : control.NonlinearIOSystem
+            Discrete-time system from u to y, in the user's units.
+        """
+        return control.nlsys(
+            self.update,
+            self.output,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            states=signal_names(None, "x", self.lure.nx),
+            dt=self.dt,
+            name=self.name,
+        )
+
+
+def check_point(name, value, size):
+    """Return a vector of given size; None stands for zero.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like of shape (size,) or None
+        The argument.
+    size : int
+        Its length.
+
+    Returns
+    -------
+    value : ndarray of shape (size,)
+        The vector.
+
+    Raises
+    ------
+    ValueError
+        If the size is wrong or a value not finite.
+    """
+    if value is None:
+        return np.zeros(size)
+    value = np.asarray(value, dtype=float)
+    if value.shape != (size,):
+        raise ValueError(
+            f"`{name}` must have shape ({size},), got {value.shape}. Give one value "
+            "per signal."
+        )
+    if not np.isfinite(value).all():
+        raise ValueError(f"`{name}` must be finite, got {value}.")
+    return value

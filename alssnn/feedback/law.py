@@ -1,0 +1,223 @@
+"""The linearizing law u = v - h(s): one static feedback cancels the matched part.
+
+The law lives in the units of the user.  Its input v has the units of u, and the linear
+system (A, B, C) sees v - u_offset:
+
+    u = v - h(s - s_offset)     =>     x+ = A x + B (v - u_offset) + g,   y = C x + ...
+
+s is the measured y (s_offset = y_offset) for a model with output feedback, and the
+estimated state x_hat (s_offset = 0) for one with state feedback.
+"""
+
+import control
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from ..networks import evaluate_h
+from .export import signal_names
+
+NETWORK = ("W_h", "b_h", "W_y", "b_y", "W_s", "b_s", "B")
+
+
+class LinearizingLaw:
+    """Cancel the matched nonlinearity h of an identified model, ``u = v - h(s)``.
+
+    For a model without h the law is the identity (up to saturation). It can be
+    pickled.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u_min : float, array_like of shape (nu,) or None, default=None
+        Lower limits of the actuators, in the units of u; None means no limit.
+    u_max : float, array_like of shape (nu,) or None, default=None
+        Upper limits of the actuators, in the units of u.
+
+    Attributes
+    ----------
+    feedback : {"output", "state"}
+        What the law measures: s = y, or s = x_hat.
+    u_min, u_max : ndarray of shape (nu,)
+        Limits; infinite where there is none.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If a limit has the wrong size, is NaN, or `u_min` is not below `u_max`.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=2, max_iter=20, tol=1e-2, random_state=0)
+    >>> law = model.fit(record.u, record.y).linearizing_law(u_min=-2, u_max=2)
+    >>> law([0.1], [0.0]).shape
+    (1,)
+    """
+
+    def __init__(self, model, u_min=None, u_max=None):
+        check_is_fitted(model)
+        p = model.params_
+        self._p = {name: p[name] for name in NETWORK if name in p}
+        self.feedback = "state" if "W_s" in p else "output"
+        nu, state = p["B"].shape[1], self.feedback == "state"
+        self._offset = np.zeros(model.nx_) if state else model.y_offset_
+        self._dt = model.dt
+        self._inputs = signal_names(getattr(model, "feature_names_in_", None), "u", nu)
+        self._measured = signal_names(
+            None if state else model.output_names_,
+            "x_hat" if state else "y",
+            len(self._offset),
+        )
+        self.u_min = _limit("u_min", u_min, nu, -np.inf)
+        self.u_max = _limit("u_max", u_max, nu, np.inf)
+        if not np.all(self.u_min < self.u_max):
+            raise ValueError(
+                f"`u_min` must be below `u_max`, got {self.u_min} and {self.u_max}. "
+                "Exchange them."
+            )
+
+    def __call__(self, v, s):
+        """Return the input that makes the model linear from v.
+
+        Parameters
+        ----------
+        v : array_like of shape (nu,) or (N, nu)
+            Input of the linear system, in the units of u (operating point included).
+        s : array_like of shape (ns,) or (N, ns)
+            Measured output, in the units of y, or estimated state.
+
+        Returns
+        -------
+        u : ndarray of shape (nu,) or (N, nu)
+            Input for the plant, within the limits.
+        """
+        return self.split(v, s)[0]
+
+    def split(self, v, s):
+        """Return the input and the part of it that the limits cut off.
+
+        Parameters
+        ----------
+        v : array_like of shape (nu,) or (N, nu)
+            Input of the linear system, in the units of u (operating point included).
+        s : array_like of shape (ns,) or (N, ns)
+            Measured output, in the units of y, or estimated state.
+
+        Returns
+        -------
+        u : ndarray of shape (nu,) or (N, nu)
+            Input for the plant, within the limits.
+        cut : ndarray of shape (nu,) or (N, nu)
+            Part cut off, v - h(s) - u; zero where not saturated. The linear system
+            sees v - cut.
+
+        Raises
+        ------
+        ValueError
+            If `v` or `s` has the wrong number of columns, or both differ in rows.
+        """
+        v = _rows("v", v, len(self.u_min))
+        s = _rows("s", s, len(self._offset))
+        if v.ndim == s.ndim == 2 and len(v) != len(s):
+            raise ValueError(
+                "`v` and `s` must have the same number of rows, got "
+                f"{len(v)} and {len(s)}."
+            )
+        wanted = v - self._h(s)
+        u = np.clip(wanted, self.u_min, self.u_max)
+        return u, wanted - u
+
+    def bounds_on_v(self, s):
+        """Return the interval of v that the limits of the actuators leave.
+
+        Parameters
+        ----------
+        s : array_like of shape (ns,) or (N, ns)
+            Measured output, in the units of y, or estimated state.
+
+        Returns
+        -------
+        v_min : ndarray of shape (nu,) or (N, nu)
+            Lower bound, u_min + h(s); -inf without a limit.
+        v_max : ndarray of shape (nu,) or (N, nu)
+            Upper bound, u_max + h(s); inf without a limit.
+
+        Raises
+        ------
+        ValueError
+            If `s` has the wrong number of columns.
+        """
+        h = self._h(_rows("s", s, len(self._offset)))
+        return self.u_min + h, self.u_max + h
+
+    def output(self, t, x, signals, params):
+        """Return u for the stacked inputs (v, s), for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (0,)
+            Not used, the law has no state.
+        signals : ndarray of shape (nu + ns,)
+            The inputs v, then s.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        u : ndarray of shape (nu,)
+            Input for the plant.
+        """
+        v, s = np.split(signals, [len(self.u_min)])
+        return self(v, s)
+
+    def to_nlsys(self):
+        """Return the law as a static block of python-control.
+
+        Returns
+        -------
+        sys : control.NonlinearIOSystem
+            Block without state from (v[0], ..., s) to u. The signals of u and y have
+            the names of the training data, those of the state are ``x_hat[0]``, ...
+        """
+        return control.nlsys(
+            None,
+            self.output,
+            inputs=[*signal_names(None, "v", len(self.u_min)), *self._measured],
+            outputs=self._inputs,
+            dt=self._dt,
+            name="law",
+        )
+
+    def _h(self, s):
+        return evaluate_h(self._p, np.atleast_2d(s - self._offset)).reshape(
+            *s.shape[:-1], len(self.u_min)
+        )
+
+
+def _limit(name, value, size, default):
+    """Return a limit for every input."""
+    if value is None:
+        return np.full(size, default)
+    value = np.asarray(value, dtype=float)
+    if value.shape not in [(), (size,)] or np.isnan(value).any():
+        raise ValueError(
+            f"`{name}` must be a number or have shape ({size},), without NaN, got "
+            f"{value}. Use -inf or inf for inputs without a limit."
+        )
+    return np.broadcast_to(value, size).copy()
+
+
+def _rows(name, value, size):
+    """Return one sample or one per row."""
+    value = np.asarray(value, dtype=float)
+    if value.ndim not in (1, 2) or value.shape[-1] != size:
+        raise ValueError(
+            f"`{name}` must have shape ({size},) or (N, {size}), got {value.shape}. "
+            "Time runs down the rows."
+        )
+    return value

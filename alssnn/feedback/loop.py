@@ -1,0 +1,345 @@
+"""Closed loops: plant, linearizing law, controller and observer, connected by name.
+
+    r -> controller -> v -> law -> u -> plant -> y,    observer: (u, y) -> x_hat
+
+All signals are in the user's units.  The controller is linear and works on deviations:
+`LinearController` is the one place where the operating point enters and leaves.  The
+plant must be strictly proper, else law and observer close an algebraic loop.
+"""
+
+from dataclasses import dataclass
+
+import control
+import numpy as np
+
+from .export import Dynamics, signal_names
+from .law import LinearizingLaw
+from .observer import Observer
+
+
+@dataclass(frozen=True, eq=False)
+class LinearController:
+    """Hold a linear controller that works on deviations.
+
+    Its state is z, its inputs r, y and x_hat, its output v:
+    z+ = A z + B e, v = v_offset + C z + D e with e = (r, y, x_hat) - offset.
+
+    Parameters
+    ----------
+    A, B, C, D : ndarray
+        Matrices.
+    offset : ndarray of shape (nr + ny + nx,)
+        Operating point of the inputs.
+    v_offset : ndarray of shape (nu,)
+        Operating point of the output.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    offset: np.ndarray
+    v_offset: np.ndarray
+
+    def update(self, t, z, signals, params):
+        """Return the next state, for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        z : ndarray of shape (nz,)
+            State of the controller.
+        signals : ndarray of shape (nr + ny + nx,)
+            The inputs r, y and x_hat.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        z_next : ndarray of shape (nz,)
+            State one sample later.
+        """
+        return self.A @ z + self.B @ (signals - self.offset)
+
+    def output(self, t, z, signals, params):
+        """Return v, for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        z : ndarray of shape (nz,)
+            State of the controller.
+        signals : ndarray of shape (nr + ny + nx,)
+            The inputs r, y and x_hat.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        v : ndarray of shape (nu,)
+            Input of the linear system.
+        """
+        return self.v_offset + self.C @ z + self.D @ (signals - self.offset)
+
+
+def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=None):
+    """Return the closed loop of a plant and a controller designed on a model.
+
+    Exactly one of `gain` and `controller` is given.
+
+    Parameters
+    ----------
+    plant : estimator or system of python-control
+        What is controlled, from u to y in the user's units (operating point
+        included): the model itself, another fitted model, or any strictly proper
+        discrete-time system.
+    model : estimator
+        Fitted model that law, gain and observer are made from.
+    gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
+        Static gain on the state, v = r - K x_hat with r in the units of u; or, with
+        integrators (`lqi`), v = u_offset - K [x_hat; z], z+ = z + y - r with r in the
+        units of y.
+    controller : control.StateSpace, control.TransferFunction or None, default=None
+        Discrete-time controller with output v and the inputs (r, y), or r - y alone;
+        it acts on deviations from the operating point. r has the units of y.
+    observer : Observer or None, default=None
+        Source of x_hat, with constant gain. None takes the true state if `plant` is
+        `model`, and else ``model.observer()``. Left out where nothing needs x_hat.
+    law : LinearizingLaw or None, default=None
+        Linearizing law, for example with limits; None takes
+        ``model.linearizing_law()``.
+
+    Returns
+    -------
+    loop : control.InterconnectedSystem
+        Discrete-time system with inputs ``r[0]``, ... and outputs y, u (names of the
+        training data) and ``v[0]``, ...; at rest at the operating point, r equals
+        u_offset (static gain) or y_offset.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    TypeError
+        If plant, controller, observer or law is of another type.
+    ValueError
+        If sizes or sampling times do not fit, a system is continuous in time, the
+        plant is not strictly proper, the observer has no constant gain, or not
+        exactly one of `gain` and `controller` is given.
+
+    Notes
+    -----
+    With limits in `law` the integrators wind up while an actuator saturates.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import closed_loop, lqi
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> loop = closed_loop(model, model, lqi(model, np.eye(5), np.eye(1)))
+    >>> loop.input_labels, loop.output_labels
+    (['r[0]'], ['y[0]', 'u[0]', 'v[0]'])
+    """
+    dynamics = Dynamics.of(model)
+    law = LinearizingLaw(model) if law is None else law
+    if not isinstance(law, LinearizingLaw):
+        raise TypeError(
+            f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
+            "`model.linearizing_law`."
+        )
+    if (gain is None) == (controller is None):
+        raise ValueError(
+            "Exactly one of `gain` and `controller` must be given, got "
+            f"{'none' if gain is None else 'both'}."
+        )
+    if gain is None:
+        block, of_y = _from_lti(controller, dynamics), True
+    else:
+        block, of_y = _from_gain(gain, dynamics)
+    needs_state = gain is not None or law.feedback == "state"
+    shows_state = plant is model and observer is None
+    names = _Names(dynamics, of_y, gain is not None)
+    blocks = [
+        names.plant(plant, dynamics, needs_state and shows_state),
+        names.controller(block),
+        names.law(law),
+    ]
+    if needs_state and not shows_state:
+        blocks.append(names.observer(observer, model))
+    return names.connect(blocks)
+
+
+class _Names:
+    """Name the signals inside the loop alike, whatever the user calls them."""
+
+    def __init__(self, dynamics, of_y, by_state):
+        nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
+        self.dynamics, self.dt, self.by_state = dynamics, dynamics.dt, by_state
+        self.x = signal_names(None, "x_hat", nx)
+        self.u, self.v = (signal_names(None, letter, nu) for letter in "uv")
+        self.y = signal_names(None, "y", ny)
+        self.r = signal_names(None, "r", ny if of_y else nu)
+
+    def _block(self, update, output, inputs, outputs, states, name):
+        return control.nlsys(
+            update,
+            output,
+            inputs=inputs,
+            outputs=outputs,
+            states=states,
+            dt=self.dt,
+            name=name,
+        )
+
+    def plant(self, plant, dynamics, with_state):
+        if with_state:
+            return self._block(
+                dynamics.update,
+                dynamics.output_and_state,
+                self.u,
+                self.y + self.x,
+                dynamics.lure.nx,
+                "plant",
+            )
+        if hasattr(plant, "to_nlsys"):
+            plant = plant.to_nlsys()
+        if isinstance(plant, control.TransferFunction):
+            plant = control.ss(plant)
+        if not isinstance(plant, control.NonlinearIOSystem):
+            raise TypeError(
+                "`plant` must be a fitted model or a system of python-control, got "
+                f"{type(plant).__name__}. Wrap it in control.nlsys."
+            )
+        _check_dt("plant", plant, self.dt)
+        sizes, expected = (plant.ninputs, plant.noutputs), (len(self.u), len(self.y))
+        if sizes != expected:
+            raise ValueError(
+                "`plant` must have as many inputs and outputs as the model, "
+                f"{expected}, got {sizes}. Identify a model of this plant."
+            )
+        if isinstance(plant, control.StateSpace) and np.any(plant.D):
+            raise ValueError(
+                "`plant` must be strictly proper, got a nonzero D. Add a delay of one "
+                "sample."
+            )
+        plant = plant.copy(name="plant", use_prefix_suffix=False)
+        plant.update_names(inputs=self.u, outputs=self.y)
+        return plant
+
+    def controller(self, block):
+        return self._block(
+            block.update,
+            block.output,
+            self.r + self.y + (self.x if self.by_state else []),
+            self.v,
+            len(block.A),
+            "controller",
+        )
+
+    def law(self, law):
+        s = self.x if law.feedback == "state" else self.y
+        sys = law.to_nlsys()
+        sizes, expected = (sys.ninputs, sys.noutputs), (len(self.v + s), len(self.u))
+        if sizes != expected:
+            raise ValueError(
+                "`law` must have as many inputs and outputs as the model asks for, "
+                f"{expected}, got {sizes}. Use `model.linearizing_law`."
+            )
+        sys.update_names(inputs=self.v + s, outputs=self.u)
+        return sys
+
+    def observer(self, observer, model):
+        observer = Observer(model) if observer is None else observer
+        if not isinstance(observer, Observer):
+            raise TypeError(
+                f"`observer` must be an Observer, got {type(observer).__name__}. Use "
+                "`model.observer`."
+            )
+        sys = observer.to_nlsys()
+        sizes = (sys.ninputs, sys.noutputs)
+        expected = (len(self.u) + len(self.y), len(self.x))
+        if sizes != expected:
+            raise ValueError(
+                "`observer` must have as many inputs and outputs as the model asks "
+                f"for, {expected}, got {sizes}. Use `model.observer`."
+            )
+        sys.update_names(inputs=self.u + self.y, outputs=self.x)
+        return sys
+
+    def connect(self, blocks):
+        outputs = [*self.dynamics.outputs, *self.dynamics.inputs, *self.v]
+        return control.interconnect(
+            blocks,
+            inplist=[f"controller.{name}" for name in self.r],
+            outlist=[
+                *(f"plant.{name}" for name in self.y),
+                *(f"law.{name}" for name in self.u),
+                *(f"controller.{name}" for name in self.v),
+            ],
+            inputs=self.r,
+            outputs=signal_names(outputs, "", len(outputs)),  # makes them unique
+            name="loop",
+            check_unused=False,
+        )
+
+
+def _from_gain(gain, dynamics):
+    """Return the controller of a gain, and whether r is a reference of y."""
+    nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
+    K = np.asarray(gain, dtype=float)
+    if K.shape not in [(nu, nx), (nu, nx + ny)] or not np.isfinite(K).all():
+        raise ValueError(
+            f"`gain` must be finite and have shape ({nu}, {nx}) or ({nu}, {nx + ny}), "
+            f"got shape {K.shape}. Use `lqr`, `place` or `lqi`."
+        )
+    K_x, K_z = K[:, :nx], K[:, nx:]
+    if not K_z.size:
+        D = np.hstack([np.eye(nu), np.zeros((nu, ny)), -K_x])
+        offset = np.concatenate([dynamics.u_offset, dynamics.y_offset, np.zeros(nx)])
+        empty = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((nu, 0))
+        return LinearController(*empty, D, offset, dynamics.u_offset), False
+    B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx))])
+    D = np.hstack([np.zeros((nu, 2 * ny)), -K_x])
+    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset, np.zeros(nx)])
+    matrices = np.eye(ny), B, -K_z, D
+    return LinearController(*matrices, offset, dynamics.u_offset), True
+
+
+def _from_lti(controller, dynamics):
+    """Return the controller of a linear system with inputs (r, y) or r - y."""
+    nu, ny = dynamics.lure.nu, len(dynamics.y_offset)
+    if not isinstance(controller, control.StateSpace | control.TransferFunction):
+        raise TypeError(
+            "`controller` must be a StateSpace or TransferFunction, got "
+            f"{type(controller).__name__}. Give a matrix as `gain`."
+        )
+    _check_dt("controller", controller, dynamics.dt)
+    sys = control.ss(controller)
+    if sys.noutputs != nu or sys.ninputs not in (ny, 2 * ny):
+        raise ValueError(
+            f"`controller` must have {nu} outputs and {ny} inputs (r - y) or {2 * ny} "
+            f"(r, y), got {sys.noutputs} and {sys.ninputs}."
+        )
+    B, D = sys.B, sys.D
+    if sys.ninputs == ny:
+        B, D = np.hstack([B, -B]), np.hstack([D, -D])
+    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset])
+    return LinearController(sys.A, B, sys.C, D, offset, dynamics.u_offset)
+
+
+def _check_dt(name, sys, dt):
+    """Refuse continuous time and other sampling times."""
+    if sys.dt == 0:
+        raise ValueError(
+            f"`{name}` must be discrete in time with dt={dt}, got a continuous-time "
+            "system. Discretize it, for example with control.sample_system."
+        )
+    if sys.dt is None or sys.dt is True:  # not specified
+        return
+    if not np.isclose(sys.dt, dt, rtol=1e-9, atol=0):
+        raise ValueError(
+            f"`{name}` must have the sampling time of the model, dt={dt}, got "
+            f"{sys.dt}. Resample it, or give the estimator the right `dt`."
+        )

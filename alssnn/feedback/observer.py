@@ -1,0 +1,325 @@
+"""Observers: the state of an identified model from measured inputs and outputs.
+
+An estimate is corrected by the measurement and predicted by the whole model f,
+
+    x_hat_k = x_k + M (y_k - C x_k - y_offset),      x_{k+1} = f(x_hat_k, u_k),
+
+so that x_hat_k uses y up to sample k and u up to sample k - 1 and is there in time for
+u_k = v_k - h(x_hat_k).  The gain M is constant, from the stationary Riccati equation at
+the operating point ("kalman"), or follows the linearization along the way ("ekf").
+"""
+
+import control
+import numpy as np
+
+from .export import Dynamics, check_point, signal_names
+
+PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
+FIT_FLOOR = 1e-6  # share of var(y) below which a residual says nothing about noise
+
+
+class Observer:
+    """Estimate the state of an identified model, sample by sample.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    Q : array_like of shape (nx, nx) or None, default=None
+        Covariance of the process noise per sample, in the units of the states. None
+        means 1e-4 times the identity: states have about unit variance.
+    R : array_like of shape (ny, ny) or None, default=None
+        Covariance of the measurement noise, in the units of y. None takes the
+        variance that the fit leaves, the cost times the variance of each output, at
+        least 1e-6 of the latter.
+    kind : {"kalman", "ekf"}, default="kalman"
+        Constant gain for the linearization at the operating point, or extended
+        Kalman filter with the analytic Jacobian. Both predict by the whole model.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of observer.
+    Q, R : ndarray
+        Covariances in use.
+    gain : ndarray of shape (nx, ny)
+        Stationary gain M of the correction at the operating point.
+    x_hat : ndarray of shape (nx,)
+        Current estimate.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If `kind` is unknown, `Q` or `R` is not a covariance of the right size, or
+        the model is not detectable.
+
+    Notes
+    -----
+    `control.dlqe` returns the covariance P of the predicted state, from which
+    M = P C' (C P C' + R)^-1.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=6).fit(record.u, record.y)
+    >>> model.observer().filter(record.u, record.y).shape
+    (1500, 6)
+    """
+
+    def __init__(self, model, Q=None, R=None, kind="kalman"):
+        if kind not in ("kalman", "ekf"):
+            raise ValueError(f"`kind` must be 'kalman' or 'ekf', got {kind!r}.")
+        self.kind = kind
+        self.dynamics = Dynamics.of(model)
+        nx, ny = model.nx_, len(model.C_)
+        if Q is None:
+            Q = PROCESS_NOISE * np.eye(nx)
+        if R is None:
+            variance = max(model.cost_, FIT_FLOOR) * model._scaling.y_scale**2
+            R = np.diag(variance)
+        self.Q = check_weight("Q", Q, nx)
+        self.R = check_weight("R", R, ny, definite=True)
+        A, _, C, _ = self.dynamics.jacobian(np.zeros(nx), np.zeros(len(model.B_.T)))
+        self._C = C
+        self._P_inf = _stationary_covariance(A, C, self.Q, self.R)
+        self.gain = self._gain(self._P_inf)
+        self.reset()
+
+    def reset(self, x0=None):
+        """Start anew.
+
+        Parameters
+        ----------
+        x0 : array_like of shape (nx,) or None, default=None
+            Estimate before the first measurement; None means the operating point.
+
+        Raises
+        ------
+        ValueError
+            If `x0` has the wrong size.
+        """
+        self.x_hat = check_point("x0", x0, len(self.Q))
+        # the start is as uncertain as the states are large
+        self._P = self._P_inf + np.eye(len(self.Q))
+        self._started = False
+
+    def step(self, u, y):
+        """Return the estimate for a new measurement.
+
+        Parameters
+        ----------
+        u : array_like of shape (nu,)
+            Input since the last measurement, u_{k-1} in the user's units; ignored
+            in the first step.
+        y : array_like of shape (ny,)
+            New measurement y_k, in the user's units.
+
+        Returns
+        -------
+        x_hat : ndarray of shape (nx,)
+            Estimate of x_k.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `y` has the wrong size.
+        """
+        u = check_point("u", u, self.dynamics.lure.nu)
+        y = check_point("y", y, len(self.R))
+        if self._started:
+            if self.kind == "ekf":
+                A = self.dynamics.jacobian(self.x_hat, u - self.dynamics.u_offset)[0]
+                self._P = A @ self._P @ A.T + self.Q
+            self.x_hat = self.dynamics.step(self.x_hat, u)
+        self._started = True
+        M = self.gain
+        if self.kind == "ekf":
+            M = self._gain(self._P)
+            self._P = self._P - M @ self._C @ self._P
+            self._P = (self._P + self._P.T) / 2
+        self.x_hat = self._correct(M, self.x_hat, y)
+        return self.x_hat
+
+    def filter(self, u, y, x0=None):
+        """Return the estimates along a record.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N, ny)
+            Outputs.
+        x0 : array_like of shape (nx,) or None, default=None
+            Estimate before the first measurement.
+
+        Returns
+        -------
+        X_hat : ndarray of shape (N, nx)
+            Estimates; row k uses the outputs up to k and the inputs up to k - 1.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit.
+
+        Notes
+        -----
+        The observer itself, its state included, does not change.
+        """
+        u, y = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
+        nu, ny = self.dynamics.lure.nu, len(self.R)
+        if y.ndim == 1 and ny == 1:
+            y = y[:, None]
+        if u.shape != (len(y), nu) or y.shape != (len(u), ny):
+            raise ValueError(
+                f"`u` and `y` must have shapes (N, {nu}) and (N, {ny}), got {u.shape} "
+                f"and {y.shape}. Time runs down the rows."
+            )
+        runner = object.__new__(type(self))
+        runner.__dict__.update(self.__dict__)
+        runner.reset(x0)
+        before = np.vstack([u[:1], u[:-1]])
+        return np.array([runner.step(*pair) for pair in zip(before, y, strict=True)])
+
+    def update(self, t, x, signals, params):
+        """Return the predicted state for (u, y), for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State predicted for this sample.
+        signals : ndarray of shape (nu + ny,)
+            Inputs, then outputs, in the user's units.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        x_next : ndarray of shape (nx,)
+            State predicted for the next sample.
+        """
+        u, y = np.split(signals, [self.dynamics.lure.nu])
+        return self.dynamics.step(self._correct(self.gain, x, y), u)
+
+    def output(self, t, x, signals, params):
+        """Return the corrected state for (u, y), for python-control.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State predicted for this sample.
+        signals : ndarray of shape (nu + ny,)
+            Inputs (not used), then outputs, in the user's units.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        x_hat : ndarray of shape (nx,)
+            Estimate.
+        """
+        return self._correct(self.gain, x, signals[self.dynamics.lure.nu :])
+
+    def to_nlsys(self):
+        """Return the observer with constant gain as a system of python-control.
+
+        Returns
+        -------
+        sys : control.NonlinearIOSystem
+            System from (u, y), with the names of the training data, to ``x_hat[0]``,
+            ...; its states are the predictions.
+
+        Raises
+        ------
+        ValueError
+            If the observer is an extended Kalman filter.
+        """
+        if self.kind != "kalman":
+            raise ValueError(
+                f"`kind` must be 'kalman' for a system of python-control, got "
+                f"{self.kind!r}. Use `step` or `filter`, or the constant gain."
+            )
+        return control.nlsys(
+            self.update,
+            self.output,
+            inputs=[*self.dynamics.inputs, *self.dynamics.outputs],
+            outputs=signal_names(None, "x_hat", len(self.Q)),
+            states=signal_names(None, "x", len(self.Q)),
+            dt=self.dynamics.dt,
+            name="observer",
+        )
+
+    def _gain(self, P):
+        PC = P @ self._C.T  # (nx, ny)
+        return np.linalg.solve(self._C @ PC + self.R, PC.T).T
+
+    def _correct(self, M, x, y):
+        return x + M @ (y - self.dynamics.measure(x))
+
+
+def check_weight(name, value, size, *, definite=False):
+    """Return a symmetric, positive semidefinite matrix of given size.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like of shape (size, size)
+        The matrix.
+    size : int
+        Its size.
+    definite : bool, default=False
+        Whether it must be positive definite.
+
+    Returns
+    -------
+    value : ndarray of shape (size, size)
+        The matrix.
+
+    Raises
+    ------
+    ValueError
+        If the size is wrong or the matrix is not as required.
+    """
+    value = np.asarray(value, dtype=float)
+    if value.shape != (size, size):
+        raise ValueError(
+            f"`{name}` must have shape ({size}, {size}), got {value.shape}. Multiply "
+            "np.eye by the weights."
+        )
+    kind = "definite" if definite else "semidefinite"
+    symmetric = np.allclose(value, value.T) and np.isfinite(value).all()
+    least = np.linalg.eigvalsh(value).min() if symmetric else np.nan
+    # rounding makes eigenvalues of a semidefinite matrix slightly negative
+    if not (least > 0 if definite else least >= -1e-12 * np.abs(value).max()):
+        raise ValueError(
+            f"`{name}` must be symmetric and positive {kind}, got smallest eigenvalue "
+            f"{least:.3g}. Use positive weights on the diagonal."
+        )
+    return value
+
+
+def _stationary_covariance(A, C, Q, R):
+    """Return the covariance of the predicted state, from the Riccati equation."""
+    # outputs in their own units: the equation is solved for unit measurement noise
+    scale = np.sqrt(np.diag(R))
+    C, R = C / scale[:, None], R / np.outer(scale, scale)
+    try:
+        _, P, poles = control.dlqe(A, np.eye(len(A)), C, Q, R)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(_UNDETECTABLE.format("no solution")) from error
+    if not np.abs(poles).max() < 1:
+        raise ValueError(_UNDETECTABLE.format(f"|pole| = {np.abs(poles).max():.6g}"))
+    return P
+
+
+_UNDETECTABLE = (
+    "`Q` and `R` must give a stable observer, got {}. Let `Q` be positive definite; if "
+    "it is, y does not show an unstable state: lower `nx`."
+)

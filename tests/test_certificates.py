@@ -1,0 +1,429 @@
+import subprocess
+import sys
+import warnings
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.exceptions import ConvergenceWarning
+
+from alssnn import AlSsnn
+from alssnn.certificates import (
+    data_bound,
+    gain_certificate,
+    global_bound,
+    hinf_norm,
+    iss_certificate,
+    iss_margin,
+    state_feedback,
+)
+from alssnn.lure import Lure
+from alssnn.simulation import channels, simulate
+from alssnn.stability import contraction
+from conftest import two_layers
+from helpers import random_theta, simulate_linear
+
+METHODS = ["lyapunov", "sdp"]
+
+
+def stable(rng, n, radius):
+    A = rng.standard_normal((n, n))
+    return A * radius / np.abs(np.linalg.eigvals(A)).max()
+
+
+def linear_lure(A, B, C):
+    zero = np.zeros((len(C), B.shape[1]))
+    Theta = np.hstack([np.block([[A, B], [C, zero]]), np.zeros((len(A) + len(C), 1))])
+    return Lure(Theta, len(A), B.shape[1], 0)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal((300, 1))
+    y = simulate_linear(
+        np.array([[0.7, 0.2], [-0.2, 0.6]]), np.ones((2, 1)), np.eye(2)[:1], u
+    )
+    y = y + 0.1 * np.tanh(y)
+    model = AlSsnn(
+        nx=2,
+        n_h=3,
+        n_g=3,
+        gamma=0.1,
+        stability="contractive",
+        max_iter=10,
+        random_state=0,
+    )
+    with warnings.catch_warnings():
+        # any model will do
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return model.fit(u, y), u, y
+
+
+# -- input-to-state stability ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("a", [0.3, -0.8, 0.97])
+def test_scalar_closed_form(a, method):
+    # psi / phi = (1 - phi) / (phi (1 - phi - a^2)) is least at phi = 1 - |a|
+    certificate = iss_certificate([[a]], eps=0.1, method=method)
+    assert certificate.holds
+    assert certificate.phi == pytest.approx(1 - abs(a), rel=0.03)
+    ratio = certificate.psi / certificate.phi
+    assert ratio == pytest.approx(1 / (1 - abs(a)) ** 2, rel=2e-3)
+    # which is the truth: omega = eps for ever
+    assert certificate.output_bound == pytest.approx(0.1 / (1 - abs(a)), rel=1e-3)
+
+
+def test_given_phi_is_optimal():
+    phi, a = 0.2, 0.5
+    certificate = iss_certificate([[a]], phi=phi)
+    assert certificate.n_solves == 1
+    expected = (1 - phi) / (1 - phi - a**2)
+    assert certificate.psi / certificate.P[0, 0] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("objective", ["peak", "volume", "feasible"])
+def test_methods_agree(rng, objective):
+    A, C = stable(rng, 3, 0.8), rng.standard_normal((2, 3))
+    a, b = (iss_certificate(A, C, objective=objective, method=m) for m in METHODS)
+    assert a.holds and b.holds
+    assert a.output_bound == pytest.approx(b.output_bound, rel=1e-3)
+    for c in (a, b):
+        assert c.verify() == c.margin > 0
+        assert c.n_solves <= 20
+        if objective == "peak":
+            assert np.linalg.eigvalsh(c.P - C.T @ C)[0] > -1e-9
+        else:
+            assert np.trace(c.P) == pytest.approx(3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_six_states_take_few_solves(rng, method):
+    A, C = stable(rng, 6, 0.9), rng.standard_normal((1, 6))
+    certificate = iss_certificate(A, C, method=method)
+    assert certificate.holds
+    assert certificate.n_solves <= 20
+
+
+def test_objectives_differ_as_they_say(rng):
+    A, C = stable(rng, 4, 0.9), rng.standard_normal((1, 4))
+    by = {o: iss_certificate(A, C, objective=o) for o in ("peak", "volume", "feasible")}
+    volume = {o: 4 * np.log(c.level) - np.linalg.slogdet(c.P)[1] for o, c in by.items()}
+    assert by["peak"].output_bound == min(c.output_bound for c in by.values())
+    assert volume["volume"] == min(volume.values())
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 5), radius=st.floats(0.05, 0.97))
+def test_no_trajectory_leaves_the_set(seed, n, radius):
+    rng = np.random.default_rng(seed)
+    A, C, eps = stable(rng, n, radius), rng.standard_normal((2, n)), rng.uniform(0.1, 3)
+    c = iss_certificate(A, C, eps=eps)
+    assert c.holds
+    # starts on the boundary, and the disturbance that pushes outwards
+    T = np.linalg.cholesky(c.P).T
+    x = rng.standard_normal((20, n))
+    x = np.sqrt(c.level) * np.linalg.solve(
+        T, (x / np.linalg.norm(x, axis=1)[:, None]).T
+    )
+    x, zeta = 0.999999 * x.T, np.zeros((20, n))
+    assert c.contains(x).all()
+    for _ in range(60):
+        omega = (x if rng.random() < 0.7 else rng.standard_normal(x.shape)) @ A.T @ c.P
+        omega *= eps / np.maximum(np.linalg.norm(omega, axis=1)[:, None], 1e-300)
+        x, zeta = x @ A.T + omega, zeta @ A.T + omega
+        assert c.contains(x).all()
+        e = zeta @ C.T
+        assert np.linalg.norm(e, axis=1).max() <= c.output_bound
+        assert (np.abs(e) <= c.output_bounds).all()
+
+
+def test_bound_is_at_least_the_peak_gain(rng):
+    A, C = stable(rng, 4, 0.8), rng.standard_normal((1, 4))
+    impulse = sum(np.linalg.norm(C @ np.linalg.matrix_power(A, k)) for k in range(200))
+    assert impulse <= iss_certificate(A, C).output_bound <= 3 * impulse
+
+
+def test_contractive_model_has_the_identity(rng):
+    rate, phi = 0.2, 0.1
+    A = np.sqrt(1 - rate) * contraction(rng.standard_normal((4, 4)))
+    psi = (1 - phi) / (rate - phi)  # by the Schur complement, for A'A = (1 - rate) I
+    assert iss_margin(A, np.eye(4), phi, 1.01 * psi) > 0
+    assert iss_margin(A, np.eye(4), phi, 0.9) < 0
+    assert iss_margin(A, np.eye(4), 1.0, 1e6) < 0
+
+
+def test_tampering_is_detected(rng):
+    c = iss_certificate(stable(rng, 4, 0.9))
+    assert c.verify() == c.margin > 0
+    c.P[0, 0] *= 1.01
+    assert c.verify() < 0
+    c.P[:] = -np.eye(4)
+    assert c.verify() == -np.inf
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("radius", [1.0, 1.3])
+def test_unstable_is_said_without_a_solver(monkeypatch, radius, method):
+    monkeypatch.setattr(cp.Problem, "solve", None)
+    c = iss_certificate(np.diag([radius, 0.1]), method=method)
+    assert not c.holds
+    assert c.margin < 0 and c.n_solves == 0 and c.status == "not solved"
+    assert "spectral radius" in c.reason and "does not hold" in repr(c)
+    assert c.level == c.output_bound == np.inf
+    assert np.isinf(c.output_bounds).all()
+    assert np.isnan(c.eigenvalue_range).all()
+    assert c.verify() == -np.inf
+    for use in (lambda: c.contains([0, 0]), lambda: c.ellipse(0, 1)):
+        with pytest.raises(ValueError, match=r"certificate must hold, got none"):
+            use()
+
+
+def test_phi_beyond_the_limit_is_infeasible():
+    c = iss_certificate([[0.9]], phi=0.3)
+    assert not c.holds and "1 - rho^2" in c.reason and c.n_solves == 0
+
+
+def test_bad_solution_is_not_a_certificate(monkeypatch):
+    from alssnn.certificates import _sdp
+
+    monkeypatch.setattr(_sdp.LargestP, "__call__", lambda *_: (np.eye(1), "optimal"))
+    c = iss_certificate([[0.9]], phi=0.1, method="sdp")
+    assert not c.holds and "recomputation" in c.reason and "lyapunov" in c.reason
+
+
+def test_solver_breakdown(monkeypatch):
+    def solve(*_, **__):
+        raise cp.error.SolverError("no luck")
+
+    monkeypatch.setattr(cp.Problem, "solve", solve)
+    with pytest.raises(RuntimeError, match="CLARABEL broke down with status"):
+        iss_certificate([[0.5]], method="sdp")
+
+
+def test_ellipse_and_contains():
+    c = iss_certificate(np.diag([0.5, 0.9, 0.2]), objective="volume")
+    t = np.linspace(0, 2 * np.pi, 9)
+    circle = np.array([np.cos(t), np.sin(t)])
+    x = np.zeros((9, 3))
+    x[:, [0, 1]] = (c.ellipse(0, 1, section=True) @ circle).T
+    assert c.contains(0.999 * x).all() and not c.contains(1.001 * x).any()
+    assert c.contains(0 * x[0]) is True
+    # a diagonal P: cut and shadow agree
+    np.testing.assert_allclose(c.ellipse(0, 1), c.ellipse(0, 1, section=True))
+    with pytest.raises(ValueError, match=r"`i` and `j` must be two different states"):
+        c.ellipse(1, 1)
+    with pytest.raises(ValueError, match=r"`x` must have 3 columns"):
+        c.contains([1.0, 2.0])
+
+
+def test_repr():
+    text = repr(iss_certificate([[0.5]], eps=0.1))
+    assert "holds" in text and "|omega| <= 0.1" in text and "|y - y_lin| <= 0.2" in text
+
+
+@pytest.mark.parametrize(
+    "args, kwargs, match",
+    [
+        (([[1, 2]],), {}, "`A` must be a finite square matrix"),
+        (([[0.5]], [[1, 2]]), {}, "`C` must be a finite matrix of 1 columns"),
+        (([[0.5]], [[0]]), {}, "`C` must not be zero"),
+        (([[0.5]],), {"eps": -1}, "`eps` must be at least 0, got -1"),
+        (([[0.5]],), {"eps": np.nan}, "`eps` must be at least 0, got nan"),
+        (([[0.5]],), {"phi": 1.5}, "`phi` must be between 0 and 1, got 1.5"),
+        (([[0.5]],), {"objective": "x"}, "`objective` must be one of"),
+        (([[0.5]],), {"method": "x"}, "`method` must be one of"),
+    ],
+)
+def test_wrong_arguments(args, kwargs, match):
+    with pytest.raises(ValueError, match=match):
+        iss_certificate(*args, **kwargs)
+
+
+# -- bounds on the residual ------------------------------------------------------------
+
+
+def plain_g(rng, n_g):
+    """Return a Lur'e form without h, g = G (tanh(v) - tanh(b)), and G, b."""
+    nx, nu = 3, 2
+    A, B, G = stable(rng, nx, 0.7), rng.standard_normal((nx, nu)), np.zeros((nx, n_g))
+    G[:] = rng.standard_normal((nx, n_g))
+    V, b = rng.standard_normal((n_g, nx + nu)), rng.standard_normal(n_g)
+    Theta = np.block(
+        [
+            [A, B, G, -(G @ np.tanh(b))[:, None]],
+            [V, np.zeros((n_g, n_g)), b[:, None]],
+        ]
+    )
+    return Lure(Theta, nx, nu, n_g), B, G, b
+
+
+@pytest.mark.parametrize("n_g", [0, 5, 18])
+def test_global_bound(rng, n_g):
+    lure, B, G, b = plain_g(rng, n_g)
+    none = np.zeros((2, n_g)), np.zeros(2)
+    eps = global_bound(lure, B, none)
+    signs = np.sign(rng.standard_normal((4000, n_g)))
+    seen = np.linalg.norm((signs - np.tanh(b)) @ G.T, axis=1).max()
+    crude = np.linalg.norm(G, axis=0) @ (1 + np.abs(np.tanh(b)))
+    assert seen - 1e-12 <= eps <= crude + 1e-12
+    if n_g == 5:
+        assert eps == pytest.approx(seen)
+    u, x0 = rng.standard_normal((50, 2)), rng.standard_normal(3)
+    assert data_bound(lure, B, none, [(u, x0)]) <= eps
+
+
+def test_divergence_on_the_data_is_infinite(rng):
+    lure, B, *_ = plain_g(rng, 2)
+    lure.Theta[:3, :3] = 30 * np.eye(3)
+    none = np.zeros((2, 2)), np.zeros(2)
+    assert data_bound(lure, B, none, [(np.ones((50, 2)), np.ones(3))]) == np.inf
+    c = iss_certificate([[0.5]], eps=np.inf)
+    assert c.holds and c.output_bound == np.inf and "diverges" in repr(c)
+
+
+def test_model_certificate(fitted):
+    model, u, y = fitted
+    on_data = model.iss_certificate(u, y)
+    anywhere = model.iss_certificate(eps="global")
+    given = model.iss_certificate(eps=0.5, objective="feasible")
+    record = model.linearizability(u, y)
+    assert on_data.holds and anywhere.holds and given.eps == 0.5
+    assert record.closed_omega_max <= on_data.eps * (1 + 1e-9)
+    assert on_data.eps < anywhere.eps
+    # h is no disturbance: the loop has the residual of g alone
+    W_g, b_x = model.params_["W_g"], model.params_["b_x"]
+    crude = np.linalg.norm(W_g, axis=0) @ (1 + np.abs(np.tanh(b_x)))
+    assert anywhere.eps <= crude + 1e-12
+
+    # the bound on the output, in the loop that is simulated
+    lure, feedback = model._plant()
+    loop = lure.close(*feedback)
+    v = 5 * np.random.default_rng(0).standard_normal((200, 1))
+    y_loop = channels(loop, simulate(loop, v, np.zeros(2)), v)
+    e = y_loop - simulate_linear(model.A_, model.B_, model.C_, v)
+    assert np.abs(e).max() <= anywhere.output_bound
+
+
+def test_model_certificate_with_state_feedback(fitted):
+    model, u, y = fitted
+    K = 0.1 * np.linalg.pinv(model.B_) @ model.A_
+    c = model.iss_certificate(u, y, K=K)
+    np.testing.assert_allclose(c.A, model.A_ - model.B_ @ K)
+    lure, feedback = model._plant()
+    loop = state_feedback(lure.close(*feedback), K)
+    np.testing.assert_allclose(loop.M[:2, :2], c.A, atol=1e-12)
+    assert model.gain_certificate(K=K).lure.nw == loop.nw
+
+
+def test_model_messages(fitted):
+    model, u, y = fitted
+    with pytest.raises(ValueError, match="`eps` must be 'data', 'global' or a number"):
+        model.iss_certificate(u, y, eps="all")
+    with pytest.raises(ValueError, match="`u` and `y` must be given for eps='data'"):
+        model.iss_certificate()
+    with pytest.raises(ValueError, match=r"`K` must be a finite matrix of shape"):
+        model.gain_certificate(K=np.zeros((2, 2)))
+
+
+def test_import_leaves_cvxpy_alone():
+    code = "import sys, alssnn; sys.exit('cvxpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+# -- gains -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.95, 0.999])
+def test_hinf_norm(rng, radius):
+    A, B, C = stable(rng, 4, radius), rng.standard_normal((4, 2)), np.eye(4)[:2]
+    w = np.linspace(0, np.pi, 20001)
+    z = np.exp(1j * np.concatenate([w, np.angle(np.linalg.eigvals(A))]))
+    G = C @ np.linalg.solve(z[:, None, None] * np.eye(4) - A, B.astype(complex))
+    expected = np.linalg.norm(G, ord=2, axis=(1, 2)).max()
+    assert hinf_norm(A, B, C) == pytest.approx(expected, rel=1e-3)
+    assert hinf_norm(A, B, C) >= expected * (1 - 1e-7)
+
+
+def test_hinf_norm_limits():
+    assert hinf_norm([[0.5]], [[1]], [[1]]) == pytest.approx(2)
+    assert hinf_norm([[0.5]], [[0]], [[1]]) == 0
+    assert hinf_norm([[1.0]], [[1]], [[1]]) == np.inf
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.97])
+def test_gain_of_a_linear_system(rng, radius):
+    A, B, C = stable(rng, 4, radius), rng.standard_normal((4, 2)), np.eye(4)[:2]
+    certificate = gain_certificate(linear_lure(A, 100 * B, C))
+    assert certificate.holds
+    assert certificate.gamma == pytest.approx(100 * hinf_norm(A, B, C), rel=1e-3)
+
+
+def test_gain_of_a_slope():
+    # x+ = 0.2 x + 0.5 tanh(x) + v, y = x: worst with slope 1 throughout
+    Theta = np.array([[0.2, 1, 0.5, 0], [1, 0, 0, 0], [1, 0, 0, 0]])
+    certificate = gain_certificate(Lure(Theta, 1, 1, 1))
+    assert certificate.gamma == pytest.approx(1 / 0.3, rel=1e-3)
+    assert certificate.verify() == certificate.margin > 0
+    assert "l2" in repr(certificate)
+    certificate.Lam[0] *= 1.5
+    assert certificate.verify() < 0
+
+
+def test_gain_is_infeasible_or_unstable(monkeypatch):
+    # slope 1 makes an integrator
+    Theta = np.array([[0.5, 1, 0.5, 0], [1, 0, 0, 0], [1, 0, 0, 0]])
+    infeasible = gain_certificate(Lure(Theta, 1, 1, 1))
+    assert not infeasible.holds and infeasible.gamma == np.inf
+    assert infeasible.margin < 0 and "does not hold" in repr(infeasible)
+    monkeypatch.setattr(cp.Problem, "solve", None)
+    unstable = gain_certificate(linear_lure(np.eye(1), np.eye(1), np.eye(1)))
+    assert not unstable.holds and "spectral radius" in unstable.reason
+    assert unstable.n_solves == 0 and unstable.verify() == -np.inf
+
+
+def empirical_gain(lure, rng):
+    gains = []
+    for scale in (1e-3, 1, 5):
+        u = rng.standard_normal((300, lure.nu))
+        du = scale * rng.standard_normal(u.shape)
+        du[200:] = 0
+        y = [
+            channels(lure, simulate(lure, v, np.zeros(lure.nx)), v) for v in (u, u + du)
+        ]
+        gains.append(np.linalg.norm(y[1] - y[0]) / np.linalg.norm(du))
+    return max(gains)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gain_bounds_two_layers(seed):
+    rng = np.random.default_rng(seed)
+    structure = two_layers(rng)
+    theta = random_theta(structure, rng, radius=0.3)
+    lure = structure.lure(theta)
+    assert np.any(lure.E)
+    Theta = lure.Theta.copy()
+    Theta[: lure.nx, lure.nx + lure.nu : -1] *= 0.3  # keeps the loop certifiable
+    small = Lure(Theta, lure.nx, lure.nu, lure.nw)
+    certificate = gain_certificate(small)
+    assert certificate.holds
+    assert certificate.gamma >= empirical_gain(small, rng)
+    # the linear part is one of the loops
+    A, B = small.M[:3, :3], small.M[:3, 3:]
+    y_only = hinf_norm(A, B, small.M[3:4, :3])
+    assert certificate.gamma >= y_only * (1 - 1e-6)
+
+
+def test_model_gain(fitted):
+    model, _, _ = fitted
+    certificate = model.gain_certificate()
+    if certificate.holds:
+        assert certificate.gamma >= hinf_norm(model.A_, model.B_, model.C_) * (1 - 1e-6)
+        rng = np.random.default_rng(0)
+        assert certificate.gamma >= empirical_gain(certificate.lure, rng)
+    else:
+        assert certificate.reason

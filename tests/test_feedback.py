@@ -1,0 +1,476 @@
+import pickle
+import warnings
+
+import control
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn.feedback import closed_loop, lqi, lqr, place
+from helpers import simulate_linear
+
+DT = 0.25
+SMALL = {"max_iter": 12, "tol": 1e-2, "random_state": 0, "dt": DT}
+MODELS = {
+    "linear": LinearStateSpace(nx=2, dt=DT),
+    "gr": GrSsnn(nx=2, n_f=2, **SMALL),
+    "fl": FlSsnn(nx=2, n_h=3, **SMALL),
+    "fl-state": FlSsnn(nx=2, n_h=3, feedback="state", **SMALL),
+    "al": AlSsnn(nx=2, n_h=2, n_g=2, gamma=0.01, **SMALL),
+    "al-output": AlSsnn(
+        nx=2, n_h=2, n_g=2, feedback="state", penalty="output", **SMALL
+    ),
+}
+T = DT * np.arange(200)
+
+
+def plant_record(n_u):
+    """Return a nonlinear record in odd units, with named columns."""
+    rng = np.random.default_rng(0)
+    A = np.array([[0.7, 0.2], [-0.2, 0.6]])
+    B = np.array([[0.4, 0.1], [0.0, 0.5]])[:, :n_u]
+    du = rng.standard_normal((400, n_u))
+    x, y = np.zeros(2), np.empty((400, 2))
+    for k in range(400):
+        y[k] = x
+        x = A @ x + B @ (du[k] + 0.5 * np.tanh(x[:n_u]))
+    y += 0.01 * rng.standard_normal(y.shape)
+    u = du * [3.0, 0.02][:n_u] + [10.0, -1.0][:n_u]
+    y = (y * [100.0, 0.1] + [5.0, 7.0])[:, :n_u]
+    return (
+        pd.DataFrame(u, columns=["valve.a", "pump"][:n_u]),
+        pd.DataFrame(y, columns=["level", "flow"][:n_u]),
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    models = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        for n_u in (1, 2):
+            u, y = plant_record(n_u)
+            for name, model in MODELS.items():
+                models[name, n_u] = clone(model).fit(u, y)
+    return models
+
+
+@pytest.fixture(params=[(m, n) for m in MODELS for n in (1, 2)], ids=str)
+def model(request, fitted):
+    return fitted[request.param]
+
+
+@pytest.fixture
+def u(model):
+    return plant_record(model.n_features_in_)[0][: len(T)]
+
+
+def respond(sys, signals, x0=None):
+    """Return the response with time running down the rows."""
+    x0 = np.zeros(sys.nstates) if x0 is None else x0
+    time = DT * np.arange(len(signals))
+    response = control.input_output_response(
+        sys, time, np.asarray(signals).T, x0, squeeze=False
+    )
+    return response.outputs.T, response.states.T
+
+
+def rest(model, n):
+    """Return n samples of the reference at the operating point."""
+    return np.tile(model.y_offset_, (n, 1))
+
+
+# -- exports ---------------------------------------------------------------------------
+
+
+def test_to_nlsys_responds_as_predict(model, u):
+    x0 = np.array([0.3, -0.2])
+    y, _ = respond(model.to_nlsys(), u, x0)
+    np.testing.assert_allclose(y, model.predict(u, x0=x0), rtol=1e-9)
+
+
+def test_names_and_sampling_time_survive(model):
+    n = model.n_features_in_
+    for sys in (
+        model.to_nlsys(),
+        model.to_statespace(),
+        model.to_statespace("local"),
+    ):
+        assert sys.dt == DT
+        assert sys.input_labels == ["valve_a", "pump"][:n]
+        assert sys.output_labels == ["level", "flow"][:n]
+        assert sys.state_labels == ["x[0]", "x[1]"]
+    loop = closed_loop(model, model, lqr(model, np.eye(2), np.eye(n)))
+    v = ["v[0]", "v[1]"][:n]
+    assert loop.output_labels == [*["level", "flow"][:n], *["valve_a", "pump"][:n], *v]
+    assert loop.dt == DT
+
+
+@pytest.mark.parametrize("point", [None, 1.0])
+def test_local_linearization_is_that_of_python_control(model, point):
+    x, du = None, None
+    if point:
+        x, du = np.array([0.5, -0.3]), 0.4 * model._scaling.u_scale
+    local = model.to_statespace("local", x, du)
+    at = (np.zeros(2) if x is None else x, model.u_offset_ + (0 if du is None else du))
+    numerical = control.linearize(model.to_nlsys(), *at)
+    for name in "ABCD":
+        matrix = getattr(local, name)
+        atol = 1e-5 * max(1e-3, np.abs(matrix).max())
+        np.testing.assert_allclose(getattr(numerical, name), matrix, atol=atol)
+    if "W_h" not in model.params_ and "W_g" not in model.params_:
+        np.testing.assert_array_equal(local.A, model.A_)
+
+
+def test_models_and_what_is_made_from_them_can_be_pickled(model, u):
+    model.to_nlsys(), model.to_statespace("local")
+    law, observer = model.linearizing_law(), model.observer()
+    law.to_nlsys(), observer.to_nlsys()
+    copy = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(copy.predict(u), model.predict(u))
+    y = model.predict(u)
+    twin = pickle.loads(pickle.dumps(observer))
+    np.testing.assert_array_equal(twin.filter(u, y), observer.filter(u, y))
+    v, s = np.asarray(u), y if law.feedback == "output" else observer.filter(u, y)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(law))(v, s), law(v, s))
+    pickle.dumps(model.to_nlsys().updfcn)
+
+
+# -- law -------------------------------------------------------------------------------
+
+
+def test_law_leaves_the_linear_part(model, u):
+    if "W_g" in model.params_:
+        pytest.skip("g remains")
+    n, law, x0 = model.n_features_in_, model.linearizing_law(), np.array([0.3, -0.2])
+    plant, v = model.to_nlsys(), np.asarray(u)
+    x, y = x0, np.empty((len(v), n))
+    for k in range(len(v)):
+        y[k] = plant.output(0, x, v[k])
+        x = plant.dynamics(0, x, law(v[k], x if law.feedback == "state" else y[k]))
+    linear = simulate_linear(model.A_, model.B_, model.C_, v - model.u_offset_, x0)
+    np.testing.assert_allclose(y, linear + model.y_offset_, rtol=1e-9)
+    # the same loop, connected by python-control: v = r with a gain of zero
+    loop = closed_loop(model, model, np.zeros((n, 2)))
+    z, _ = respond(loop, v, x0)
+    np.testing.assert_allclose(z[:, :n], y, rtol=1e-9)
+    np.testing.assert_allclose(z[:, 2 * n :], v, rtol=1e-12)
+
+
+def test_law_of_rows_is_the_law_of_each_row(model, u, rng):
+    law, v = model.linearizing_law(), np.asarray(u)[:5]
+    ns = 2 if law.feedback == "state" else len(model.C_)
+    s = rng.standard_normal((5, ns))
+    single = np.array([law(*pair) for pair in zip(v, s, strict=True)])
+    np.testing.assert_allclose(law(v, s), single, rtol=1e-12)
+    np.testing.assert_allclose(
+        law.to_nlsys().output(0, [], np.r_[v[0], s[0]]), single[0], rtol=1e-12
+    )
+    if "W_h" not in model.params_:
+        np.testing.assert_array_equal(law(v, s), v)
+
+
+def test_law_saturates_and_says_how_much(model, u, rng):
+    v = np.asarray(u)
+    low, high = np.quantile(v, 0.2, axis=0), np.quantile(v, 0.8, axis=0)
+    law = model.linearizing_law(low, high)
+    s = rng.standard_normal((len(v), 2 if law.feedback == "state" else len(model.C_)))
+    s = s if law.feedback == "state" else s + model.y_offset_
+    applied, cut = law.split(v, s)
+    assert np.any(cut > 0)
+    assert np.any(cut < 0)
+    assert np.all((low <= applied) & (applied <= high))
+    np.testing.assert_allclose(applied + cut, model.linearizing_law()(v, s))
+    v_min, v_max = law.bounds_on_v(s)
+    inside = (v_min <= v) & (v <= v_max)
+    np.testing.assert_array_equal(inside, cut == 0)
+    np.testing.assert_allclose(law.split(v_max, s)[0], np.tile(high, (len(v), 1)))
+    free = model.linearizing_law().bounds_on_v(s)
+    assert np.all(np.isneginf(free[0]) & np.isposinf(free[1]))
+
+
+# -- observer --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["kalman", "ekf"])
+def test_observer_converges_to_the_true_state(model, u, kind):
+    x0 = np.array([0.5, -0.4])
+    y, X = respond(model.to_nlsys(), u, x0)
+    observer = model.observer(kind=kind)
+    error = np.abs(observer.filter(u, y) - X).max(axis=1)
+    assert error[-50:].max() < 1e-5 * max(error[0], 0.1)
+    np.testing.assert_array_equal(observer.x_hat, np.zeros(2))  # not moved
+    np.testing.assert_allclose(observer.filter(u, y, x0), X, atol=1e-9)
+
+
+def test_observer_online_on_records_and_as_a_system(model, u):
+    y, _ = respond(model.to_nlsys(), u, [0.5, -0.4])
+    observer, u = model.observer(), np.asarray(u)
+    X_hat = observer.filter(u, y)
+    for _ in range(2):
+        online = [observer.step(u[max(k - 1, 0)], y[k]) for k in range(len(u))]
+        np.testing.assert_array_equal(online, X_hat)
+        observer.reset()
+    system, _ = respond(observer.to_nlsys(), np.hstack([u, y]))
+    np.testing.assert_allclose(system, X_hat, atol=1e-12)
+
+
+def test_both_kinds_agree_on_a_linear_model(fitted):
+    model = fitted["linear", 2]
+    u, y = plant_record(2)
+    kalman, ekf = (model.observer(kind=k).filter(u, y)[-1] for k in ("kalman", "ekf"))
+    np.testing.assert_allclose(kalman, ekf, atol=1e-8)
+
+
+def test_trust_in_the_measurement_raises_the_gain(fitted):
+    model, R = fitted["fl", 1], plant_record(1)[1].to_numpy().var() * np.eye(1)
+    sizes = [np.linalg.norm(model.observer(R=r * R).gain) for r in (1e-4, 1e-2, 1)]
+    assert sizes[0] > sizes[1] > sizes[2]
+
+
+# -- closed loops ----------------------------------------------------------------------
+
+
+def test_lqr_of_the_true_state_is_the_linear_loop(fitted):
+    for key in [("fl", 1), ("fl-state", 2), ("linear", 2)]:
+        model = fitted[key]
+        n = key[1]
+        K = lqr(model, np.eye(2), np.diag(1 / model._scaling.u_scale**2))
+        r = plant_record(n)[0].to_numpy()[: len(T)]
+        loop = closed_loop(model, model, K)
+        y, _ = respond(loop, r, np.array([0.3, -0.2]))
+        A = model.A_ - model.B_ @ K
+        linear = simulate_linear(
+            A, model.B_, model.C_, r - model.u_offset_, [0.3, -0.2]
+        )
+        np.testing.assert_allclose(y[:, :n], linear + model.y_offset_, rtol=1e-9)
+        poles = [0.3, 0.5]
+        placed = np.linalg.eigvals(model.A_ - model.B_ @ place(model, poles))
+        np.testing.assert_allclose(np.sort(placed), poles, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["linear", "fl", "fl-state", "al"])
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("observed", [False, True])
+def test_lqi_tracks_a_step_without_offset(fitted, name, n, observed):
+    model = fitted[name, n]
+    u_scale, y_scale = model._scaling.u_scale, model._scaling.y_scale
+    Q = np.diag(np.r_[np.ones(2), 0.05 / y_scale**2])
+    K = lqi(model, Q, np.diag(1 / u_scale**2))
+    assert K.shape == (n, 2 + n)
+    observer = model.observer() if observed else None
+    loop = closed_loop(model, model, K, observer=observer)
+    r = rest(model, 400)
+    r[20:] += 0.4 * y_scale
+    y, _ = respond(loop, r)
+    np.testing.assert_allclose((y[-1, :n] - r[-1]) / y_scale, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["fl", "fl-state"])
+@pytest.mark.parametrize("error_only", [False, True])
+def test_linear_controller_on_another_plant(fitted, name, error_only):
+    model, plant = fitted[name, 1], fitted["gr", 1]
+    gain = 0.02 * model._scaling.u_scale[0] / model._scaling.y_scale[0]
+    sign = np.sign(model.to_statespace().dcgain()).item()
+    B = [[1.0]] if error_only else [[1.0, -1.0]]
+    D = np.zeros((1, len(B[0])))
+    integral = control.ss([[1.0]], B, [[sign * gain]], D, DT)
+    loop = closed_loop(plant, model, controller=integral)
+    r = rest(model, 1500)
+    r += 0.3 * model._scaling.y_scale
+    y, _ = respond(loop, r)
+    assert y[-1, 0] == pytest.approx(r[-1, 0], abs=1e-3 * model._scaling.y_scale[0])
+    assert loop.ninputs == 1
+
+
+def test_loop_starts_with_limits_in_its_law(fitted):
+    model = fitted["fl", 1]
+    top = model.u_offset_ + 0.1 * model._scaling.u_scale
+    law = model.linearizing_law(u_max=top)
+    loop = closed_loop(model, model, np.zeros((1, 2)), law=law)
+    y, _ = respond(loop, plant_record(1)[0][:100])
+    assert y[:, 1].max() == pytest.approx(top.item())
+    assert y[:, 2].max() > top.item()
+
+
+def test_plants_of_python_control(fitted):
+    model = fitted["linear", 1]
+    K, r = np.zeros((1, 2)), rest(model, 30)
+    s = control.ss(model.A_, model.B_, model.C_, model.D_, DT)
+    for plant in (s, control.ss2tf(s), control.ss(*s_matrices(s), True)):
+        loop = closed_loop(plant, model, K)
+        y, _ = respond(loop, r)
+        np.testing.assert_allclose(
+            y[:, 0], simulate_linear(s.A, s.B, s.C, r)[:, 0], rtol=1e-6
+        )
+
+
+def s_matrices(s):
+    return s.A, s.B, s.C, s.D
+
+
+# -- errors ----------------------------------------------------------------------------
+
+
+def test_unfitted_models():
+    model = FlSsnn()
+    for call in (
+        model.to_nlsys,
+        lambda: model.to_statespace("local"),
+        model.linearizing_law,
+        model.observer,
+        lambda: lqr(model, 1, 1),
+        lambda: lqi(model, 1, 1),
+        lambda: place(model, [0]),
+        lambda: closed_loop(model, model, 1),
+    ):
+        with pytest.raises(NotFittedError):
+            call()
+
+
+def static(sizes, dt=DT, D=0.0):
+    ny, nu = sizes
+    return control.ss(
+        0.5 * np.eye(1), np.ones((1, nu)), np.ones((ny, 1)), np.full((ny, nu), D), dt
+    )
+
+
+Z = np.zeros((2, 2))
+ERRORS = {
+    "which": (lambda m: m.to_statespace("all"), "`which` must be 'linear' or 'local'"),
+    "point of linear part": (
+        lambda m: m.to_statespace(x=[0, 0]),
+        "must be None for the linear part.*which='local'",
+    ),
+    "x": (lambda m: m.to_statespace("local", [1]), r"`x` must have shape \(2,\)"),
+    "u": (
+        lambda m: m.to_statespace("local", None, [np.nan, 0]),
+        "`u` must be finite",
+    ),
+    "limit": (lambda m: m.linearizing_law([1, 2, 3]), "`u_min` must be a number or"),
+    "nan limit": (lambda m: m.linearizing_law(None, np.nan), "`u_max`.*without NaN"),
+    "limits": (lambda m: m.linearizing_law(1, 0), "`u_min` must be below `u_max`"),
+    "v": (lambda m: m.linearizing_law()([1], [1, 2]), r"`v` must have shape \(2,\)"),
+    "s": (lambda m: m.linearizing_law()([1, 2], [1]), r"`s` must have shape \(2,\)"),
+    "rows": (lambda m: m.linearizing_law()(Z, Z[:1]), "same number of rows.*2 and 1"),
+    "kind": (lambda m: m.observer(kind="ukf"), "`kind` must be 'kalman' or 'ekf'"),
+    "Q": (lambda m: m.observer(np.eye(3)), r"`Q` must have shape \(2, 2\)"),
+    "Q negative": (lambda m: m.observer(-np.eye(2)), "`Q`.*semidefinite.*-1"),
+    "R": (lambda m: m.observer(R=Z), "`R`.*positive definite.*positive weights"),
+    "R asymmetric": (
+        lambda m: m.observer(R=[[1, 1], [0, 1]]),
+        "`R` must be symmetric",
+    ),
+    "x0": (lambda m: m.observer().reset([1]), r"`x0` must have shape \(2,\)"),
+    "step": (lambda m: m.observer().step([1, 1], [1]), r"`y` must have shape \(2,\)"),
+    "filter": (
+        lambda m: m.observer().filter(Z, Z[:1]),
+        r"shapes \(N, 2\) and \(N, 2\).*Time runs down",
+    ),
+    "ekf system": (
+        lambda m: m.observer(kind="ekf").to_nlsys(),
+        "`kind` must be 'kalman' for a system.*Use `step`",
+    ),
+    "lqr R": (lambda m: lqr(m, np.eye(2), Z), "`R`.*positive definite"),
+    "lqi Q": (lambda m: lqi(m, np.eye(2), np.eye(2)), r"`Q` must have shape \(4, 4\)"),
+    "poles": (lambda m: place(m, [0.1]), r"`poles` must have shape \(2,\)"),
+    "pairs": (
+        lambda m: place(m, [0.1 + 0.1j, 0.2]),
+        "`poles` must come in conjugate pairs.*apart",
+    ),
+    "no gain": (lambda m: closed_loop(m, m), "Exactly one.*got none"),
+    "both": (
+        lambda m: closed_loop(m, m, Z, controller=static((2, 2))),
+        "Exactly one.*got both",
+    ),
+    "gain": (
+        lambda m: closed_loop(m, m, np.zeros((2, 3))),
+        r"`gain` must be finite and have shape \(2, 2\) or \(2, 4\)",
+    ),
+    "controller": (
+        lambda m: closed_loop(m, m, controller=static((2, 3))),
+        r"`controller` must have 2 outputs and 2 inputs \(r - y\) or 4",
+    ),
+    "continuous controller": (
+        lambda m: closed_loop(m, m, controller=static((2, 2), 0)),
+        "`controller` must be discrete in time.*Discretize",
+    ),
+    "continuous plant": (
+        lambda m: closed_loop(static((2, 2), 0), m, Z),
+        "`plant` must be discrete in time with dt=0.25.*Discretize",
+    ),
+    "dt of plant": (
+        lambda m: closed_loop(static((2, 2), 0.1), m, Z),
+        "`plant` must have the sampling time of the model, dt=0.25, got 0.1",
+    ),
+    "size of plant": (
+        lambda m: closed_loop(static((1, 2)), m, Z),
+        r"`plant` must have as many inputs and outputs as the model, \(2, 2\), got",
+    ),
+    "feedthrough": (
+        lambda m: closed_loop(static((2, 2), D=1.0), m, Z),
+        "`plant` must be strictly proper",
+    ),
+    "observer with ekf": (
+        lambda m: closed_loop(m, m, Z, observer=m.observer(kind="ekf")),
+        "`kind` must be 'kalman'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "message"), ERRORS.values(), ids=ERRORS)
+def test_errors(fitted, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(fitted["fl", 2])
+
+
+def test_parts_of_another_model(fitted):
+    model, other = fitted["fl", 2], fitted["fl", 1]
+    with pytest.raises(ValueError, match=r"`law`.*\(4, 2\), got \(2, 1\)"):
+        closed_loop(model, model, Z, law=other.linearizing_law())
+    with pytest.raises(ValueError, match=r"`observer`.*\(4, 2\), got \(2, 2\)"):
+        closed_loop(model, model, Z, observer=other.observer())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"plant": "motor"}, "`plant` must be a fitted model or a system.*got str"),
+        ({"law": "u = v"}, "`law` must be a LinearizingLaw, got str"),
+        ({"observer": Z}, "`observer` must be an Observer, got ndarray"),
+        ({"gain": None, "controller": Z}, "`controller` must be a StateSpace or"),
+    ],
+)
+def test_wrong_types(fitted, options, message):
+    model = fitted["fl", 2]
+    with pytest.raises(TypeError, match=message):
+        closed_loop(**{"plant": model, "model": model, "gain": Z, **options})
+
+
+def test_uncontrollable_pairs(fitted):
+    model = pickle.loads(pickle.dumps(fitted["linear", 2]))
+    model.A_, model.B_ = np.diag([1.2, 0.5]), np.array([[0.0, 0.0], [1.0, 2.0]])
+    message = r"controllable pair \(A, B\), got a mode 1.2.*Lower `nx`"
+    with pytest.raises(ValueError, match=message):
+        lqr(model, np.eye(2), np.eye(2))
+    with pytest.raises(ValueError, match="controllable pair"):
+        lqi(model, np.eye(4), np.eye(2))
+    with pytest.raises(ValueError, match=message):
+        place(model, [0.1, 0.2])
+    model.A_ = np.diag([0.8, 0.5])  # out of reach, but stable
+    assert lqr(model, np.eye(2), np.eye(2)).shape == (2, 2)
+    model.B_ = model.B_[:, :1]
+    with pytest.raises(ValueError, match="at most as many outputs as inputs, got 2"):
+        lqi(model, np.eye(4), np.eye(1))
+
+
+def test_models_that_no_observer_suits(fitted):
+    model = pickle.loads(pickle.dumps(fitted["linear", 1]))
+    p = model._structure.split(model._theta)
+    p |= {"A": np.diag([1.2, 0.5]), "C": np.array([[0.0, 1.0]])}
+    model._theta = model._structure.join(p)
+    with pytest.raises(ValueError, match=r"stable observer.*lower `nx`"):
+        model.observer()
