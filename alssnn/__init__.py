@@ -5,13 +5,16 @@ inputs and outputs. The law u = v - h(y) cancels h, and what g leaves is penaliz
 """
 
 from . import datasets, metrics
+from .activations import Activation
 from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from .experiments import stack_experiments
 from .ladder import model_ladder
 from .linearizability import Linearizability
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Activation",
     "AlSsnn",
     "FlSsnn",
     "GrSsnn",
@@ -20,4 +23,5 @@ __all__ = [
     "datasets",
     "metrics",
     "model_ladder",
+    "stack_experiments",
 ]

@@ -3,21 +3,27 @@
 A record is u (N, nu), y (N, ny) with time running down the rows, and one label per
 sample that says which experiment the sample belongs to.  The samples of one
 experiment are contiguous and in time order; each experiment has its own initial
-state, and nothing is ever simulated across a seam.
+state, and nothing is ever simulated across a seam.  An output that was not measured at
+a sample is nan there.
 
 Identification works on scaled deviations (design of `fit`)
 
     u_s = (u - u_offset) / u_scale,     y_s = (y - y_offset) / y_scale
 
 where the offsets are the operating point and the scales standard deviations around
-the mean.  `Scaling` is the only place that knows both kinds of units.
+the mean.  `Scaling` is the only place that knows both kinds of units.  A `Signal`
+scales what is sliced from it, so that a record on disk, or of single precision, is
+never copied as a whole.
 """
 
+import importlib
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 WINDOW_GRID = 32  # candidate places of a stretch in every experiment
+CHUNK = 100_000  # samples treated at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +56,7 @@ class Scaling:
         u : ndarray of shape (N, nu)
             Inputs.
         y : ndarray of shape (N, ny)
-            Outputs.
+            Outputs; nan where they were not measured.
         operating_point : {"mean", "zero"} or tuple of array_like
             Origin of the deviations; a pair (u_e, y_e) in the user's units.
 
@@ -62,21 +68,29 @@ class Scaling:
         Raises
         ------
         ValueError
-            If an input is constant or the operating point has the wrong size.
+            If an input is constant, an output was never measured, or the operating
+            point has the wrong size.
         """
+        u_low, u_high, u_mean, u_std = _moments(u)
+        _, _, y_mean, y_std = _moments(y)
+        if not np.isfinite(y_mean).all():
+            columns = ", ".join(str(i) for i in np.flatnonzero(~np.isfinite(y_mean)))
+            raise ValueError(
+                "Input y contains NaN at every sample of column "
+                f"{columns}. Leave an output that was never measured out."
+            )
         # a column that only carries rounding errors is constant, too
-        moves = np.ptp(u, axis=0) > 1e-12 * np.abs(u).max(axis=0)
+        moves = u_high - u_low > 1e-12 * np.maximum(np.abs(u_low), np.abs(u_high))
         if not moves.all():
             columns = ", ".join(str(i) for i in np.flatnonzero(~moves))
             raise ValueError(
                 f"`u` must vary in every column, got constant column {columns}. "
                 "An input that never moves cannot be identified: remove it."
             )
-        y_std = y.std(axis=0)
         if isinstance(operating_point, str):
             at_mean = operating_point == "mean"
-            u_e = u.mean(axis=0) if at_mean else np.zeros(u.shape[1])
-            y_e = y.mean(axis=0) if at_mean else np.zeros(y.shape[1])
+            u_e = u_mean if at_mean else np.zeros(u.shape[1])
+            y_e = y_mean if at_mean else np.zeros(y.shape[1])
         else:
             u_e, y_e = (
                 _operating_value(value, size, name)
@@ -85,37 +99,98 @@ class Scaling:
                 )
             )
         # a constant output needs no scale: it is predicted by its offset
-        return cls(u_e, y_e, u.std(axis=0), np.where(y_std > 0, y_std, 1.0))
+        return cls(u_e, y_e, u_std, np.where(y_std > 0, y_std, 1.0))
 
-    def scale_u(self, u):
+    def scale_u(self, u, delay=None):
         """Return scaled deviations of inputs.
 
         Parameters
         ----------
-        u : ndarray of shape (N, nu)
+        u : array of shape (N, nu)
             Inputs, in the user's units.
+        delay : ndarray of int of shape (nu,) or None, default=None
+            Samples by which each input arrives late; before the first sample it is
+            at the operating point.
 
         Returns
         -------
-        u_s : ndarray of shape (N, nu)
+        u_s : Signal of shape (N, nu)
             Scaled deviations.
         """
-        return (u - self.u_offset) / self.u_scale
+        return Signal(u, self.u_offset, self.u_scale, delay)
 
     def scale_y(self, y):
         """Return scaled deviations of outputs.
 
         Parameters
         ----------
-        y : ndarray of shape (N, ny)
+        y : array of shape (N, ny)
             Outputs, in the user's units.
 
         Returns
         -------
-        y_s : ndarray of shape (N, ny)
+        y_s : Signal of shape (N, ny)
             Scaled deviations.
         """
-        return (y - self.y_offset) / self.y_scale
+        return Signal(y, self.y_offset, self.y_scale)
+
+
+class Signal:
+    """Scale, and delay, what is sliced from an array of samples.
+
+    Parameters
+    ----------
+    values : array of shape (N, n)
+        Samples of any real type, possibly on disk.
+    offset, scale : ndarray of shape (n,)
+        A sample z becomes (z - offset) / scale, in double precision.
+    delay : ndarray of int of shape (n,) or None, default=None
+        Samples by which each column arrives late; zeros fill the beginning.
+    """
+
+    dtype = np.dtype(float)
+
+    def __init__(self, values, offset, scale, delay=None):
+        self.values, self.offset, self.scale = values, offset, scale
+        self.delay = None if delay is None or not np.any(delay) else delay
+        self.shape = values.shape
+
+    def __len__(self):
+        """Return the number of samples."""
+        return self.shape[0]
+
+    def __getitem__(self, part):
+        """Return the samples of a slice, shape (L, n)."""
+        if self.delay is None:
+            return (self.values[part] - self.offset) / self.scale
+        start, stop, _ = part.indices(len(self))
+        out = np.zeros((stop - start, self.shape[1]))
+        for i, d in enumerate(self.delay):
+            first = max(start - d, 0)
+            late = self.values[first : max(stop - d, 0), i]
+            out[len(out) - len(late) :, i] = (late - self.offset[i]) / self.scale[i]
+        return out
+
+    def __array__(self, dtype=None, copy=None):
+        """Return all samples."""
+        return self[:] if dtype is None else self[:].astype(dtype)
+
+
+def _moments(values):
+    """Return smallest and largest value, mean and standard deviation of columns.
+
+    What is nan does not count; a column of nothing else has moments nan.
+    """
+    starts = range(0, len(values), CHUNK)
+    chunks = [slice(start, start + CHUNK) for start in starts]
+    count = sum(np.sum(~np.isnan(values[part]), axis=0) for part in chunks)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = sum(np.nansum(values[i], axis=0, dtype=float) for i in chunks) / count
+        square = sum(np.nansum((values[i] - mean) ** 2, axis=0) for i in chunks)
+        std = np.sqrt(square / count)
+    low = np.fmin.reduce([np.fmin.reduce(values[part], axis=0) for part in chunks])
+    high = np.fmax.reduce([np.fmax.reduce(values[part], axis=0) for part in chunks])
+    return low, high, mean, std
 
 
 def _operating_value(value, size, name):
@@ -192,7 +267,94 @@ def stretch(experiments, n_samples):
     for u, y in experiments:
         length = max(1, len(u) * n_samples // total)
         starts = np.unique(np.linspace(0, len(u) - length, WINDOW_GRID, dtype=int))
-        energy = np.concatenate([[0.0], np.cumsum(np.sum(u**2, 1) + np.sum(y**2, 1))])
-        start = starts[np.argmax(energy[starts + length] - energy[starts])]
+        marks = np.unique([0, *starts, *(starts + length)])
+        between = [_energy(u, *ab) + _energy(y, *ab) for ab in pairwise(marks)]
+        energy = dict(zip(marks, np.cumsum([0.0, *between]), strict=True))
+        start = max(starts, key=lambda k: energy[k + length] - energy[k])
         out.append((u[start : start + length], y[start : start + length]))
     return out
+
+
+def _energy(signal, start, stop):
+    """Return the sum of squares of the measured samples from start to stop."""
+    parts = (slice(i, min(i + CHUNK, stop)) for i in range(start, stop, CHUNK))
+    return sum(float(np.nansum(signal[part] ** 2)) for part in parts)
+
+
+def stack_experiments(us, ys):
+    """Join the records of several experiments into one, with labels.
+
+    Parameters
+    ----------
+    us : sequence of array_like of shape (N_i, nu) or (N_i,)
+        Inputs of every experiment, arrays or DataFrames.
+    ys : sequence of array_like of shape (N_i, ny) or (N_i,)
+        Their outputs.
+
+    Returns
+    -------
+    u : ndarray or DataFrame of shape (sum(N_i), nu)
+        Inputs.
+    y : ndarray or DataFrame of shape (sum(N_i), ny)
+        Outputs.
+    experiment : ndarray of int of shape (sum(N_i),)
+        Number of the experiment of every sample, to be passed with `u` and `y`.
+
+    Raises
+    ------
+    ValueError
+        If the numbers of records, their columns or their lengths do not fit.
+
+    Examples
+    --------
+    >>> u, y, experiment = alssnn.stack_experiments(
+    ...     [np.zeros((3, 1)), np.ones((2, 1))], [np.zeros(3), np.ones(2)]
+    ... )
+    >>> experiment
+    array([0, 0, 0, 1, 1])
+    """
+    if len(us) != len(ys) or not len(us):
+        raise ValueError(
+            f"`us` and `ys` must have one record per experiment, got {len(us)} and "
+            f"{len(ys)}."
+        )
+    for i, (u, y) in enumerate(zip(us, ys, strict=True)):
+        if len(u) != len(y):
+            raise ValueError(
+                f"`us[{i}]` and `ys[{i}]` must have the same number of samples, got "
+                f"{len(u)} and {len(y)}."
+            )
+    experiment = np.repeat(np.arange(len(us)), [len(u) for u in us])
+    return _stack(us, "us"), _stack(ys, "ys"), experiment
+
+
+def is_list_of_records(data):
+    """Tell whether data are one array per experiment rather than one array.
+
+    Parameters
+    ----------
+    data : object
+        What a user passed for `u`.
+
+    Returns
+    -------
+    is_list : bool
+        Whether it is a list or tuple of 2-D arrays or DataFrames.
+    """
+    return (
+        isinstance(data, list | tuple)
+        and len(data) > 0
+        and all(len(getattr(part, "shape", ())) == 2 for part in data)
+    )
+
+
+def _stack(records, name):
+    first = records[0]
+    if hasattr(first, "columns"):  # DataFrames keep their names
+        library = importlib.import_module(type(first).__module__.split(".")[0])
+        return library.concat(records)
+    arrays = [np.asarray(record) for record in records]
+    shapes = {array.shape[1:] for array in arrays}
+    if len(shapes) > 1:
+        raise ValueError(f"`{name}` must have equal columns, got {sorted(shapes)}.")
+    return np.concatenate(arrays)

@@ -11,6 +11,8 @@ import functools
 import numpy as np
 from scipy.linalg.blas import dgemm
 
+from .activations import IDENTITY, RELU, SIGMOID, TANH
+
 
 class Kernel:
     """Call a compiled function if numba is installed, else its NumPy original.
@@ -34,7 +36,13 @@ class Kernel:
             import numba
         except ImportError:
             return self.plain
-        return numba.njit(cache=True)(self.twin)
+        # without the GIL, experiments run in parallel threads
+        return numba.njit(cache=True, nogil=True)(self.twin)
+
+    @property
+    def is_compiled(self):
+        """Tell whether the twin runs in the place of the original."""
+        return self._resolved is not self.plain
 
     def __call__(self, *args):
         """Run the kernel."""
@@ -46,8 +54,34 @@ def _compiled(twin=None):
     return functools.partial(Kernel, twin=twin)
 
 
-@_compiled()
-def advance(base, P, E, layers, W, x, X):
+def _advance_loop(base, P, E, layers, codes, W, x, X):
+    nw = W.shape[1]
+    q = np.empty(P.shape[0], dtype=P.dtype)
+    w = np.empty(nw, dtype=P.dtype)
+    for k in range(base.shape[0]):
+        np.dot(P, x, q)
+        q += base[k]
+        for i in range(codes.shape[0]):
+            a, b, code = layers[i], layers[i + 1], codes[i]
+            if a > 0:
+                q[a:b] += np.dot(E[a:b, :a].copy(), w[:a])
+            if code == TANH:
+                np.tanh(q[a:b], w[a:b])
+            elif code == SIGMOID:
+                w[a:b] = 0.5 * (1.0 + np.tanh(0.5 * q[a:b]))
+            elif code == RELU:
+                w[a:b] = np.maximum(q[a:b], 0.0)
+            elif code == IDENTITY:
+                w[a:b] = q[a:b]
+            else:
+                w[a:b] = np.sin(q[a:b])
+        x = X[k]
+        np.dot(W, w, x)
+        x += q[nw:]
+
+
+@_compiled(_advance_loop)
+def advance(base, P, E, layers, sigma, W, x, X):
     """Step a Lur'e form through L samples; ``X[k]`` receives the next state.
 
     Parameters
@@ -60,6 +94,9 @@ def advance(base, P, E, layers, W, x, X):
         Weights between neurons.
     layers : ndarray of shape (n_layers + 1,)
         First neuron of every layer, and nw.
+    sigma : sequence of length n_layers
+        Activation of every layer: functions for the original, an array of codes
+        (`activations`) for the twin.
     W : ndarray of shape (nx, nw)
         Output weights of the neurons.
     x : ndarray of shape (nx,)
@@ -68,16 +105,14 @@ def advance(base, P, E, layers, W, x, X):
         Written in place.
     """
     nw = W.shape[1]
-    q = np.empty(P.shape[0], dtype=P.dtype)
     w = np.empty(nw, dtype=P.dtype)
     for k in range(base.shape[0]):
-        np.dot(P, x, q)
+        q = P @ x
         q += base[k]
-        for i in range(layers.shape[0] - 1):
-            a, b = layers[i], layers[i + 1]
+        for function, a, b in zip(sigma, layers[:-1], layers[1:], strict=True):
             if a > 0:
-                q[a:b] += np.dot(E[a:b, :a].copy(), w[:a])
-            np.tanh(q[a:b], w[a:b])
+                q[a:b] += E[a:b, :a] @ w[:a]
+            w[a:b] = function(q[a:b])
         x = X[k]
         np.dot(W, w, x)
         x += q[nw:]

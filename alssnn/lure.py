@@ -3,7 +3,7 @@
 A model with state x (nx), input u (nu), channels z (nz) and neurons w (nw) is
 
     [x+]           [x]
-    [z ] = Theta * [u]        w = tanh(v)                              (eq. lure)
+    [z ] = Theta * [u]        w = sigma(v)                             (eq. lure)
     [v ]           [w]
                    [1]
 
@@ -17,6 +17,7 @@ The regressor phi = [x; u; w; 1] and the matrix Theta are all that simulation,
 sensitivities and linearization need to know.  `z` stacks the output y and every
 signal that the cost penalizes.  E couples layers of neurons and is strictly lower
 triangular, so that w can be evaluated in order; it is zero for one hidden layer.
+sigma acts elementwise, one activation per neuron.
 
 The feedback u = v - K w - k turns one Lur'e form into another (`close`): cancelling
 h couples the neurons of g to those of h.
@@ -26,6 +27,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
+from .activations import ACTIVATIONS
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,8 @@ class Lure:
         Number of inputs.
     nw : int
         Number of neurons.
+    sigma : tuple of Activation, default=()
+        Activation of every neuron; empty means tanh for all.
 
     Raises
     ------
@@ -54,9 +59,12 @@ class Lure:
     nx: int
     nu: int
     nw: int
+    sigma: tuple = ()
 
     def __post_init__(self):
         """Check the shape of `Theta` and the order of the neurons."""
+        if not self.sigma:
+            object.__setattr__(self, "sigma", (ACTIVATIONS["tanh"],) * self.nw)
         expected = self.nx + self.nu + self.nw + 1
         if self.Theta.ndim != 2 or self.Theta.shape[1] != expected:
             raise ValueError(
@@ -106,10 +114,14 @@ class Lure:
 
     @cached_property
     def layers(self):
-        """Return the layers of neurons, as slices: no coupling within one."""
+        """Return the layers of neurons, as slices.
+
+        Within one there is no coupling and one activation.
+        """
         starts = [0] if self.nw else []
         for i in range(1, self.nw):
-            if np.any(self.E[i, starts[-1] : i]):
+            other = self.sigma[i] is not self.sigma[i - 1]
+            if other or np.any(self.E[i, starts[-1] : i]):
                 starts.append(i)
         stops = [*starts[1:], self.nw]
         return [slice(a, b) for a, b in zip(starts, stops, strict=False)]
@@ -138,4 +150,4 @@ class Lure:
         by_u = Theta[:, self.nx : self.nx + self.nu]
         Theta[:, self.nx + self.nu : -1] -= by_u @ K
         Theta[:, -1] -= by_u @ k
-        return Lure(Theta, self.nx, self.nu, self.nw)
+        return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)

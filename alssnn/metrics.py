@@ -6,8 +6,9 @@ With e = y_true - y_pred, and the mean taken down the rows (time), for each outp
     nrmse       = rmse / std(y_true)                     0 is perfect, 1 is the mean
     fit_percent = 100 (1 - |e| / |y_true - mean(y_true)|) = 100 (1 - nrmse)
 
-so that, with the coefficient of determination of scikit-learn, nrmse^2 = 1 - R2. No
-function here removes a transient: slice both arguments first.
+so that, with the coefficient of determination of scikit-learn, nrmse^2 = 1 - R2. Means
+and deviations are those of the samples that were measured: nan in `y_true` does not
+count. No function here removes a transient: slice both arguments first.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ def rmse(y_true, y_pred, *, multioutput="uniform_average"):
     Parameters
     ----------
     y_true : array-like of shape (N,) or (N, ny)
-        Measured output.
+        Measured output; nan where it was not measured.
     y_pred : array-like of shape (N,) or (N, ny)
         Simulated output, in the unit of `y_true`.
     multioutput : {"uniform_average", "raw_values"}, default="uniform_average"
@@ -36,8 +37,8 @@ def rmse(y_true, y_pred, *, multioutput="uniform_average"):
     Raises
     ------
     ValueError
-        If the arguments differ in shape, are empty or not finite, or if `multioutput`
-        is unknown.
+        If the arguments differ in shape, are empty or not finite, if an output was
+        never measured, or if `multioutput` is unknown.
 
     See Also
     --------
@@ -59,7 +60,7 @@ def nrmse(y_true, y_pred, *, multioutput="uniform_average"):
     Parameters
     ----------
     y_true : array-like of shape (N,) or (N, ny)
-        Measured output.
+        Measured output; nan where it was not measured.
     y_pred : array-like of shape (N,) or (N, ny)
         Simulated output, in the unit of `y_true`.
     multioutput : {"uniform_average", "raw_values"}, default="uniform_average"
@@ -75,8 +76,8 @@ def nrmse(y_true, y_pred, *, multioutput="uniform_average"):
     Raises
     ------
     ValueError
-        If the arguments differ in shape, are empty or not finite, or if `multioutput`
-        is unknown.
+        If the arguments differ in shape, are empty or not finite, if an output was
+        never measured, or if `multioutput` is unknown.
 
     See Also
     --------
@@ -99,7 +100,7 @@ def fit_percent(y_true, y_pred, *, multioutput="uniform_average"):
     Parameters
     ----------
     y_true : array-like of shape (N,) or (N, ny)
-        Measured output.
+        Measured output; nan where it was not measured.
     y_pred : array-like of shape (N,) or (N, ny)
         Simulated output, in the unit of `y_true`.
     multioutput : {"uniform_average", "raw_values"}, default="uniform_average"
@@ -115,8 +116,8 @@ def fit_percent(y_true, y_pred, *, multioutput="uniform_average"):
     Raises
     ------
     ValueError
-        If the arguments differ in shape, are empty or not finite, or if `multioutput`
-        is unknown.
+        If the arguments differ in shape, are empty or not finite, if an output was
+        never measured, or if `multioutput` is unknown.
 
     See Also
     --------
@@ -140,7 +141,14 @@ def _check_outputs(y_true, y_pred):
     """Return both outputs as float arrays of the same shape (N, ny)."""
     checked = []
     for name, y in (("y_true", y_true), ("y_pred", y_pred)):
-        y = check_array(y, ensure_2d=False, dtype=np.float64, input_name=name)
+        finite = "allow-nan" if name == "y_true" else True
+        y = check_array(
+            y,
+            ensure_2d=False,
+            dtype=np.float64,
+            ensure_all_finite=finite,
+            input_name=name,
+        )
         checked.append(y.reshape(len(y), -1))
     y_true, y_pred = checked
     for axis, what in enumerate(("samples", "outputs")):
@@ -150,6 +158,11 @@ def _check_outputs(y_true, y_pred):
                 f"{y_true.shape[axis]} and {y_pred.shape[axis]}. "
                 "Let time run down the rows of both."
             )
+    if np.isnan(y_true).all(axis=0).any():
+        raise ValueError(
+            "`y_true` must have a measured sample in every output, got a column of "
+            "nan. Leave an output that was never measured out."
+        )
     return y_true, y_pred
 
 
@@ -157,18 +170,18 @@ def _rms(E):
     """Return the root mean square of each column of E, of shape (ny,)."""
     # Scaled first: the output of a diverged simulation may exceed 1e154, whose square
     # overflows.
-    scale = np.abs(E).max(axis=0)
+    scale = np.nanmax(np.abs(E), axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    return scale * np.sqrt(np.mean((E / scale) ** 2, axis=0))
+    return scale * np.sqrt(np.nanmean((E / scale) ** 2, axis=0))
 
 
 def _relative_error(y_true, y_pred):
     """Return rmse / std per output, of shape (ny,), where 0 / 0 = 0 and 1 / 0 = inf."""
     error = _rms(y_true - y_pred)
-    spread = _rms(y_true - y_true.mean(axis=0))
+    spread = _rms(y_true - np.nanmean(y_true, axis=0))
     # Exactly constant outputs are told by their range: rounding of the mean can leave
     # them a spread of 1e-17.
-    constant = np.ptp(y_true, axis=0) == 0
+    constant = np.nanmax(y_true, axis=0) == np.nanmin(y_true, axis=0)
     relative = np.where(error > 0, np.inf, 0.0)
     with np.errstate(over="ignore"):  # a ratio beyond 1e308 is infinite
         return np.divide(error, spread, out=relative, where=~constant)

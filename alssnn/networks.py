@@ -1,57 +1,72 @@
 """Networks: multilayer perceptrons as terms of the Lur'e form.
 
-One hidden layer, tanh, linear output layer (eq. model):
+With one hidden layer and a linear output layer (eq. model):
 
-    h(y)    = W_h tanh(W_y y + b_y) + b_h      or     h(x) = W_h tanh(W_s x + b_s) + b_h
-    g(x, u) = W_g tanh(W_x x + W_u u + b_x) + b_g
+    h(y)    = W_h sigma(W_y y + b_y) + b_h    or    h(x) = W_h sigma(W_s x + b_s) + b_h
+    g(x, u) = W_g sigma(W_x x + W_u u + b_x) + b_g
+    k(x, u) = W_k sigma(W_kx x + W_ku u + b_kx) + b_k
 
-In deviation variables the operating point is (x, u) = (0, 0), and the tied bias
-b_g = -W_g tanh(b_x) makes g vanish there.
+A further hidden layer i = 2, 3, ... of net n puts sigma(W_ni . + b_ni) behind the ones
+before it.  In deviation variables the operating point is (x, u) = (0, 0), and tied
+biases b_g and b_k make g and k vanish there: minus what the net would give (`AtRest`).
 
-A network is a table of parameters (name -> axes) and a list of terms that add
-`left @ right` to blocks of Theta; see `structures` for what is done with them.
+A network is a table of parameters (name -> axes) and a list of terms, each adding a
+product of parameters to a block of Theta; see `structures` for what is done with them.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-NETWORK_AXES = {"h": "w_h", "g": "w_g"}  # axis of the neurons of each network
+from .activations import Activation
+
 ONE = "1"  # axis of length one: the column of Theta that carries the constants
-
-
-def _identity(value):
-    return value
-
-
-def _minus_tanh(value):
-    return -np.tanh(value)
-
-
-def _minus_tanh_derivative(value):
-    return np.tanh(value) ** 2 - 1.0
+# Parameters of the first hidden layer: weights by what they act on, and the bias.
+INNER = {
+    "h": {"y": "W_y", "x": "W_s"},
+    "g": {"x": "W_x", "u": "W_u"},
+    "k": {"x": "W_kx", "u": "W_ku"},
+}
+INNER_BIAS = {"h": {"y": "b_y", "x": "b_s"}, "g": {"x": "b_x"}, "k": {"x": "b_kx"}}
+OUTPUT = {"h": "u", "g": "x", "k": "y"}  # axis of the value of each network
 
 
 @dataclass(frozen=True)
-class Factor:
-    """Name a parameter or constant, possibly under an elementwise function.
+class Term:
+    """Contribute the product of its factors to the block (rows, cols) of Theta.
 
     Parameters
     ----------
-    name : str
-        Parameter or constant.
-    function, derivative : callable
-        Elementwise function of a vector and its derivative; a derivative of None
-        means one, and then `name` may be a matrix.
+    rows, cols : str
+        Axes of the block.
+    factors : tuple of str or AtRest
+        Names of parameters or constants, from left to right; the last one may be an
+        `AtRest`. A vector stands as one column.
     """
 
-    name: str
-    function: Callable = _identity
-    derivative: Callable | None = None
+    rows: str
+    cols: str
+    factors: tuple
 
-    def slope(self, p):
-        """Return the derivative of the factor's value by the parameter.
+
+@dataclass(frozen=True)
+class AtRest:
+    """Name minus the last hidden layer of a network at the operating point.
+
+    Parameters
+    ----------
+    layers : tuple of tuple of str
+        Names (W_i, b_i) of the hidden layers; W_1 meets a zero and is not used.
+    activation : Activation
+        Activation of the layers.
+    """
+
+    layers: tuple
+    activation: Activation
+
+    def value(self, p):
+        """Return the value.
 
         Parameters
         ----------
@@ -60,118 +75,165 @@ class Factor:
 
         Returns
         -------
-        slope : float or ndarray
-            Elementwise derivative, of the shape of the parameter.
+        value : ndarray of shape (n, 1)
+            Minus the values of the last hidden layer.
         """
-        return 1.0 if self.derivative is None else self.derivative(p[self.name])
+        w = self.activation.value(p[self.layers[0][1]])
+        for W, b in self.layers[1:]:
+            w = self.activation.value(p[W] @ w + p[b])
+        return -w[:, None]
+
+    def jacobian(self, p):
+        """Return the derivative of the value.
+
+        Parameters
+        ----------
+        p : dict of str to ndarray
+            Parameters by name.
+
+        Returns
+        -------
+        jacobian : dict of str to ndarray
+            Derivative by each parameter involved, shape (n, its size).
+        """
+        v, slope, jacobian = p[self.layers[0][1]], self.activation.derivative, {}
+        w = self.activation.value(v)
+        jacobian[self.layers[0][1]] = np.diag(slope(v, w))
+        for W, b in self.layers[1:]:
+            v = p[W] @ w + p[b]
+            inner = {name: p[W] @ J for name, J in jacobian.items()}
+            inner |= {W: np.kron(np.eye(len(v)), w), b: np.eye(len(v))}
+            w = self.activation.value(v)
+            jacobian = {name: slope(v, w)[:, None] * J for name, J in inner.items()}
+        return {name: -J for name, J in jacobian.items()}
 
 
-@dataclass(frozen=True)
-class Term:
-    """Contribute ``left @ right`` to the block (rows, cols) of Theta.
+def hidden_axes(net, depth):
+    """Return the axes of the hidden layers of a network.
 
     Parameters
     ----------
-    rows, cols : str
-        Axes of the block.
-    left : Factor
-        Left factor.
-    right : Factor or None, default=None
-        Right factor; None stands for the identity.
+    net : {"h", "g", "k"}
+        Network.
+    depth : int
+        Number of hidden layers.
+
+    Returns
+    -------
+    axes : list of str
+        Such as ``["w_g", "w_g2"]``.
     """
-
-    rows: str
-    cols: str
-    left: Factor
-    right: Factor | None = None
+    return [f"w_{net}{i}" if i > 1 else f"w_{net}" for i in range(1, depth + 1)]
 
 
-def network_h(feedback):
-    """Return parameters and terms of the matched network B h(s).
+def network(net, depth, inputs, rows, *, biases="free", activation):
+    """Return parameters and terms of a network.
 
     Parameters
     ----------
-    feedback : {"output", "state"}
-        What h sees: s = y = C x, or s = x.
+    net : {"h", "g", "k"}
+        Network.
+    depth : int
+        Number of hidden layers.
+    inputs : dict of str to list of tuple
+        What the first layer sees: axis of a signal -> its parts (cols, factors), each
+        a product of factors times a column axis.
+    rows : list of tuple
+        Where the value goes: pairs (rows, factors), factors before the output weights.
+    biases : {"free", "tied", "none"}, default="free"
+        Free biases in all layers, output bias tied so that the network vanishes at
+        the operating point, or no biases at all.
+    activation : Activation
+        Activation of the hidden layers.
 
     Returns
     -------
     parameters : dict of str to tuple of str
-        Axes of W_h, b_h and of W_y, b_y (output) or W_s, b_s (state).
+        Axes of the parameters.
     terms : list of Term
-        Contributions to x+ and to the neurons' inputs.
+        Contributions to Theta.
     """
-    w = NETWORK_AXES["h"]
-    parameters: dict[str, tuple[str, ...]] = {"W_h": ("u", w), "b_h": ("u",)}
-    terms = [
-        Term("x", w, Factor("B"), Factor("W_h")),
-        Term("x", ONE, Factor("B"), Factor("b_h")),
-    ]
-    if feedback == "output":
-        parameters |= {"W_y": (w, "y"), "b_y": (w,)}
-        terms += [Term(w, "x", Factor("W_y"), Factor("C")), Term(w, ONE, Factor("b_y"))]
-    else:
-        parameters |= {"W_s": (w, "x"), "b_s": (w,)}
-        terms += [Term(w, "x", Factor("W_s")), Term(w, ONE, Factor("b_s"))]
+    axes = hidden_axes(net, depth)
+    first, last = axes[0], axes[-1]
+    W_out, b_out = f"W_{net}", f"b_{net}"
+    parameters: dict[str, tuple[str, ...]] = {W_out: (OUTPUT[net], last)}
+    terms = [Term(axis, last, (*before, W_out)) for axis, before in rows]
+    if biases == "free":
+        parameters[b_out] = (OUTPUT[net],)
+    for signal, parts in inputs.items():
+        W = INNER[net][signal]
+        parameters[W] = (first, signal)
+        terms += [Term(first, cols, (W, *factors)) for cols, factors in parts]
+    layers = [("", next(INNER_BIAS[net][s] for s in inputs if s in INNER_BIAS[net]))]
+    layers += [(f"W_{net}{i}", f"b_{net}{i}") for i in range(2, depth + 1)]
+    for (before, axis), (W, _) in zip(pairwise(axes), layers[1:], strict=True):
+        parameters[W] = (axis, before)
+        terms.append(Term(axis, before, (W,)))
+    if biases != "none":
+        for axis, (_, b) in zip(axes, layers, strict=True):
+            parameters[b] = (axis,)
+            terms.append(Term(axis, ONE, (b,)))
+        tied = (W_out, AtRest(tuple(layers), activation))
+        bias = (b_out,) if biases == "free" else tied
+        terms += [Term(axis, ONE, (*before, *bias)) for axis, before in rows]
     return parameters, terms
 
 
-def network_g(rows, *, tied_bias):
-    """Return parameters and terms of the residual network g(x, u).
+@dataclass(frozen=True, eq=False)
+class Perceptron:
+    """Evaluate a network from its weights.
 
     Parameters
     ----------
-    rows : sequence of str
-        Axes that g is added to: the state and, if penalized, its channel.
-    tied_bias : bool
-        Whether b_g = -W_g tanh(b_x), so that g(0, 0) = 0; else b_g is free.
-
-    Returns
-    -------
-    parameters : dict of str to tuple of str
-        Axes of W_g, W_x, W_u, b_x and, if free, b_g.
-    terms : list of Term
-        Contributions to `rows` and to the neurons' inputs.
+    layers : list of tuple of ndarray
+        Weights and biases (W, b) from the first hidden to the output layer.
+    activation : Activation
+        Activation of the hidden layers.
     """
-    w = NETWORK_AXES["g"]
-    parameters: dict[str, tuple[str, ...]] = {
-        "W_g": ("x", w),
-        "W_x": (w, "x"),
-        "W_u": (w, "u"),
-        "b_x": (w,),
-    }
-    terms = [
-        Term(w, "x", Factor("W_x")),
-        Term(w, "u", Factor("W_u")),
-        Term(w, ONE, Factor("b_x")),
-    ]
-    if tied_bias:
-        tied = Factor("b_x", _minus_tanh, _minus_tanh_derivative)
-        bias = [Factor("W_g"), tied]
-    else:
-        parameters["b_g"] = ("x",)
-        bias = [Factor("b_g")]
-    for axis in rows:
-        terms += [Term(axis, w, Factor("W_g")), Term(axis, ONE, *bias)]
-    return parameters, terms
 
+    layers: list
+    activation: Activation
 
-def evaluate_h(p, s):
-    """Evaluate h(s) (eq. model); zero for a model without h.
+    @classmethod
+    def h(cls, p, activation):
+        """Return the network h.
 
-    Parameters
-    ----------
-    p : dict of str to ndarray
-        Parameters by name.
-    s : ndarray of shape (N, ny) or (N, nx)
-        Outputs (deviations in the units of `p`) or states, whatever h sees.
+        Parameters
+        ----------
+        p : dict of str to ndarray
+            Parameters by name, those of h and B.
+        activation : Activation
+            Activation of h.
 
-    Returns
-    -------
-    h : ndarray of shape (N, nu)
-        Matched nonlinearity, in the units of u.
-    """
-    if "W_h" not in p:
-        return np.zeros((len(s), p["B"].shape[1]))
-    inner, bias = ("W_y", "b_y") if "W_y" in p else ("W_s", "b_s")
-    return np.tanh(s @ p[inner].T + p[bias]) @ p["W_h"].T + p["b_h"]
+        Returns
+        -------
+        h : Perceptron or None
+            The network; None for a model without h.
+        """
+        if "W_h" not in p:
+            return None
+        signal = next(s for s, W in INNER["h"].items() if W in p)
+        names = [(INNER["h"][signal], INNER_BIAS["h"][signal])]
+        while f"W_h{len(names) + 1}" in p:
+            names.append((f"W_h{len(names) + 1}", f"b_h{len(names) + 1}"))
+        names.append(("W_h", "b_h"))
+        layers = [(p[W], p.get(b, np.zeros(len(p[W])))) for W, b in names]
+        return cls(layers, activation)
+
+    def __call__(self, s):
+        """Evaluate the network (eq. model).
+
+        Parameters
+        ----------
+        s : ndarray of shape (N, n_inputs)
+            What the first layer sees, one row per sample.
+
+        Returns
+        -------
+        value : ndarray of shape (N, n_outputs)
+            Values.
+        """
+        *hidden, (W_out, b_out) = self.layers
+        for W, b in hidden:
+            s = self.activation.value(s @ W.T + b)
+        return s @ W_out.T + b_out

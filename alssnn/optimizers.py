@@ -17,6 +17,7 @@ Nothing here knows what is being fitted: `minimize` takes any
 import functools
 import time
 
+import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from threadpoolctl import ThreadpoolController
 
@@ -51,7 +52,15 @@ def single_threaded():
 
 
 def minimize(
-    criterion, free, *, method="lm", max_iter=100, tol=1e-6, report=None, label=""
+    criterion,
+    free,
+    *,
+    method="lm",
+    max_iter=100,
+    tol=1e-6,
+    bounds=None,
+    report=None,
+    label="",
 ):
     """Minimize a least-squares criterion from a given start.
 
@@ -67,6 +76,8 @@ def minimize(
         Largest number of trial steps.
     tol : float, default=1e-6
         Relative change of the cost, and of the parameters, that ends the search.
+    bounds : tuple of ndarray or None, default=None
+        Lower and upper bounds, for "trf".
     report : callable or None, default=None
         Called as ``report(label, iteration, cost)`` at every accepted step.
     label : str, default=""
@@ -104,6 +115,7 @@ def minimize(
             free,
             jac=jac,
             method=method,
+            bounds=(-np.inf, np.inf) if bounds is None else bounds,
             x_scale="jac",
             ftol=tol,
             xtol=tol,

@@ -1,19 +1,19 @@
 """Simulation and sensitivities of a Lur'e form: the only loops over time.
 
-`simulate` runs  x+ = M_x [x; u] + W_x w + c_x,  w = tanh(V [x; u] + E w + b)  from x0.
+`simulate` runs  x+ = M_x [x; u] + W_x w + c_x,  w = sigma(V [x; u] + E w + b)  from x0.
 Everything that depends on u alone is computed in bulk, so that one step costs two
 small matrix-vector products.  The step loop is plain NumPy; when numba is
-installed (extra `fast`) the same function is compiled.
+installed (extra `fast`) a twin is compiled.
 
-`sensitivities` differentiates the channels along a simulated trajectory (eq. sens)
+`sensitivities` differentiates the channels along the trajectory (eq. sens)
 
     S+ = F S + G,    F = dx+/dx = M_x + W R V_x,
-                     R = (I - diag(1 - w^2) E)^-1 diag(1 - w^2)
+                     R = (I - diag(sigma') E)^-1 diag(sigma')
     J  = H S + D,    H = dz/dx,   G, D = direct derivatives (`structures`)
 
 for S = d x / d (theta, x0).  It works through the record in chunks that fit the
-cache and hands out J chunk by chunk: nothing here grows with the record but the
-states themselves.
+cache and hands out J chunk by chunk; inputs are only ever sliced, so that a record may
+live on disk.  Nothing here grows with the record but what `simulate` returns.
 
 Neither function knows what the channels mean or how they are weighted beyond one
 factor per channel; that is the matter of `criterion`.
@@ -21,11 +21,80 @@ factor per channel; that is the matter of `criterion`.
 
 import numpy as np
 
+from .activations import OTHER
 from .kernels import advance, propagate
 
 SIMULATION_CHUNK = 1024  # samples between two tests for divergence
 SENSITIVITY_BYTES = 3_000_000  # T and J of one chunk together: about the caches
 DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
+
+
+def _stepper(lure, dtype):
+    """Return a function that fills states: step(u, x, X) for samples u from x."""
+    nx, layers = lure.nx, lure.layers
+    P = np.vstack([lure.V[:, :nx], lure.M[:nx, :nx]]).astype(dtype)
+    Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]]).T
+    c = np.concatenate([lure.b, lure.c[:nx]])
+    W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
+    E = np.ascontiguousarray(lure.E, dtype=dtype)
+    starts = np.array([*(layer.start for layer in layers), lure.nw])
+    functions = [lure.sigma[layer.start] for layer in layers]
+    codes = np.array([function.code for function in functions], dtype=np.int64)
+    sigma: np.ndarray | tuple
+    if advance.is_compiled and dtype.kind == "f" and OTHER not in codes:
+        kernel, sigma = advance, codes
+    else:
+        kernel = advance.plain
+        sigma = tuple(function.value for function in functions)
+
+    def step(u, x, X):
+        base = (u @ Pu + c).astype(dtype, copy=False)
+        kernel(base, P, E, starts, sigma, W, x, X)
+        # "not <": nan must count as diverged
+        if not np.abs(X).max(initial=0.0) < DIVERGED:
+            X[:] = np.inf
+
+    return step
+
+
+def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
+    """Yield the states of a Lur'e form, chunk by chunk.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    u : array of shape (N, nu)
+        Inputs; only sliced.
+    x0 : ndarray of shape (nx,)
+        State at the first sample.
+    chunk : int, default=1024
+        Samples per chunk.
+
+    Yields
+    ------
+    part : slice
+        Samples of this chunk.
+    u_part : ndarray of shape (L, nu)
+        Their inputs.
+    X : ndarray of shape (L + 1, nx)
+        Their states, and the one after the last of them. If the trajectory diverges
+        within the chunk, all but the first are inf, and it is the last chunk.
+    """
+    dtype = np.result_type(lure.Theta, u.dtype, x0, float)
+    step = _stepper(lure, dtype)
+    x = x0
+    for start in range(0, len(u), chunk):
+        part = slice(start, min(start + chunk, len(u)))
+        X = np.empty((part.stop - start + 1, lure.nx), dtype=dtype)
+        X[0] = x
+        u_part = u[part]
+        with np.errstate(over="ignore", invalid="ignore"):
+            step(u_part, X[0], X[1:])
+        yield part, u_part, X
+        x = X[-1]
+        if not np.isfinite(x).all():
+            return
 
 
 def simulate(lure, u, x0):
@@ -48,29 +117,13 @@ def simulate(lure, u, x0):
 
     Notes
     -----
-    Costs N steps of 2 nw nx + nx^2 multiplications and nw tanh.
+    Costs N steps of 2 nw nx + nx^2 multiplications and nw activations.
     """
-    nx = lure.nx
-    dtype = np.result_type(lure.Theta, u, x0, float)
-    X = np.empty((len(u) + 1, nx), dtype=dtype)
+    dtype = np.result_type(lure.Theta, u.dtype, x0, float)
+    X = np.full((len(u) + 1, lure.nx), np.inf, dtype=dtype)
     X[0] = x0
-    P = np.vstack([lure.V[:, :nx], lure.M[:nx, :nx]]).astype(dtype)
-    Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]])
-    c = np.concatenate([lure.b, lure.c[:nx]])
-    W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
-    E = np.ascontiguousarray(lure.E, dtype=dtype)
-    layers = np.array([*(layer.start for layer in lure.layers), lure.nw])
-    step = advance.plain if dtype.kind == "c" else advance
-    with np.errstate(over="ignore", invalid="ignore"):
-        for start in range(0, len(u), SIMULATION_CHUNK):
-            base = u[start : start + SIMULATION_CHUNK] @ Pu.T + c
-            stop = start + len(base)
-            base = base.astype(dtype, copy=False)
-            step(base, P, E, layers, W, X[start], X[start + 1 :])
-            # "not <": nan must count as diverged
-            if not np.abs(X[start + 1 : stop + 1]).max() < DIVERGED:
-                X[start + 1 :] = np.inf
-                break
+    for part, _, X_part in trajectory(lure, u, x0):
+        X[part.start + 1 : part.stop + 1] = X_part[1:]
     return X
 
 
@@ -96,11 +149,11 @@ def regressors(lure, X, u):
     for layer in lure.layers:
         before = slice(0, layer.start)
         w[:, layer] += w[:, before] @ lure.E[layer, before].T
-        w[:, layer] = np.tanh(w[:, layer])
+        w[:, layer] = lure.sigma[layer.start].value(w[:, layer])
     return np.hstack([xu, w, np.ones((len(xu), 1))])
 
 
-def neuron_gains(lure, W, w):
+def neuron_gains(lure, W, Phi):
     """Return W R, the derivative of outputs W w by the neurons' own inputs v.
 
     Parameters
@@ -109,16 +162,22 @@ def neuron_gains(lure, W, w):
         Model.
     W : ndarray of shape (n_rows, nw)
         Output weights.
-    w : ndarray of shape (L, nw)
-        Values of the neurons.
+    Phi : ndarray of shape (L, nx + nu + nw + 1)
+        Regressors.
 
     Returns
     -------
     WR : ndarray of shape (L, n_rows, nw)
         Gains; back-propagation through the layers (eq. sens).
     """
-    slope = (1.0 - w**2)[:, None, :]
-    if len(lure.layers) <= 1:
+    w = Phi[:, lure.nx + lure.nu : -1]
+    v = Phi @ lure.Theta[lure.nx + lure.nz :].T
+    slope = np.empty_like(v)
+    for layer in lure.layers:
+        derivative = lure.sigma[layer.start].derivative
+        slope[:, layer] = derivative(v[:, layer], w[:, layer])
+    slope = slope[:, None, :]
+    if not lure.E.any():
         return W * slope
     WR = np.repeat(W[None], len(w), axis=0)
     for layer in reversed(lure.layers):
@@ -173,19 +232,19 @@ def chunk_length(structure):
     return max(32, SENSITIVITY_BYTES // per_sample)
 
 
-def sensitivities(structure, theta, X, u, scale, chunk=None):
-    """Yield the derivative of the channels by (theta, x0), chunk by chunk.
+def sensitivities(structure, theta, x0, u, scale, chunk=None):
+    """Yield channels and their derivative by (theta, x0), chunk by chunk.
 
     Parameters
     ----------
     structure : Structure
         Structure of the model.
     theta : ndarray of shape (n_params,)
-        Parameters at which `X` was simulated.
-    X : ndarray of shape (N + 1, nx)
-        States visited by `simulate`.
-    u : ndarray of shape (N, nu)
-        Inputs.
+        Parameters.
+    x0 : ndarray of shape (n_x0,)
+        Free part of the initial state.
+    u : array of shape (N, nu)
+        Inputs; only sliced.
     scale : ndarray of shape (nz,)
         Factor of every channel.
     chunk : int or None, default=None
@@ -195,10 +254,17 @@ def sensitivities(structure, theta, X, u, scale, chunk=None):
     ------
     part : slice
         Samples of this chunk.
+    Z : ndarray of shape (L, nz)
+        Scaled channels.
     J : ndarray of shape (L, nz, n_params + n_x0)
         ``J[k, i, j]``: derivative of scaled channel i at sample k by parameter j;
         the last n_x0 columns belong to the initial state. The array is
         overwritten by the next chunk.
+
+    Raises
+    ------
+    FloatingPointError
+        If the trajectory diverges.
 
     Notes
     -----
@@ -212,20 +278,21 @@ def sensitivities(structure, theta, X, u, scale, chunk=None):
     scale = np.concatenate([np.ones(nx), scale])
     M_x, W = lure.M[:, :nx] * scale[:, None], lure.W * scale[:, None]
     V_x = lure.V[:, :nx]
+    Theta_z = (lure.Theta[nx : nx + nz] * scale[nx:, None]).T
     T = np.empty((chunk, nx + nz, n))  # [G_k; D_k], then [S_k+1; J_k]
     J = np.empty((chunk, nz, n))
     S = np.zeros((nx, n))
     S[: structure.n_x0, n_params:] = np.eye(structure.n_x0)
-    for start in range(0, len(u), chunk):
-        part = slice(start, min(start + chunk, len(u)))
-        L = part.stop - start
-        Phi = regressors(lure, X[part], u[part])
-        w = Phi[:, nx + structure.nu : -1]
-        WR = neuron_gains(lure, W, w)  # (L, nx + nz, nw)
+    for part, u_part, X in trajectory(lure, u, structure.initial_state(x0), chunk):
+        if not np.isfinite(X[-1]).all():
+            raise FloatingPointError("The simulation diverges at these parameters.")
+        L = len(u_part)
+        Phi = regressors(lure, X[:-1], u_part)
+        WR = neuron_gains(lure, W, Phi)  # (L, nx + nz, nw)
         FH = (WR.reshape(L * (nx + nz), lure.nw) @ V_x).reshape(L, nx + nz, nx) + M_x
         T[:L] = 0.0
         structure.add_direct(p, Phi, WR, scale, T[:L])
         propagate(FH, S, T[:L])
         S[:] = T[L - 1, :nx]
         J[:L] = T[:L, nx:]
-        yield part, J[:L]
+        yield part, Phi @ Theta_z, J[:L]

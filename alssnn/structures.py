@@ -5,29 +5,31 @@ A structure is declared, not programmed.  It consists of
     sizes       axis name -> length; an axis is a block of rows or columns of Theta
     states, channels, neurons   which axes make up x, z and w, in order
     parameters  name -> axes, for example  B: ("x", "u"),  b_y: ("w_h",)
-    terms       Term(rows, cols, left, right):  Theta[rows, cols] += left @ right
+    terms       Term(rows, cols, factors):  Theta[rows, cols] += F_1 F_2 ... F_m
 
 and everything else follows: the flat vector theta, Theta itself, its derivative,
-the change of units.  The factors of a term are parameters, constants, or a
-parameter under an elementwise function (for a bias tied so that g vanishes at the
-operating point).  The derivative of a term is the product rule.  Acting on the
-regressor phi of one sample (see `simulation`), a term contributes
+the change of units.  The factors of a term are parameters and constants; the last may
+be a vector computed from several parameters (`networks.AtRest`: biases tied so that g
+and k vanish at the operating point).  The derivative of a term is the product rule.
+Acting on the regressor phi of one sample (see `simulation`), a term contributes
 
-    left @ right @ phi[cols]
+    P F_i S phi[cols],        P = F_1 ... F_(i-1),   S = F_(i+1) ... F_m
 
-so that the derivative by left[i, j] is  e_i (right @ phi[cols])[j]  and the one by
-right[j, l] is  left[:, j] phi[cols][l]  (eq. sens).  `add_direct` writes these for
-many samples at once; nothing ever forms d Theta / d theta as a dense array.
+so that the derivative by F_i[a, b] is  P[:, a] (S phi[cols])[b]  (eq. sens).
+`add_direct` writes these for many samples at once; nothing ever forms
+d Theta / d theta as a dense array.
 """
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 
 import numpy as np
 
+from .activations import ACTIVATIONS, Activation, as_activation
 from .kernels import add_diagonal, add_outer_products
 from .lure import Lure
-from .networks import NETWORK_AXES, ONE, Factor, Term, network_g, network_h
+from .networks import ONE, AtRest, Term, hidden_axes, network
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,8 @@ class Structure:
         Axes of the constants, for the change of units.
     network_parameters : tuple of str
         Names of the parameters that belong to neural networks (weight decay).
+    activations : dict of str to Activation
+        Activation of the neuron axes; axes that are not named have tanh.
     """
 
     sizes: dict
@@ -62,6 +66,7 @@ class Structure:
     constants: dict = field(default_factory=dict)
     constant_axes: dict = field(default_factory=dict)
     network_parameters: tuple = ()
+    activations: dict = field(default_factory=dict)
 
     # -- sizes and places --------------------------------------------------------
 
@@ -124,6 +129,15 @@ class Structure:
     def nw(self):
         """Return the number of neurons."""
         return sum(self.sizes[axis] for axis in self.neurons)
+
+    @cached_property
+    def sigma(self):
+        """Return the activation of every neuron."""
+        return tuple(
+            self.activations.get(axis, ACTIVATIONS["tanh"])
+            for axis in self.neurons
+            for _ in range(self.sizes[axis])
+        )
 
     @cached_property
     def shapes(self):
@@ -237,17 +251,14 @@ class Structure:
         Theta = np.zeros((self.nx + self.nz + self.nw, q), dtype=theta.dtype)
         for term in self.terms:
             block = Theta[self.rows[term.rows], self.cols[term.cols]]
-            block += self._product(term, p)
-        return Lure(Theta, self.nx, self.nu, self.nw)
-
-    def _product(self, term, p):
-        left = self._value(term.left, p)
-        return left if term.right is None else left @ self._value(term.right, p)
+            block += _product([self._value(factor, p) for factor in term.factors])
+        return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)
 
     def _value(self, factor, p):
         """Return the matrix of a factor; vectors stand as one column."""
-        raw = p[factor.name] if factor.name in p else self.constants[factor.name]
-        value = factor.function(raw)
+        if isinstance(factor, AtRest):
+            return factor.value(p)
+        value = p[factor] if factor in p else self.constants[factor]
         return value[:, None] if value.ndim == 1 else value
 
     # -- derivative ----------------------------------------------------------------
@@ -272,47 +283,45 @@ class Structure:
 
         Notes
         -----
-        Costs O(L (nx + nz) n_inner) for the n_inner parameters inside tanh and
+        Costs O(L (nx + nz) n_inner) for the n_inner parameters inside the neurons and
         O(L n_nonzero) for the others.
         """
         n_rows = self.nx + self.nz
         for term in self.terms:
             rows, phi = self.rows[term.rows], Phi[:, self.cols[term.cols]]
-            if rows.start >= n_rows:  # inside tanh: moves every row
-                gain = WR[:, :, rows.start - n_rows : rows.stop - n_rows]
-                self._add_inner(term, p, phi, gain, out)
-            else:
-                self._add_outer(term, p, phi, scale[rows], out[:, rows])
-
-    def _add_inner(self, term, p, phi, gain, out):
-        """Add the derivative of a term in rows of v, which act through `gain`."""
-        left, right = term.left, term.right
-        if left.name in p:
-            signal = phi if right is None else phi @ self._value(right, p).T
-            self._add_products(left, p, gain, signal, out)
-        if right is not None and right.name in p:
-            self._add_products(right, p, gain @ self._value(left, p), phi, out)
-
-    def _add_outer(self, term, p, phi, scale, out):
-        """Add the derivative of a term in rows of x+ or z; `out` holds its rows."""
-        left, right = term.left, term.right
-        if left.name in p:  # left[i, j] moves row i alone
-            signal = phi if right is None else phi @ self._value(right, p).T
-            slope = np.broadcast_to(left.slope(p), signal.shape[1])
-            gain = scale[:, None] * slope
-            add_diagonal(gain, signal, self._columns(out, left))
-        if right is not None and right.name in p:
-            gain = scale[:, None] * self._value(left, p)
-            gain = np.broadcast_to(gain, (len(out), *gain.shape))
-            self._add_products(right, p, gain, phi, out)
+            values = [self._value(factor, p) for factor in term.factors]
+            for i, factor in enumerate(term.factors):
+                if not isinstance(factor, AtRest) and factor not in p:
+                    continue  # a constant
+                before, after = values[:i], values[i + 1 :]
+                signal = phi @ _product(after).T if after else phi
+                if rows.start >= n_rows:  # inside a neuron: moves every row
+                    gain = WR[:, :, rows.start - n_rows : rows.stop - n_rows]
+                    gain = gain @ _product(before) if before else gain
+                    self._add_products(factor, p, gain, signal, out)
+                elif before:
+                    gain = scale[rows, None] * _product(before)
+                    self._add_products(factor, p, gain, signal, out[:, rows])
+                else:  # the parameter [a, b] moves row a alone
+                    gain = np.repeat(scale[rows, None], signal.shape[1], axis=1)
+                    add_diagonal(gain, signal, out[:, rows, self.slices[factor]])
 
     def _add_products(self, factor, p, gain, signal, out):
-        if factor.derivative is not None:
-            gain = gain * factor.slope(p)
-        add_outer_products(gain, signal, self._columns(out, factor))
+        if isinstance(factor, AtRest):
+            for name, jacobian in factor.jacobian(p).items():
+                # its column meets the constant 1 of phi
+                where = out[:, :, self.slices[name]]
+                where += gain @ jacobian
+        else:
+            gain = np.broadcast_to(gain, (len(out), *gain.shape[-2:]))
+            add_outer_products(gain, signal, out[:, :, self.slices[factor]])
 
-    def _columns(self, out, factor):
-        return out[:, :, self.slices[factor.name]]
+
+def _product(matrices):
+    value = matrices[0]
+    for matrix in matrices[1:]:
+        value = value @ matrix
+    return value
 
 
 def state_space_structure(
@@ -322,29 +331,44 @@ def state_space_structure(
     *,
     n_h=0,
     n_g=0,
+    n_k=0,
     C=None,
+    feedthrough=False,
     feedback="output",
     penalty=None,
+    penalize_h=False,
     tied_bias=True,
+    odd=False,
+    activation="tanh",
 ):
-    """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x.
+    """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x + D u + k(x, u).
 
     Parameters
     ----------
     nx, nu, ny : int
         Number of states, inputs and outputs.
-    n_h, n_g : int, default=0
-        Hidden neurons of h and g; zero leaves the network out.
+    n_h, n_g, n_k : int or tuple of int, default=0
+        Neurons of the hidden layers of h, g and k; zero leaves the network out.
     C : ndarray of shape (ny, nx) or None, default=None
         Fixed output matrix; None makes it a free parameter (linear models only).
+    feedthrough : bool, default=False
+        Whether D is a free parameter; else it is zero.
     feedback : {"output", "state"}, default="output"
-        What h sees: s = y or s = x.
+        What h sees: s = y, with D u and k in it, or s = x.
     penalty : {"state", "output"} or None, default=None
         Channel next to y: g itself, or the output-referred residual e (eq. gauge),
-        for which the states are (x, zeta). None for simulation alone. The flat
-        vector theta does not depend on it.
+        for which the states are (x, zeta); and k itself. None for simulation alone.
+        The flat vector theta does not depend on it.
+    penalize_h : bool, default=False
+        Whether h, if there is one, is a channel, too (eq. split).
     tied_bias : bool, default=True
         Whether the output bias of g is tied so that g(0, 0) = 0; else it is free.
+        That of k always is.
+    odd : bool, default=False
+        Whether h has no biases, which makes it odd if its activation is.
+    activation : str, Activation or dict, default="tanh"
+        Activation of all networks, or one per network: ``{"h": ..., "g": ...}``,
+        where those not named have tanh.
 
     Returns
     -------
@@ -354,48 +378,78 @@ def state_space_structure(
     Raises
     ------
     ValueError
-        If C is free in a model with networks.
+        If C is free in a model with networks, or an activation is unknown or not odd
+        where `odd` asks for it.
     """
-    if C is None and (n_h or n_g):
+    layers = {net: _sizes(n) for net, n in (("k", n_k), ("h", n_h), ("g", n_g))}
+    if C is None and any(layers.values()):
         raise ValueError("`C` must be given for a model with networks, got None.")
+    by_net = (
+        activation if isinstance(activation, dict) else dict.fromkeys("khg", activation)
+    )
+    sigma = {net: as_activation(by_net.get(net, "tanh")) for net in layers}
+    if odd and not sigma["h"].odd:
+        raise ValueError(
+            f"`activation` of h must be odd for odd=True, got {sigma['h'].name!r}. "
+            "Choose 'tanh' or 'sin'."
+        )
     sizes = {"x": nx, "u": nu, "y": ny}
     states, channels, neurons = ["x"], ["y"], []
     parameters: dict[str, tuple[str, ...]] = {"A": ("x", "x"), "B": ("x", "u")}
-    terms = [
-        Term("x", "x", Factor("A")),
-        Term("x", "u", Factor("B")),
-        Term("y", "x", Factor("C")),
-    ]
+    terms = [Term("x", "x", ("A",)), Term("x", "u", ("B",))]
+    terms.append(Term("y", "x", ("C",)))
     constants, constant_axes = {}, {}
     if C is None:
         parameters["C"] = ("y", "x")
     else:
         constants, constant_axes = {"C": np.array(C, float)}, {"C": ("y", "x")}
+    if feedthrough:
+        parameters["D"] = ("y", "u")
+        terms.append(Term("y", "u", ("D",)))
     linear = tuple(parameters)
-    if n_h:
-        sizes[NETWORK_AXES["h"]] = n_h
-        neurons.append(NETWORK_AXES["h"])
-        more, new = network_h(feedback)
-        parameters |= more
-        terms += new
-    if n_g:
-        sizes[NETWORK_AXES["g"]] = n_g
-        neurons.append(NETWORK_AXES["g"])
-        rows = ["x"]
-        if penalty == "state":
-            sizes["g"] = nx
-            channels.append("g")
-            rows.append("g")
-        elif penalty == "output":  # zeta+ = A zeta + g, e = C zeta
-            sizes |= {"zeta": nx, "e": ny}
-            states.append("zeta")
-            channels.append("e")
-            rows.append("zeta")
-            terms.append(Term("zeta", "zeta", Factor("A")))
-            terms.append(Term("e", "zeta", Factor("C")))
-        more, new = network_g(rows, tied_bias=tied_bias)
-        parameters |= more
-        terms += new
+    activations: dict[str, Activation] = {}
+    for net, hidden in layers.items():
+        axes = hidden_axes(net, len(hidden))
+        sizes |= dict(zip(axes, hidden, strict=True))
+        neurons += axes
+        activations |= dict.fromkeys(axes, sigma[net])
+    if layers["g"] and penalty == "state":
+        sizes["g"] = nx
+        channels.append("g")
+    elif layers["g"] and penalty == "output":  # zeta+ = A zeta + g, e = C zeta
+        sizes |= {"zeta": nx, "e": ny}
+        states.append("zeta")
+        channels.append("e")
+        terms += [Term("zeta", "zeta", ("A",)), Term("e", "zeta", ("C",))]
+    if layers["k"] and penalty is not None:
+        sizes["k"] = ny
+        channels.append("k")
+    if layers["h"] and penalize_h:
+        sizes["h"] = nu
+        channels.append("h")
+
+    def penalized(*axes):
+        """Return where else a value goes: its own channel, or that of its effect."""
+        return [(axis, ()) for axis in axes if axis in (*states, *channels)]
+
+    def add(net, inputs, rows, biases):
+        new = network(
+            net, len(layers[net]), inputs, rows, biases=biases, activation=sigma[net]
+        )
+        parameters.update(new[0])
+        terms.extend(new[1])
+
+    xu = {axis: [(axis, ())] for axis in "xu"}
+    if layers["k"]:
+        add("k", xu, [("y", ()), *penalized("k")], "tied")
+    if layers["h"]:
+        y = [(term.cols, term.factors) for term in terms if term.rows == "y"]
+        inputs = {"y": y} if feedback == "output" else {"x": xu["x"]}
+        rows = [("x", ("B",)), *penalized("h")]
+        add("h", inputs, rows, "none" if odd else "free")
+    if layers["g"]:
+        rows = [("x", ()), *penalized("zeta", "g")]
+        add("g", xu, rows, "tied" if tied_bias else "free")
     return Structure(
         sizes=sizes,
         states=tuple(states),
@@ -406,4 +460,18 @@ def state_space_structure(
         constants=constants,
         constant_axes=constant_axes,
         network_parameters=tuple(n for n in parameters if n not in linear),
+        activations=activations,
     )
+
+
+def _sizes(n):
+    """Return the sizes of the hidden layers; none for a network left out."""
+    sizes = (n,) if np.ndim(n) == 0 else tuple(n)
+    if sizes in [(0,), ()]:
+        return ()
+    if not all(isinstance(size, Integral) and int(size) > 0 for size in sizes):
+        raise ValueError(
+            "The sizes of hidden layers must be positive integers, such as 10 or "
+            f"(10, 5), got {n!r}."
+        )
+    return sizes

@@ -25,7 +25,7 @@ from scipy.optimize import OptimizeResult
 from .criterion import Criterion, Restricted
 from .experiments import stretch
 from .optimizers import minimize, single_threaded
-from .simulation import simulate
+from .simulation import trajectory
 from .structures import state_space_structure
 
 QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
@@ -49,8 +49,12 @@ class LinearModel:
         Input matrix.
     C : ndarray of shape (ny, nx)
         Output matrix.
+    D : ndarray of shape (ny, nu)
+        Feedthrough matrix.
     x0 : ndarray of shape (n_experiments, nx)
         Initial states.
+    feedthrough : bool
+        Whether D is free; else it is zero.
     singular_values : ndarray
         Singular values behind the choice of the order, descending.
     result : OptimizeResult or None
@@ -60,9 +64,17 @@ class LinearModel:
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
+    D: np.ndarray
     x0: np.ndarray
+    feedthrough: bool = False
     singular_values: np.ndarray = field(default_factory=lambda: np.empty(0))
     result: OptimizeResult | None = None
+
+    @property
+    def structure(self):
+        """Return the linear structure with free C."""
+        nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
+        return state_space_structure(nx, nu, ny, feedthrough=self.feedthrough)
 
     def as_fit(self):
         """Return the model as a fitted structure.
@@ -76,7 +88,7 @@ class LinearModel:
         result : OptimizeResult
             Outcome of the refinement, with `x0` in the basis of this model.
         """
-        structure = state_space_structure(len(self.A), self.B.shape[1], len(self.C))
+        structure = self.structure
         result = OptimizeResult({**(self.result or {}), "x0": self.x0})
         return structure, structure.join(vars(self)), result
 
@@ -228,42 +240,44 @@ def shift_structure(U, s, nx, ny):
     return stabilize(lstsq(Gamma[:-ny], Gamma[ny:])[0]), Gamma[:ny]
 
 
-def fit_input(experiments, A, C):
-    """Solve for (B, x0) at given (A, C): a linear least-squares problem.
+def fit_input(experiments, A, C, feedthrough=False):
+    """Solve for (B, D, x0) at given (A, C): a linear least-squares problem.
 
     Parameters
     ----------
-    experiments : sequence of tuple of ndarray
+    experiments : sequence of tuple of array
         Pairs (u, y) of scaled deviations.
     A : ndarray of shape (nx, nx)
         Stable state matrix.
     C : ndarray of shape (ny, nx)
         Output matrix.
+    feedthrough : bool, default=False
+        Whether D is free; else it is zero.
 
     Returns
     -------
     model : LinearModel
         The model of least simulation error for these A and C.
     """
-    structure, criterion, free = _problem(
-        experiments, {"A": A, "C": C}, np.zeros((len(experiments), len(A)))
-    )
+    nx, (nu, ny) = len(A), (signal.shape[1] for signal in experiments[0])
+    B, D, x0 = np.zeros((nx, nu)), np.zeros((ny, nu)), np.zeros((len(experiments), nx))
+    model = LinearModel(A, B, C, D, x0, feedthrough)
+    structure, criterion, free = _problem(experiments, model)
     mask = np.ones(criterion.n, dtype=bool)
     mask[structure.slices["A"]] = mask[structure.slices["C"]] = False
     restricted = Restricted(criterion, free, mask)
     with single_threaded():
         JJ, Jr, _ = restricted.normal_equations(free[mask])
-    # the residual is linear in (B, x0): one Gauss-Newton step solves
+    # the residual is linear in (B, D, x0): one Gauss-Newton step solves
     theta, x0 = criterion.split(restricted.complete(-lstsq(JJ, Jr)[0]))
-    return LinearModel(A, structure.split(theta)["B"], C, x0)
+    return replace(model, **structure.split(theta), x0=x0)
 
 
-def _problem(experiments, p, x0):
+def _problem(experiments, model):
     """Return structure, criterion and free vector of a linear model."""
-    nx, (u, y) = len(p["A"]), experiments[0]
-    structure = state_space_structure(nx, u.shape[1], y.shape[1])
+    structure = model.structure
     criterion = Criterion(structure, experiments)
-    return structure, criterion, criterion.join(structure.join(p), x0)
+    return structure, criterion, criterion.join(structure.join(vars(model)), model.x0)
 
 
 def _candidate_horizons(experiments, nx):
@@ -304,7 +318,7 @@ def refine(experiments, model, *, max_iter, tol, report=None):
     model : LinearModel
         Stable model of least simulation error near the start; `result` is set.
     """
-    structure, criterion, free = _problem(experiments, vars(model), model.x0)
+    structure, criterion, free = _problem(experiments, model)
     result = minimize(
         criterion, free, max_iter=max_iter, tol=tol, report=report, label="linear"
     )
@@ -315,12 +329,14 @@ def refine(experiments, model, *, max_iter, tol, report=None):
     # A finite record may prefer a slowly growing mode, which no simulation of
     # another record survives: reflect it, and keep the better of two stable models.
     A = stabilize(refined.A, limit=1.0 - REFINED_MARGIN)
-    reflected = fit_input(experiments, A, refined.C)
+    reflected = fit_input(experiments, A, refined.C, model.feedthrough)
     best = min(model, reflected, key=lambda stable: _norm(experiments, stable))
     return replace(best, result=result)
 
 
-def identify_linear(experiments, nx, *, max_iter=100, tol=1e-8, report=None):
+def identify_linear(
+    experiments, nx, *, feedthrough=False, max_iter=100, tol=1e-8, report=None
+):
     """Identify a linear model: subspace start, then simulation-error refinement.
 
     Parameters
@@ -329,6 +345,8 @@ def identify_linear(experiments, nx, *, max_iter=100, tol=1e-8, report=None):
         Pairs (u, y) of scaled deviations.
     nx : int or "auto"
         Order; "auto" decides by `choose_order`.
+    feedthrough : bool, default=False
+        Whether D is free; else it is zero.
     max_iter : int, default=100
         Largest number of trial steps of the refinement.
     tol : float, default=1e-8
@@ -348,48 +366,95 @@ def identify_linear(experiments, nx, *, max_iter=100, tol=1e-8, report=None):
     """
     ny = experiments[0][1].shape[1]
     horizons = _candidate_horizons(experiments, nx)
-    spaces = [
-        past_to_future(hankel_triangle(experiments, i), experiments, i)
-        for i in horizons
-    ]
+    filled = [(u, Filled(y)) for u, y in experiments]
+    spaces = [past_to_future(hankel_triangle(filled, i), filled, i) for i in horizons]
     # the longest horizon sees the slowest dynamics: its values decide the order
     singular_values = spaces[-1][1]
     if nx == "auto":
         reach = (horizons[0] - 1) * ny  # rank that Gamma can have at every horizon
         nx = choose_order(singular_values, min(MAX_ORDER, reach))
     trial = stretch(experiments, TRIAL_SAMPLES)
-    starts = [fit_input(trial, *shift_structure(U, s, nx, ny)) for U, s in spaces]
+    pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
+    starts = [fit_input(trial, A, C, feedthrough) for A, C in pairs]
     model = min(starts, key=lambda start: _norm(trial, start))
     model = refine(trial, model, max_iter=max_iter, tol=tol, report=report)
     if sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments):
-        model = fit_input(experiments, model.A, model.C)
+        model = fit_input(experiments, model.A, model.C, feedthrough)
         model = refine(
             experiments, model, max_iter=POLISH_STEPS, tol=tol, report=report
         )
-    return replace(_normalize(model, experiments), singular_values=singular_values)
+    model, _ = normalize(model, experiments)
+    return replace(model, singular_values=singular_values)
 
 
 def _norm(experiments, model):
-    _, criterion, free = _problem(experiments, vars(model), model.x0)
+    _, criterion, free = _problem(experiments, model)
     return criterion.norm(free)
 
 
-def _normalize(model, experiments):
-    """Scale the states to unit variance over the record."""
-    structure, _, _ = _problem(experiments, vars(model), model.x0)
+def normalize(model, experiments):
+    """Scale the states to unit variance over the record.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Model.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+
+    Returns
+    -------
+    model : LinearModel
+        The model with scaled states.
+    std : ndarray of shape (nx,)
+        States before over states after.
+    """
+    structure = model.structure
     lure = structure.lure(structure.join(vars(model)))
-    X = np.vstack(
-        [
-            simulate(lure, u, x0)[:-1]
-            for (u, _), x0 in zip(experiments, model.x0, strict=True)
-        ]
-    )
-    std = X.std(axis=0)
-    std = np.where(std > 0, std, 1.0)
-    return replace(
+    count, total, square = 0, 0.0, 0.0
+    for (u, _), x0 in zip(experiments, model.x0, strict=True):
+        for _, _, X in trajectory(lure, u, x0):
+            count += len(X) - 1
+            total = total + X[:-1].sum(axis=0)
+            square = square + (X[:-1] ** 2).sum(axis=0)
+    std = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
+    std = np.where((std > 0) & np.isfinite(std), std, 1.0)
+    scaled = replace(
         model,
         A=model.A * std / std[:, None],
         B=model.B / std[:, None],
         C=model.C * std,
         x0=model.x0 / std,
     )
+    return scaled, std
+
+
+class Filled:
+    """Fill outputs that were not measured, for the subspace step alone.
+
+    Gaps are bridged by straight lines within the slice that is asked for: a start,
+    which the refinement on what was measured corrects.
+
+    Parameters
+    ----------
+    y : array of shape (N, ny)
+        Outputs; nan where they were not measured.
+    """
+
+    def __init__(self, y):
+        self.y, self.shape = y, y.shape
+
+    def __len__(self):
+        """Return the number of samples."""
+        return len(self.y)
+
+    def __getitem__(self, part):
+        """Return the samples of a slice, shape (L, ny)."""
+        y = np.array(self.y[part])
+        k = np.arange(len(y))
+        for i in np.flatnonzero(np.isnan(y).any(axis=0)):
+            measured = ~np.isnan(y[:, i])
+            known = y[measured, i] if measured.any() else np.zeros(1)
+            at = k[measured] if measured.any() else k[:1]
+            y[:, i] = np.interp(k, at, known)
+        return y

@@ -51,15 +51,17 @@ def initial_theta(structure, linear, experiments, rng):
     theta : ndarray of shape (n_params,)
         Flat parameters.
     """
-    p = {"A": linear.A, "B": linear.B}
-    lure = structure.lure(structure.join(p))
+    p = {"A": linear.A, "B": linear.B, "D": linear.D}
     pick = rng.integers(len(experiments))
-    u, y = experiments[pick]
-    X = simulate(lure, u, structure.initial_state(linear.x0[pick]))
+    u, y = (np.asarray(signal) for signal in experiments[pick])
+    X = simulate(
+        structure.lure(structure.join(p)), u, structure.initial_state(linear.x0[pick])
+    )
     X = X[:-1, : structure.n_x0]
     if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
         X = np.zeros_like(X)
-    signals = {"x": X, "u": u, "y": y}
+    y_hat = X @ linear.C.T + u @ linear.D.T
+    signals = {"x": X, "u": u, "y": np.where(np.isnan(y), y_hat, y)}
     for axis in structure.neurons:
         size = structure.sizes[axis]
         samples = rng.integers(len(u), size=size)
@@ -69,15 +71,18 @@ def initial_theta(structure, linear, experiments, rng):
             if axes[0] == axis and len(axes) == 2
         }
         width = sum(structure.sizes[source] for source in inner.values())
-        bias = np.zeros(size)
+        v, bias = np.zeros((len(u), size)), np.zeros(size)
         for name, source in inner.items():
             shape = structure.shapes[name]
             p[name] = rng.normal(scale=INITIAL_SLOPE / np.sqrt(width), size=shape)
             bias -= np.sum(p[name] * signals[source][samples], axis=1)
-        bias_name = next(
-            name for name, axes in structure.parameters.items() if axes == (axis,)
-        )
-        p[bias_name] = bias
+            v += signals[source] @ p[name].T
+        for name, axes in structure.parameters.items():
+            if axes == (axis,):
+                p[name] = bias
+                v += bias
+        # what the next layer sees
+        signals[axis] = structure.activations[axis].value(v)
     return structure.join(p)
 
 
@@ -124,9 +129,9 @@ def train(
     experiments,
     starts,
     *,
-    gamma=0.0,
-    alpha=0.0,
+    weights=None,
     phi=None,
+    bounds=None,
     continuation=0,
     coarse_samples=None,
     polish_iter=20,
@@ -139,16 +144,16 @@ def train(
     ----------
     structure : Structure
         Structure of the model.
-    experiments : sequence of tuple of ndarray
+    experiments : sequence of tuple of array
         Pairs (u, y) of scaled deviations.
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
-    gamma : float, default=0.0
-        Weight of the penalized channels.
-    alpha : float, default=0.0
-        Weight of the squared network parameters.
+    weights : dict or None, default=None
+        ``gamma``, ``gamma_k``, ``alpha`` and ``output_weight`` of `Criterion`.
     phi : float or None, default=None
         Rate of stability by construction (eq. contract); None leaves A free.
+    bounds : dict of str to tuple of ndarray, or None, default=None
+        Lower and upper bounds of parameters by name; equal ones hold an entry.
     continuation : int, default=0
         Number of larger gammas that come first, each half a decade above the next.
     coarse_samples : int or None, default=None
@@ -156,7 +161,7 @@ def train(
     polish_iter : int, default=20
         Trial steps on all samples after the coarse stages.
     n_jobs : int or None, default=None
-        Restarts in parallel, as in joblib.
+        Restarts in parallel, or experiments if there is one start, as in joblib.
     **options : dict
         ``method``, ``max_iter``, ``tol`` and ``report`` of `optimizers.minimize`.
 
@@ -166,49 +171,60 @@ def train(
         That of the last stage, with ``theta`` and ``x0`` of the best start and the
         trial steps of all its stages in ``nfev``.
     """
+    weights = {} if weights is None else weights
     total = sum(len(u) for u, _ in experiments)
     is_coarse = coarse_samples is not None and coarse_samples < total
     first = stretch(experiments, coarse_samples) if is_coarse else experiments
-    gammas = gamma * GAMMA_STEP ** np.arange(continuation, -1, -1)
-    results = Parallel(n_jobs=n_jobs)(
+    threads = n_jobs if len(starts) == 1 else None
+    criteria = [
+        Criterion(structure, first, **_times(weights, factor), n_jobs=threads)
+        for factor in GAMMA_STEP ** np.arange(continuation, -1, -1)
+    ]
+    limits = Limits(structure, phi, bounds)
+    results = Parallel(n_jobs=n_jobs if len(starts) > 1 else 1)(
         delayed(_descend)(
-            [Criterion(structure, first, gamma=g, alpha=alpha) for g in gammas],
-            theta,
-            phi,
-            label=_label(i, len(starts)),
-            **options,
+            criteria, theta, limits, label=_label(i, len(starts)), **options
         )
         for i, theta in enumerate(starts)
     )
     best = min(results, key=lambda result: result.cost)
     if is_coarse:
         steps = best.nfev
-        criterion = Criterion(structure, experiments, gamma=gamma, alpha=alpha)
+        criterion = Criterion(structure, experiments, **weights, n_jobs=n_jobs)
         options = {**options, "max_iter": polish_iter}
-        best = _stage(criterion, best.theta, phi, label="all samples", **options)
+        best = _stage(criterion, best.theta, limits, label="all samples", **options)
         best.nfev += steps
     return best
+
+
+def _times(weights, factor):
+    """Return the weights with all gammas multiplied."""
+    return {
+        name: value * factor if name.startswith("gamma") else value
+        for name, value in weights.items()
+    }
 
 
 def _label(i, n_starts):
     return "train" if n_starts == 1 else f"start {i + 1}/{n_starts}"
 
 
-def _descend(criteria, theta, phi, **options):
+def _descend(criteria, theta, limits, **options):
     """Minimize one criterion after the other, each from the optimum of the last."""
     steps, x0 = 0, None
     for criterion in criteria:
-        result = _stage(criterion, theta, phi, x0, **options)
+        result = _stage(criterion, theta, limits, x0, **options)
         theta, x0 = result.theta, result.x0
         steps += result.nfev
     result.nfev = steps
     return result
 
 
-def _stage(criterion, theta, phi, x0=None, **options):
+def _stage(criterion, theta, limits, x0=None, **options):
     """Minimize from theta and x0, which is estimated first if it is not known."""
     structure, experiments = criterion.structure, criterion.experiments
     with single_threaded():
+        theta = limits.clip(theta)
         if x0 is None:
             at_rest = criterion.join(
                 theta, np.zeros((len(experiments), structure.n_x0))
@@ -219,13 +235,81 @@ def _stage(criterion, theta, phi, x0=None, **options):
         if not criterion.norm(free) < DIVERGED_NORM:
             # a short stretch did not show that A is unstable, a long record does
             p = structure.split(theta)
-            theta = structure.join({**p, "A": stabilize(p["A"])})
+            theta = limits.clip(structure.join({**p, "A": stabilize(p["A"])}))
             free = criterion.join(theta, x0)
-        if phi is None:
-            result = minimize(criterion, free, **options)
-        else:
-            problem = Contractive(criterion, phi)
-            result = minimize(problem, problem.from_free(free), **options)
-            result.x = problem.to_free(result.x)
+        result = limits.minimize(criterion, free, **options)
     theta, x0 = criterion.split(result.x)
     return OptimizeResult({**result, "theta": theta, "x0": x0})
+
+
+class Limits:
+    """Keep parameters where they may be: a contraction, bounds, held entries.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    phi : float or None, default=None
+        Rate of stability by construction (eq. contract); None leaves A free.
+    bounds : dict of str to tuple of ndarray, or None, default=None
+        Lower and upper bounds of parameters by name; equal ones hold an entry.
+    """
+
+    def __init__(self, structure, phi=None, bounds=None):
+        self.phi = phi
+        self.low = np.full(structure.n_params, -np.inf)
+        self.high = np.full(structure.n_params, np.inf)
+        for name, (low, high) in (bounds or {}).items():
+            where, shape = structure.slices[name], structure.shapes[name]
+            self.low[where] = np.broadcast_to(low, shape).ravel()
+            self.high[where] = np.broadcast_to(high, shape).ravel()
+
+    def clip(self, theta):
+        """Return parameters moved into their bounds.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Flat parameters.
+
+        Returns
+        -------
+        theta : ndarray of shape (n_params,)
+            Flat parameters.
+        """
+        return np.clip(theta, self.low, self.high)
+
+    def minimize(self, criterion, free, *, method="lm", **options):
+        """Minimize a criterion within the limits.
+
+        Parameters
+        ----------
+        criterion : Criterion
+            Criterion of (theta, x0).
+        free : ndarray of shape (n,)
+            Start, within the limits.
+        method : {"lm", "trf"}, default="lm"
+            Method of `optimizers.minimize`; bounds take "trf" in any case.
+        **options : dict
+            Further options of `optimizers.minimize`.
+
+        Returns
+        -------
+        result : OptimizeResult
+            Its outcome, with the whole free vector in ``x``.
+        """
+        problem, start = criterion, free
+        if self.phi is not None:
+            problem = Contractive(criterion, self.phi)
+            start = problem.from_free(free)
+        low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
+        low[: len(self.low)], high[: len(self.high)] = self.low, self.high
+        held = low == high
+        part = Restricted(problem, start, ~held) if held.any() else None
+        bounds = low[~held], high[~held]
+        if np.isfinite(bounds).any():
+            method, options["bounds"] = "trf", bounds
+        result = minimize(part or problem, start[~held], method=method, **options)
+        x = part.complete(result.x) if part else result.x
+        result.x = problem.to_free(x) if self.phi is not None else x
+        return result

@@ -1,9 +1,6 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
-from alssnn.networks import Factor, Term
 from alssnn.structures import state_space_structure
 
 # (nx, nu, ny) of every shape, options of state_space_structure
@@ -26,6 +23,37 @@ STRUCTURES = {
         (3, 2, 1),
         {"n_h": 2, "n_g": 3, "penalty": "state", "tied_bias": False},
     ),
+    "linear-feedthrough": ((2, 2, 3), {"feedthrough": True}),
+    "penalized h": ((2, 2, 1), {"n_h": 3, "n_g": 2, "penalize_h": True}),
+    "odd": ((3, 1, 2), {"n_h": (3, 2), "odd": True, "activation": "sin"}),
+    "nonlinear output": (
+        (3, 2, 2),
+        {"n_h": 3, "n_k": 2, "penalty": "output", "feedthrough": True},
+    ),
+    "deep": (
+        (3, 2, 1),
+        {
+            "n_h": (2, 3),
+            "n_g": (3, 4, 2),
+            "n_k": (2, 2),
+            "penalty": "state",
+            "activation": {"h": "sigmoid", "g": "tanh", "k": "sin"},
+        },
+    ),
+    "deep-state-output": (
+        (2, 2, 3),
+        {
+            "n_h": (2, 2),
+            "n_g": (2, 3),
+            "n_k": 2,
+            "feedback": "state",
+            "penalty": "output",
+            "feedthrough": True,
+            "penalize_h": True,
+            "tied_bias": False,
+            "activation": {"h": "relu", "g": "sigmoid", "k": "identity"},
+        },
+    ),
 }
 
 
@@ -34,39 +62,22 @@ def rng():
     return np.random.default_rng(0)
 
 
-def two_layers(rng):
-    """Return a structure whose g has two hidden layers, declared by hand."""
-    base = state_space_structure(
-        3, 2, 1, n_h=2, n_g=3, C=rng.standard_normal((1, 3)), penalty="state"
-    )
-    first = [t for t in base.terms if t.left.name != "W_g"]
-    output = [Term("x", "w_2", Factor("W_g")), Term("g", "w_2", Factor("W_g"))]
-    hidden = [Term("w_2", "w_g", Factor("W_2")), Term("w_2", "1", Factor("b_2"))]
-    axes = {"W_g": ("x", "w_2"), "W_2": ("w_2", "w_g"), "b_2": ("w_2",)}
-    return dataclasses.replace(
-        base,
-        sizes={**base.sizes, "w_2": 4},
-        neurons=(*base.neurons, "w_2"),
-        parameters={**base.parameters, **axes},
-        terms=(*first, *output, *hidden),
-    )
-
-
-@pytest.fixture(params=[*STRUCTURES, "two layers"], ids=str)
+@pytest.fixture(params=STRUCTURES, ids=str)
 def structure(request, rng):
-    if request.param == "two layers":
-        return two_layers(rng)
     (nx, nu, ny), options = STRUCTURES[request.param]
-    has_network = "n_h" in options or "n_g" in options
+    has_network = {"n_h", "n_g", "n_k"} & set(options)
     C = rng.standard_normal((ny, nx)) if has_network else None
     return state_space_structure(nx, nu, ny, C=C, **options)
 
 
 @pytest.fixture
 def experiments(structure, rng):
-    """Two experiments of unequal length, in scaled units."""
+    """Two experiments of unequal length, in scaled units, some outputs missing."""
     ny = structure.sizes["y"]
-    return [
+    pairs = [
         (rng.standard_normal((n, structure.nu)), rng.standard_normal((n, ny)))
         for n in (23, 40)
     ]
+    pairs[0][1][5:9, 0] = np.nan
+    pairs[1][1][-1] = np.nan
+    return pairs

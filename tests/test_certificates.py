@@ -22,7 +22,7 @@ from alssnn.certificates import (
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contraction
-from conftest import two_layers
+from alssnn.structures import state_space_structure
 from helpers import random_theta, simulate_linear
 
 METHODS = ["lyapunov", "sdp"]
@@ -400,15 +400,24 @@ def empirical_gain(lure, rng):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gain_bounds_two_layers(seed):
+@pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu", "identity", "sin"])
+def test_gain_bounds_two_layers(seed, activation):
     rng = np.random.default_rng(seed)
-    structure = two_layers(rng)
+    structure = state_space_structure(
+        3,
+        2,
+        1,
+        n_h=2,
+        n_g=(3, 4),
+        C=rng.standard_normal((1, 3)),
+        activation={"g": activation},
+    )
     theta = random_theta(structure, rng, radius=0.3)
     lure = structure.lure(theta)
     assert np.any(lure.E)
     Theta = lure.Theta.copy()
     Theta[: lure.nx, lure.nx + lure.nu : -1] *= 0.3  # keeps the loop certifiable
-    small = Lure(Theta, lure.nx, lure.nu, lure.nw)
+    small = Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
     certificate = gain_certificate(small)
     assert certificate.holds
     assert certificate.gamma >= empirical_gain(small, rng)

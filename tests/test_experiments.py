@@ -8,6 +8,7 @@ def test_scaled_deviations_have_mean_zero_and_unit_variance(rng):
     u, y = 3 + 2 * rng.standard_normal((50, 2)), 7 * rng.standard_normal((50, 1)) - 1
     scaling = Scaling.from_data(u, y, "mean")
     for signal in (scaling.scale_u(u), scaling.scale_y(y)):
+        signal = np.asarray(signal)
         np.testing.assert_allclose(signal.mean(axis=0), 0, atol=1e-14)
         np.testing.assert_allclose(signal.std(axis=0), 1)
 

@@ -34,7 +34,7 @@ def make_model(rng, *, n_h=3, n_g=4, radius=0.7, **options):
         (rng.standard_normal((n, 2)), rng.standard_normal((n, 2)), x0)
         for n, x0 in ((60, np.zeros(3)), (83, rng.standard_normal(3)))
     ]
-    linear = p["A"], p["B"], p["C"]
+    linear = p["A"], p["B"], p["C"], np.zeros((2, 2))
     return SimpleNamespace(
         p=p, args=(structure.lure(theta), linear, (K, k), experiments)
     )
@@ -149,8 +149,8 @@ def test_without_g_nothing_is_left(rng):
 
 
 def test_silence_has_no_error():
-    lure = Lure(np.array([[0.5, 1.0, 0.0]]), 1, 1, 0)
-    linear = np.array([[0.5]]), np.array([[1.0]]), np.array([[1.0]])
+    lure = Lure(np.array([[0.5, 1.0, 0.0], [1.0, 0.0, 0.0]]), 1, 1, 0)
+    linear = tuple(np.array([[value]]) for value in (0.5, 1.0, 1.0, 0.0))
     feedback, zero = (np.zeros((1, 0)), np.zeros(1)), np.zeros((9, 1))
     record = measure(lure, linear, feedback, [(zero, zero, np.zeros(1))])
     assert record.linearization_error == record.closed_linearization_error == 0
@@ -202,14 +202,14 @@ def test_a_tone_is_in_its_band(model, cycles, band):
 
 def transform(model, T):
     """Return the same model with the state T x."""
-    lure, (A, B, C), feedback, experiments = model.args
+    lure, (A, B, C, D), feedback, experiments = model.args
     T_inv = np.linalg.inv(T)
     Theta, nx = lure.Theta.copy(), lure.nx
     Theta[:nx] = T @ Theta[:nx]
     Theta[:, :nx] = Theta[:, :nx] @ T_inv
     return (
         Lure(Theta, nx, lure.nu, lure.nw),
-        (T @ A @ T_inv, T @ B, C @ T_inv),
+        (T @ A @ T_inv, T @ B, C @ T_inv, D),
         feedback,
         [(u, y, T @ x0) for u, y, x0 in experiments],
     )
@@ -262,7 +262,7 @@ def test_the_gain_grows_as_the_basis_shrinks_g(model):
 
 
 def test_h2_gain_is_the_energy_of_the_impulse_responses(model):
-    A, _, C = model.args[1]
+    A, _, C, _ = model.args[1]
     energy, power = np.zeros(2), np.eye(3)
     for _ in range(300):
         energy += np.sum((C @ power) ** 2, axis=1)
@@ -336,9 +336,11 @@ def test_a_diverging_model_is_infinitely_nonlinear(rng):
 
 def test_a_bounded_model_with_unstable_A_has_infinite_errors(rng):
     # h = -0.5 x / B, nearly, keeps x+ = 1.2 x + (u + h) bounded
-    Theta = np.array([[1.2, 1.0, -5.0, 0.0], [0.1, 0.0, 0.0, 0.0]])
+    Theta = np.array(
+        [[1.2, 1.0, -5.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.0]]
+    )
     lure = Lure(Theta, 1, 1, 1)
-    linear = np.array([[1.2]]), np.array([[1.0]]), np.array([[1.0]])
+    linear = tuple(np.array([[value]]) for value in (1.2, 1.0, 1.0, 0.0))
     u = 0.1 * rng.standard_normal((3000, 1))
     experiments = [(u, u, np.zeros(1))]
     feedback = np.array([[-5.0]]), np.zeros(1)

@@ -122,7 +122,8 @@ def test_diverged_simulation_does_not_overflow():
     [
         ([1, 2, 3], [1, 2], "same number of samples, got 3 and 2"),
         ([[1, 2]], [[1]], "same number of outputs, got 2 and 1"),
-        ([1, np.nan], [1, 2], "Input y_true contains NaN"),
+        ([1, 2], [1, np.nan], "Input y_pred contains NaN"),
+        ([np.nan, np.nan], [1, 2], "measured sample in every output"),
         ([1, 2], [1, np.inf], "Input y_pred contains infinity"),
         ([], [], "minimum of 1 is required"),
         (np.zeros((2, 2, 2)), [1, 2], "dim 3"),

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from alssnn import kernels
+from alssnn.activations import ACTIVATIONS
 from alssnn.simulation import SIMULATION_CHUNK, channels, sensitivities, simulate
 from alssnn.structures import state_space_structure
 from helpers import assert_jacobian, random_theta, simulate_linear
@@ -50,22 +51,20 @@ def test_sensitivities(structure, run, rng):
         X = simulate(lure, u, structure.initial_state(v[structure.n_params :]))
         return channels(lure, X, u) * scale
 
-    X = simulate(structure.lure(theta), u, structure.initial_state(x0))
-    J = [J.copy() for _, J in sensitivities(structure, theta, X, u, scale)]
+    J = [J.copy() for *_, J in sensitivities(structure, theta, x0, u, scale)]
     assert_jacobian(trajectory, np.concatenate(J), np.concatenate([theta, x0]))
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 30, 1000])
 def test_chunk_size_of_sensitivities_changes_nothing(structure, run, chunk):
     theta, u, x0 = run
-    X = simulate(structure.lure(theta), u, structure.initial_state(x0))
     scale = np.ones(structure.nz)
     results = []
     for size in (None, chunk):
         parts, blocks = [], []
-        for part, J in sensitivities(structure, theta, X, u, scale, size):
+        for part, Z, J in sensitivities(structure, theta, x0, u, scale, size):
             parts.append(range(len(u))[part])
-            blocks.append(J.copy())
+            blocks.append(np.dstack([J, Z]))
         assert [k for part in parts for k in part] == list(range(len(u)))
         results.append(np.concatenate(blocks))
     np.testing.assert_allclose(*results, rtol=0, atol=1e-13)
@@ -87,8 +86,9 @@ def test_unstable_but_short_simulation_is_not_divergence():
     np.testing.assert_allclose(X[-1], 2 * (1.5**20 - 1))
 
 
+@pytest.mark.parametrize("activation", ACTIVATIONS.values(), ids=str)
 @pytest.mark.parametrize("n_neurons", [0, 3])
-def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons):
+def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
     L, nx, nz, n = 6, 4, 2, 9
     base = rng.standard_normal((L, n_neurons + nx))
     P = 0.3 * rng.standard_normal((n_neurons + nx, nx))
@@ -96,9 +96,12 @@ def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons):
     E = np.tril(rng.standard_normal((n_neurons, n_neurons)), -1)
     layers = np.arange(n_neurons + 1)
     states = [np.zeros((L, nx)), np.zeros((L, nx))]
-    kernels.advance(base, P, E, layers, W, np.ones(nx), states[0])
-    kernels.advance.plain(base, P, E, layers, W, np.ones(nx), states[1])
-    np.testing.assert_allclose(*states, rtol=0, atol=1e-14)
+    functions = [activation.value] * n_neurons
+    codes = np.full(n_neurons, activation.code)
+    compiled = codes if kernels.advance.is_compiled else functions
+    kernels.advance(base, P, E, layers, compiled, W, np.ones(nx), states[0])
+    kernels.advance.plain(base, P, E, layers, functions, W, np.ones(nx), states[1])
+    np.testing.assert_allclose(*states, rtol=1e-13)
 
     FH, S = rng.standard_normal((L, nx + nz, nx)), rng.standard_normal((nx, n))
     T = rng.standard_normal((L, nx + nz, n))

@@ -45,7 +45,11 @@ def test_contractive_basis(rng, phi, radius):
     A = rng.standard_normal((4, 4))
     A *= radius / np.abs(np.linalg.eigvals(A)).max()
     model = LinearModel(
-        A, rng.standard_normal((4, 2)), rng.standard_normal((1, 4)), np.ones((3, 4))
+        A,
+        rng.standard_normal((4, 2)),
+        rng.standard_normal((1, 4)),
+        np.zeros((1, 2)),
+        np.ones((3, 4)),
     )
     new = contractive_basis(model, phi)
     assert np.linalg.norm(new.A, 2) < np.sqrt(1 - phi)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from alssnn.activations import ACTIVATIONS
 from alssnn.lure import Lure
 from alssnn.simulation import neuron_gains, regressors
 from alssnn.structures import state_space_structure
@@ -19,6 +20,33 @@ def test_join_ignores_strangers_and_fills_with_zero(structure):
     assert not np.any(p["B"])
 
 
+def net(structure, p, name, inputs):
+    """Evaluate a network by its equation, from the parameters by name."""
+    axes = [axis for axis in structure.neurons if axis.startswith(f"w_{name}")]
+    if not axes:
+        return 0.0
+    value = structure.activations[axes[0]].value
+    W_in, b_in = inputs
+    w = value(sum(p[W] @ z for W, z in W_in.items()) + p.get(b_in, 0.0))
+    for i in range(2, len(axes) + 1):
+        w = value(p[f"W_{name}{i}"] @ w + p.get(f"b_{name}{i}", 0.0))
+    return p[f"W_{name}"] @ w + p.get(f"b_{name}", 0.0)
+
+
+def model(structure, p, x, u):
+    """Return y, h, g, k by the equations (eq. model)."""
+    xu = {"W_x": x, "W_u": u}
+    rest = {"W_x": 0 * x, "W_u": 0 * u}
+    g = net(structure, p, "g", (xu, "b_x"))
+    if "b_g" not in p:
+        g = g - net(structure, p, "g", (rest, "b_x"))
+    k = net(structure, p, "k", ({"W_kx": x, "W_ku": u}, "b_kx"))
+    k = k - net(structure, p, "k", ({"W_kx": 0 * x, "W_ku": 0 * u}, "b_kx"))
+    y = p["C"] @ x + (p["D"] @ u if "D" in p else 0) + k
+    seen = ({"W_s": x}, "b_s") if "W_s" in p else ({"W_y": y}, "b_y")
+    return y, net(structure, p, "h", seen), g, k
+
+
 def test_lure_evaluates_the_model_equations(structure, rng):
     theta = random_theta(structure, rng)
     p = {**structure.constants, **structure.split(theta)}
@@ -26,26 +54,14 @@ def test_lure_evaluates_the_model_equations(structure, rng):
     lure = structure.lure(theta)
     out = lure.Theta @ regressors(lure, full[None], u[None])[0]
     x, zeta = full[: structure.n_x0], full[structure.n_x0 :]
-    y = p["C"] @ x
-    h, g = np.zeros(structure.nu), np.zeros(structure.n_x0)
-    if "W_y" in p:
-        h = p["W_h"] @ np.tanh(p["W_y"] @ y + p["b_y"]) + p["b_h"]
-    if "W_s" in p:
-        h = p["W_h"] @ np.tanh(p["W_s"] @ x + p["b_s"]) + p["b_h"]
-    if "W_2" in p:
-        inner = np.tanh(p["W_x"] @ x + p["W_u"] @ u + p["b_x"])
-        g = p["W_g"] @ np.tanh(p["W_2"] @ inner + p["b_2"])
-    elif "W_g" in p:
-        b_g = p.get("b_g", -p["W_g"] @ np.tanh(p["b_x"]))
-        g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["W_u"] @ u + p["b_x"]) + b_g
+    y, h, g, k = model(structure, p, x, u)
+    h, g = h + np.zeros(structure.nu), g + np.zeros(structure.n_x0)
     expected = [p["A"] @ x + p["B"] @ (u + h) + g]
     if "zeta" in structure.states:
         expected.append(p["A"] @ zeta + g)
-    expected.append(y)
-    if "g" in structure.channels:
-        expected.append(g)
-    if "e" in structure.channels:
-        expected.append(p["C"] @ zeta)
+    e = p["C"] @ zeta if len(zeta) else None
+    values = {"y": y, "g": g, "k": k, "h": h, "e": e}
+    expected += [values[channel] for channel in structure.channels]
     n = structure.nx + structure.nz
     np.testing.assert_allclose(out[:n], np.concatenate(expected), atol=1e-14)
 
@@ -75,20 +91,20 @@ def test_direct_derivative_of_one_step(structure, rng):
 
     lure = structure.lure(theta)
     Phi = regressors(lure, X, u)
-    w = Phi[:, structure.nx + structure.nu : -1]
-    WR = neuron_gains(lure, lure.W * scale[:, None], w)
+    WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
     out = np.zeros((L, n_rows, structure.n_params))
     structure.add_direct(structure.split(theta), Phi, WR, scale, out)
     assert_jacobian(step, out, theta)
 
 
-def test_tied_bias_makes_g_vanish_at_the_operating_point(rng):
+@pytest.mark.parametrize("sizes", [3, (3, 2), (2, 3, 4)])
+def test_tied_biases_make_g_and_k_vanish_at_the_operating_point(sizes, rng):
     structure = state_space_structure(
-        3, 2, 1, n_g=4, C=np.ones((1, 3)), penalty="state"
+        3, 2, 2, n_g=sizes, n_k=sizes, C=np.ones((2, 3)), penalty="state"
     )
     lure = structure.lure(random_theta(structure, rng))
     at_rest = regressors(lure, np.zeros((1, 3)), np.zeros((1, 2)))
-    np.testing.assert_allclose(at_rest @ lure.Theta[4:7].T, 0, atol=1e-15)
+    np.testing.assert_allclose(at_rest @ lure.Theta[3:10].T, 0, atol=1e-15)
 
 
 def test_rescale_keeps_the_map_from_input_to_output(structure, rng):
@@ -100,14 +116,9 @@ def test_rescale_keeps_the_map_from_input_to_output(structure, rng):
     x, u = rng.standard_normal(structure.n_x0), rng.standard_normal(structure.nu)
     np.testing.assert_allclose(q["B"] @ (su * u), p["B"] @ u)
     np.testing.assert_allclose(q["C"] @ x, sy * (p["C"] @ x))
-    if "W_y" in p:
-        y = p["C"] @ x
-        np.testing.assert_allclose(q["W_y"] @ (sy * y), p["W_y"] @ y)
-    if "W_h" in p:
-        np.testing.assert_allclose(q["B"] @ q["b_h"], p["B"] @ p["b_h"])
-    if "W_g" in p:
-        np.testing.assert_allclose(q["W_u"] @ (su * u), p["W_u"] @ u)
-        np.testing.assert_array_equal(q["W_x"], p["W_x"])
+    before, after = model(structure, p, x, u), model(structure, q, x, su * u)
+    for old, new, scale in zip(before, after, (sy, su, 1, sy), strict=True):
+        np.testing.assert_allclose(new, scale * old, atol=1e-13)
 
 
 def test_free_C_needs_a_linear_model():
@@ -124,6 +135,16 @@ def test_lure_refuses_wrong_shapes_and_disorder():
         Lure(Theta, 2, 1, 1)
 
 
+def test_odd_needs_an_odd_activation():
+    with pytest.raises(ValueError, match="of h must be odd for odd=True, got 'relu'"):
+        state_space_structure(2, 1, 1, n_h=2, C=[[1, 0]], odd=True, activation="relu")
+
+
+def test_unknown_activation():
+    with pytest.raises(ValueError, match="must be one of 'tanh', 'sigmoid'"):
+        state_space_structure(2, 1, 1, n_h=2, C=[[1, 0]], activation="softmax")
+
+
 def test_layers_are_found_from_the_couplings():
     Theta = np.zeros((6, 7))
     lure = Lure(Theta, 1, 1, 4)
@@ -132,6 +153,9 @@ def test_layers_are_found_from_the_couplings():
     Theta[2 + 3, 2 + 1] = 1.0  # neuron 3 sees neuron 1: the same layer as 2
     assert Lure(Theta, 1, 1, 4).layers == [slice(0, 2), slice(2, 4)]
     assert Lure(np.zeros((2, 3)), 1, 1, 0).layers == []
+    sigma = tuple(ACTIVATIONS[name] for name in ("tanh", "tanh", "sin", "sin"))
+    mixed = Lure(np.zeros((6, 7)), 1, 1, 4, sigma)
+    assert mixed.layers == [slice(0, 2), slice(2, 4)]
 
 
 def test_feedback_cancels_h(rng):

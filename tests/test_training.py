@@ -32,7 +32,9 @@ def problem(rng):
 
 def linear_start(structure, theta):
     p = structure.split(theta)
-    return LinearModel(p["A"], p["B"], structure.constants["C"], np.zeros((2, 2)))
+    return LinearModel(
+        p["A"], p["B"], structure.constants["C"], np.zeros((1, 1)), np.zeros((2, 2))
+    )
 
 
 def test_the_start_is_the_linear_model(problem, rng):
@@ -48,7 +50,11 @@ def test_the_start_is_the_linear_model(problem, rng):
 def test_inner_weights_are_spread_over_the_data(rng):
     structure = state_space_structure(2, 1, 1, n_h=50, n_g=50, C=np.ones((1, 2)))
     linear = LinearModel(
-        0.8 * np.eye(2), np.array([[0.6], [0.3]]), np.ones((1, 2)), np.zeros((1, 2))
+        0.8 * np.eye(2),
+        np.array([[0.6], [0.3]]),
+        np.ones((1, 2)),
+        np.zeros((1, 1)),
+        np.zeros((1, 2)),
     )
     u = rng.standard_normal((500, 1))
     y = 5.0 + rng.standard_normal((500, 1))  # the neurons of h must follow y there
@@ -148,7 +154,9 @@ def penalized(rng):
     for k in range(400):
         y[k] = structure.constants["C"] @ x
         x = A @ x + B @ u[k] + 0.1 * np.tanh(x) ** 2
-    linear = LinearModel(A, B, structure.constants["C"], np.zeros((1, 2)))
+    linear = LinearModel(
+        A, B, structure.constants["C"], np.zeros((1, 1)), np.zeros((1, 2))
+    )
     return structure, linear, [(u, y)]
 
 
@@ -168,7 +176,7 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
         structure,
         experiments,
         [start],
-        gamma=0.1,
+        weights={"gamma": 0.1},
         continuation=2,
         max_iter=5,
         report=lambda *args: calls.append(args),
@@ -187,7 +195,13 @@ def test_contractive_training_keeps_the_lyapunov_inequality(penalized, rng, phi)
     )
     start = initial_theta(structure, linear, experiments, rng)
     result = train(
-        structure, experiments, [start], gamma=0.1, phi=phi, max_iter=30, tol=1e-9
+        structure,
+        experiments,
+        [start],
+        weights={"gamma": 0.1},
+        phi=phi,
+        max_iter=30,
+        tol=1e-9,
     )
     A = structure.split(result.theta)["A"]
     # P = I: A'A - (1 - phi) I is negative semidefinite
@@ -205,6 +219,8 @@ def test_a_start_that_diverges_on_the_whole_record_is_reflected(rng):
     for k in range(len(u) - 1):
         y[k + 1] = 0.9 * y[k] + u[k]
     start = structure.join({"A": [[1.01]], "B": [[1.0]], "W_x": [[1.0]]})
-    result = train(structure, [(u, y)], [start], gamma=0.1, max_iter=20, tol=1e-12)
+    result = train(
+        structure, [(u, y)], [start], weights={"gamma": 0.1}, max_iter=20, tol=1e-12
+    )
     assert result.cost < 1e-6
     assert abs(structure.split(result.theta)["A"][0, 0]) < 1

@@ -6,7 +6,7 @@ In the Lur'e form g is what remains of x+ once A x + B u + B h is taken away,
 
 a function of the neurons alone. Observed along trajectories it gives a bound that
 holds on the data; since every |w_i| < 1, the sup over the cube gives one that holds
-everywhere (eq. lmi).
+everywhere (eq. lmi).  The same holds for every bounded activation.
 """
 
 import numpy as np
@@ -34,11 +34,11 @@ def state_feedback(lure, K):
     """
     Theta = lure.Theta.copy()
     Theta[:, : lure.nx] -= Theta[:, lure.nx : lure.nx + lure.nu] @ K
-    return Lure(Theta, lure.nx, lure.nu, lure.nw)
+    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
 
 
 def global_bound(lure, B, feedback):
-    """Bound ``|g|`` for all states and inputs, by the saturation of tanh.
+    """Bound ``|g|`` for all states and inputs, by the saturation of the neurons.
 
     Parameters
     ----------
@@ -52,11 +52,16 @@ def global_bound(lure, B, feedback):
     Returns
     -------
     eps : float
-        The largest ``|G w + c|`` over the cube, found at one of its corners, for up to
-        16 neurons in G; for more, the smallest of three upper bounds of it.
+        The largest ``|G w + c|`` over the box of w, found at one of its corners, for up
+        to 16 neurons in G; for more, the smallest of three upper bounds of it. inf if
+        a neuron in G is unbounded.
     """
     G, c = _residual(lure, B, feedback)
-    G = G[:, np.any(G != 0, axis=0)]
+    bound = np.array([activation.bound for activation in lure.sigma])
+    active = np.any(G != 0, axis=0)
+    if np.isinf(bound[active]).any():
+        return np.inf
+    G = G[:, active] * bound[active]
     n = G.shape[1]
     if n <= VERTICES:
         # a convex function on a cube is largest at a corner

@@ -1,7 +1,8 @@
-"""Incremental gain of a Lur'e form by slopes of tanh, and the H-infinity norm.
+"""Incremental gain of a Lur'e form by slopes of its neurons, and the H-infinity norm.
 
 Two trajectories of a Lur'e form differ by dx, dw, dy for inputs that differ by dv. All
-that is used of tanh is its slope, between 0 and 1, at the neurons' inputs nu,
+that is used of a neuron is its slope at its input nu_i, between 0 and 1 (as that of
+tanh; other activations are brought to it by a change of w),
 
     dw_i (dnu_i - dw_i) >= 0,    dnu = V [dx; dv] + E dw.
 
@@ -56,7 +57,7 @@ class GainCertificate:
     reason : str
         Why the certificate does not hold; empty otherwise.
     lure : Lure
-        The certified loop.
+        The certified loop, its neurons brought to slopes between 0 and 1.
     """
 
     holds: bool
@@ -121,6 +122,7 @@ def gain_certificate(lure):
        for systems with neural network controllers", IEEE Transactions on Automatic
        Control 67(4), 2022.
     """
+    lure = _unit_slopes(lure)
     A, B = lure.M[: lure.nx, : lure.nx], lure.M[: lure.nx, lure.nx :]
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1:
@@ -219,7 +221,26 @@ def _change(lure, T):
     nx, Theta = lure.nx, lure.Theta.copy()
     Theta[:nx] = T @ Theta[:nx]
     Theta[:, :nx] = solve_triangular(T, Theta[:, :nx].T, trans="T").T
-    return Lure(Theta, nx, lure.nu, lure.nw)
+    return Lure(Theta, nx, lure.nu, lure.nw, lure.sigma)
+
+
+def _unit_slopes(lure):
+    """Return the form with neurons of slopes 0 to 1, by w = a nu + (b - a) w_1.
+
+    a and b bound the slopes of w; what is linear in the neurons' inputs nu joins M.
+    """
+    a, b = np.array([activation.slope for activation in lure.sigma]).reshape(-1, 2).T
+    n = lure.nx + lure.nz
+    weights = slice(lure.nx + lure.nu, -1)
+    Theta = lure.Theta.copy()
+    W, E = lure.W, lure.E
+    Theta[:, weights] *= b - a
+    # nu = (I - E diag(a))^-1 (V [x; u] + E diag(b - a) w_1 + b)
+    Theta[n:] = solve_triangular(
+        np.eye(lure.nw) - E * a, Theta[n:], lower=True, unit_diagonal=True
+    )
+    Theta[:n] += (W * a) @ Theta[n:]
+    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
 
 
 def _blocks(lure, unit=1.0):

@@ -12,17 +12,34 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics import r2_score
 from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import (
+    check_consistent_length,
+    check_is_fitted,
+    validate_data,
+)
 
-from ..experiments import Scaling, split_experiments
+from ..delays import estimate_delays
+from ..experiments import (
+    Scaling,
+    is_list_of_records,
+    split_experiments,
+    stack_experiments,
+    stretch,
+)
 from ..linearizability import Region, measure
 from ..lure import Lure
-from ..simulation import channels, simulate
+from ..networks import Perceptron
+from ..simulation import regressors, trajectory
 from ..structures import Structure
+from ..subspace import identify_linear
 from ..training import estimate_x0
+from ._start import check_bounds, given_model
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
+COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
+DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
+REGION_SAMPLES = 1_000_000  # of a long record, which span the training region
 
 
 class StateSpaceModel(
@@ -35,6 +52,7 @@ class StateSpaceModel(
     _theta: np.ndarray
     _scaling: Scaling
     _region: Region
+    _x_scale: np.ndarray  # states of the user over states of the fit
     converged_: bool
     n_iter_: int
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
@@ -43,6 +61,10 @@ class StateSpaceModel(
         "nx": [POSITIVE, StrOptions({"auto"})],
         "operating_point": [StrOptions({"mean", "zero"}), tuple],
         "dt": [Interval(Real, 0, None, closed="neither")],
+        "input_delay": [COUNT, "array-like", StrOptions({"auto"})],
+        "output_weight": ["array-like", None],
+        "linear_start": "no_validation",
+        "bounds": [dict, None],
         "max_iter": [POSITIVE],
         "tol": [Interval(Real, 0, None, closed="neither")],
         "n_init_samples": [POSITIVE],
@@ -57,10 +79,10 @@ class StateSpaceModel(
 
         Parameters
         ----------
-        u : array_like of shape (N, nu)
-            Inputs; time runs down the rows.
-        y : array_like of shape (N,) or (N, ny)
-            Outputs.
+        u : array_like of shape (N, nu), or list of them
+            Inputs; time runs down the rows. A list has one array per experiment.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; nan where an output was not measured.
         experiment : array_like of shape (N,) or None, default=None
             Label of the experiment of every sample; the samples of one experiment
             are contiguous. None means one experiment.
@@ -73,14 +95,16 @@ class StateSpaceModel(
         Raises
         ------
         ValueError
-            If lengths differ, values are not finite, an input is constant, labels
-            are not contiguous, or the record is too short for the order.
+            If lengths differ, values are not finite, an input is constant, an output
+            was never measured, labels are not contiguous, or the record is too short
+            for the order.
         """
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
                 f"a tuple of {len(self.operating_point)}."
             )
+        u, y, experiment = _join(u, y, experiment)
         y_names = getattr(y, "columns", None)
         if y_names is None and getattr(y, "name", None) is not None:
             y_names = [y.name]
@@ -89,7 +113,9 @@ class StateSpaceModel(
         if not warm:
             columns = y.reshape(len(y), -1)
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
+            self._x_scale = np.ones(1)
         parts, self.experiments_ = split_experiments(len(u), experiment)
+        self._set_delay(u, y, parts)
         experiments = self._experiments(u, y, parts)
         self._y_ndim = y.ndim
         self.output_names_ = None if y_names is None else [str(n) for n in y_names]
@@ -108,6 +134,73 @@ class StateSpaceModel(
             )
         return self
 
+    def _set_delay(self, u, y, parts):
+        """Set `input_delay_`, the delay of every input in samples."""
+        nu = u.shape[1]
+        if isinstance(self.input_delay, str):
+            self.input_delay_ = np.zeros(nu, dtype=int)
+            experiments = stretch(self._experiments(u, y, parts), DELAY_SAMPLES)
+            self.input_delay_ = estimate_delays(
+                experiments, feedthrough=getattr(self, "feedthrough", False)
+            )
+            return
+        delay = np.asarray(self.input_delay)
+        shortest = min(part.stop - part.start for part in parts)
+        if (
+            delay.shape not in [(), (nu,)]
+            or not np.issubdtype(delay.dtype, np.integer)
+            or delay.min() < 0
+            or delay.max() >= shortest
+        ):
+            raise ValueError(
+                f"`input_delay` must be 'auto' or one integer per input ({nu}) between "
+                f"0 and the length of the shortest experiment ({shortest}), got "
+                f"{self.input_delay!r}. It counts samples."
+            )
+        self.input_delay_ = np.broadcast_to(delay, nu).copy()
+
+    def _output_weight(self, ny):
+        """Return the weight of every output."""
+        if self.output_weight is None:
+            return np.ones(ny)
+        weight = np.asarray(self.output_weight, dtype=float)
+        if weight.shape != (ny,) or not (np.isfinite(weight) & (weight >= 0)).all():
+            raise ValueError(
+                f"`output_weight` must be one nonnegative number per output ({ny}), "
+                f"got {self.output_weight!r}. Errors are weighed relative to the "
+                "standard deviation of their output."
+            )
+        return weight
+
+    def _linear_model(self, experiments, report, **options):
+        """Return the linear start, given or identified, and set the state scales."""
+        feedthrough = getattr(self, "feedthrough", False)
+        if self.linear_start is not None:
+            model, self._x_scale = given_model(
+                self.linear_start, self._scaling, experiments, self.dt, feedthrough
+            )
+            if self.nx not in ("auto", len(model.A)):
+                raise ValueError(
+                    f"`nx` must be 'auto' or the order of `linear_start`, "
+                    f"{len(model.A)}, got {self.nx}."
+                )
+        else:
+            model = identify_linear(
+                experiments, self.nx, feedthrough=feedthrough, report=report, **options
+            )
+            self._x_scale = np.ones(len(model.A))
+        self.singular_values_ = model.singular_values
+        return model
+
+    def _scaled_bounds(self, structure, contractive=False):
+        return check_bounds(
+            self.bounds,
+            structure,
+            self._units(),
+            own_basis=self.linear_start is not None,
+            contractive=contractive,
+        )
+
     def _warn_if_unstable(self):
         radius = np.abs(np.linalg.eigvals(self.A_)).max()
         if radius < 1 or not self._for_control:
@@ -116,8 +209,8 @@ class StateSpaceModel(
         warnings.warn(
             f"The linear part of {type(self).__name__} is unstable, spectral radius "
             f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
-            "stabilizes it. Unless the plant is unstable itself, try another "
-            "`random_state` or `nx`, or `AlSsnn` with stability='contractive'.",
+            "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
+            "another `nx`, or `AlSsnn` with stability='contractive'.",
             ConvergenceWarning,
             stacklevel=4,
         )
@@ -130,34 +223,43 @@ class StateSpaceModel(
         """Set the fitted attributes, in the user's units."""
         scaling, structure = self._scaling, self._structure
         p = {**structure.constants, **structure.split(self._theta)}
-        p = structure.rescale(p, {"u": scaling.u_scale, "y": scaling.y_scale})
+        p = structure.rescale(p, self._units())
         self.params_ = Bunch(**p)
         self.A_, self.B_, self.C_ = p["A"], p["B"], p["C"]
-        self.D_ = np.zeros((len(self.C_), self.B_.shape[1]))
+        self.D_ = p.get("D", np.zeros((len(self.C_), self.B_.shape[1])))
         self.nx_ = len(self.A_)
-        self.x0_ = result.x0
+        self.x0_ = result.x0 * self._x_scale
         self.cost_ = float(result.cost)
         self.n_iter_ = int(result.nfev)
         self.converged_ = bool(result.success)
         self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
 
+    def _units(self):
+        """Return the user's units over those of the fit, by axis."""
+        scaling = self._scaling
+        return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
+
     def _validate(self, u, y, reset):
-        return validate_data(
-            self,
-            u,
-            y,
-            reset=reset,
-            dtype=np.float64,
-            multi_output=True,
-            y_numeric=True,
-            ensure_min_samples=2 if reset else 1,
+        # single precision stays what it is: chunks are converted
+        common = {"dtype": [np.float64, np.float32]}
+        check_u = {**common, "ensure_min_samples": 2 if reset else 1}
+        check_y = {**common, "ensure_2d": False, "ensure_all_finite": "allow-nan"}
+        u, y = validate_data(
+            self, u, y, reset=reset, validate_separately=(check_u, check_y)
         )
+        check_consistent_length(u, y)
+        return u, y
 
     def _experiments(self, u, y, parts):
         """Return scaled deviations of every experiment."""
-        u = self._scaling.scale_u(u)
-        y = self._scaling.scale_y(y.reshape(len(y), -1))
-        return [(u[part], y[part]) for part in parts]
+        y = y.reshape(len(y), -1)
+        return [
+            (
+                self._scaling.scale_u(u[part], self.input_delay_),
+                self._scaling.scale_y(y[part]),
+            )
+            for part in parts
+        ]
 
     def _reporter(self):
         """Return the progress callback: every tenth step, or each if verbose > 1."""
@@ -178,22 +280,23 @@ class StateSpaceModel(
 
     # -- simulation ------------------------------------------------------------------
 
-    def predict(self, u, experiment=None, x0=None):
+    def predict(self, u, experiment=None, x0="rest"):
         """Simulate the output, free-run.
 
         Parameters
         ----------
-        u : array_like of shape (N, nu)
-            Inputs.
+        u : array_like of shape (N, nu), or list of them
+            Inputs. A list has one array per experiment.
         experiment : array_like of shape (N,) or None, default=None
             Label of the experiment of every sample.
-        x0 : array_like of shape (nx,) or (n_experiments, nx) or None, default=None
-            Initial states, as `estimate_x0` returns them; None starts at the
-            operating point, x0 = 0.
+        x0 : {"rest", "training"} or array_like, default="rest"
+            Initial states: at the operating point, x0 = 0; those of the training
+            experiments, `x0_`; or given, of shape (nx,) or (n_experiments, nx), as
+            `estimate_x0` returns them. None means "rest".
 
         Returns
         -------
-        y : ndarray of shape (N,) or (N, ny)
+        y : ndarray of shape (N,) or (N, ny), or list of them
             Simulated outputs, with as many dimensions as the `y` of `fit`. Not
             finite where the simulation diverges, with a warning.
 
@@ -203,14 +306,15 @@ class StateSpaceModel(
             If `u` or `x0` has the wrong size.
         """
         check_is_fitted(self)
-        u = validate_data(self, u, reset=False, dtype=np.float64)
-        parts, _ = split_experiments(len(u), experiment)
-        u_s = self._scaling.scale_u(u)
+        as_list = is_list_of_records(u)
+        u, _, experiment = _join(u, u, experiment)
+        u = validate_data(self, u, reset=False, dtype=[np.float64, np.float32])
+        parts, labels = split_experiments(len(u), experiment)
         lure = self._structure.lure(self._theta)
         y = np.empty((len(u), len(self.C_)))
-        for part, start in zip(parts, self._check_x0(x0, len(parts)), strict=True):
-            X = simulate(lure, u_s[part], start)
-            y[part] = _outputs(lure, X, u_s[part], y.shape[1])
+        for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
+            u_s = self._scaling.scale_u(u[part], self.input_delay_)
+            y[part] = _outputs(lure, u_s, start / self._x_scale)
         if not np.isfinite(y).all():
             bad = int(np.argmin(np.isfinite(y).all(axis=1)))
             warnings.warn(
@@ -220,18 +324,32 @@ class StateSpaceModel(
                 stacklevel=2,
             )
         y = y * self._scaling.y_scale + self._scaling.y_offset
-        return y[:, 0] if self._y_ndim == 1 else y
+        y = y[:, 0] if self._y_ndim == 1 else y
+        return [y[part] for part in parts] if as_list else y
 
-    def _check_x0(self, x0, n_experiments):
-        if x0 is None:
-            return np.zeros((n_experiments, self.nx_))
+    def _check_x0(self, x0, labels):
+        """Return one initial state per experiment, in the user's units."""
+        if x0 is None or (isinstance(x0, str) and x0 == "rest"):
+            return np.zeros((len(labels), self.nx_))
+        if isinstance(x0, str):
+            if x0 != "training":
+                raise ValueError(
+                    f"`x0` must be 'rest', 'training' or an array, got {x0!r}."
+                )
+            if labels != self.experiments_:
+                raise ValueError(
+                    "`experiment` must have the labels of the training for "
+                    f"x0='training', {self.experiments_}, got {labels}. Use "
+                    "`estimate_x0`."
+                )
+            return self.x0_
         x0 = np.asarray(x0, dtype=float)
-        if x0.shape not in [(self.nx_,), (n_experiments, self.nx_)]:
+        if x0.shape not in [(self.nx_,), (len(labels), self.nx_)]:
             raise ValueError(
-                f"`x0` must have shape ({self.nx_},) or ({n_experiments}, {self.nx_})"
+                f"`x0` must have shape ({self.nx_},) or ({len(labels)}, {self.nx_})"
                 f", got {x0.shape}. Use `estimate_x0`."
             )
-        return np.broadcast_to(x0, (n_experiments, self.nx_))
+        return np.broadcast_to(x0, (len(labels), self.nx_))
 
     def estimate_x0(self, u, y, experiment=None, n_samples=None):
         """Estimate the initial state of every experiment from its first samples.
@@ -255,8 +373,7 @@ class StateSpaceModel(
             states of unit variance as prior where the samples say little.
         """
         check_is_fitted(self)
-        u, y = self._validate(u, y, reset=False)
-        parts, _ = split_experiments(len(u), experiment)
+        u, y, parts = self._test_data(u, y, experiment)
         return np.vstack(
             [
                 self._initial_state(u_s, y_s, n_samples or self.n_init_samples)
@@ -264,12 +381,20 @@ class StateSpaceModel(
             ]
         )
 
+    def _test_data(self, u, y, experiment):
+        """Return checked inputs and outputs and the samples of every experiment."""
+        u, y, experiment = _join(u, y, experiment)
+        u, y = self._validate(u, y, reset=False)
+        parts, _ = split_experiments(len(u), experiment)
+        return u, y, parts
+
     def _initial_state(self, u_s, y_s, window):
         """Return the state at the first sample of one scaled experiment."""
         noise = self.cost_  # outputs are scaled to unit variance, as states are
-        return estimate_x0(
+        x0 = estimate_x0(
             self._structure, self._theta, [(u_s, y_s)], window=window, noise=noise
         )[0]
+        return x0 * self._x_scale
 
     def _window(self, u_s):
         """Return how many samples of an experiment are spent on its initial state."""
@@ -299,7 +424,15 @@ class StateSpaceModel(
         y_true, y_pred = self.simulate_test(u, y, experiment)
         if not np.isfinite(y_pred).all():
             return -np.inf
-        return float(r2_score(y_true, y_pred))
+        measured = ~np.isnan(y_true)
+        return float(
+            np.mean(
+                [
+                    r2_score(t[m], p[m])
+                    for t, p, m in zip(y_true.T, y_pred.T, measured.T, strict=True)
+                ]
+            )
+        )
 
     def simulate_test(self, u, y, experiment=None):
         """Return measured and simulated outputs under the scoring policy.
@@ -321,15 +454,14 @@ class StateSpaceModel(
             Simulated outputs at the same samples.
         """
         check_is_fitted(self)
-        u, y = self._validate(u, y, reset=False)
-        parts, _ = split_experiments(len(u), experiment)
+        u, y, parts = self._test_data(u, y, experiment)
         lure = self._structure.lure(self._theta)
         y_true, y_pred = [], []
         for u_s, y_s in self._experiments(u, y, parts):
             window = self._window(u_s)
             x0 = self._initial_state(u_s, y_s, window)
-            y_hat = _outputs(lure, simulate(lure, u_s, x0), u_s, y_s.shape[1])
-            y_true.append(y_s[window:])
+            y_hat = _outputs(lure, u_s, x0 / self._x_scale)
+            y_true.append(y_s[window : len(y_s)])
             y_pred.append(y_hat[window:])
         scale, offset = self._scaling.y_scale, self._scaling.y_offset
         return tuple(np.vstack(z) * scale + offset for z in (y_true, y_pred))
@@ -363,20 +495,19 @@ class StateSpaceModel(
         Costs four simulations.
         """
         check_is_fitted(self)
-        u, y = self._validate(u, y, reset=False)
-        parts, _ = split_experiments(len(u), experiment)
+        u, y, parts = self._test_data(u, y, experiment)
         lure, feedback = self._plant()
         experiments = [
             (
-                u_s * self._scaling.u_scale,
-                y_s * self._scaling.y_scale,
+                u_s[:] * self._scaling.u_scale,
+                y_s[:] * self._scaling.y_scale,
                 self._initial_state(u_s, y_s, self._window(u_s)),
             )
             for u_s, y_s in self._experiments(u, y, parts)
         ]
         return measure(
             lure,
-            (self.A_, self.B_, self.C_),
+            (self.A_, self.B_, self.C_, self.D_),
             feedback,
             experiments,
             dt=self.dt,
@@ -396,6 +527,9 @@ class StateSpaceModel(
         rows = np.r_[structure.rows["x"], structure.rows["y"], neurons]
         cols = np.r_[structure.cols["x"], slice(full.nx, full.Theta.shape[1])]
         Theta = full.Theta[np.ix_(rows, cols)]
+        x_scale = np.broadcast_to(self._x_scale, nx)
+        Theta[:, :nx] /= x_scale
+        Theta[:nx] *= x_scale[:, None]
         Theta[:, nx : nx + nu] /= scaling.u_scale
         Theta[nx : nx + len(self.C_)] *= scaling.y_scale[:, None]
         K, k = np.zeros((nu, nw)), np.zeros(nu)
@@ -404,18 +538,29 @@ class StateSpaceModel(
             first = structure.cols["u"].stop
             where = structure.cols[axis]
             K[:, where.start - first : where.stop - first] = self.params_["W_h"]
-            k = self.params_["b_h"]
-        return Lure(Theta, nx, nu, nw), (K, k)
+            k = self.params_.get("b_h", k)
+        return Lure(Theta, nx, nu, nw, full.sigma), (K, k)
+
+    def _h(self):
+        """Return the network h in the user's units, None for a model without one."""
+        if "W_h" not in self.params_:
+            return None
+        axis = self._structure.parameters["W_h"][1]
+        return Perceptron.h(self.params_, self._structure.activations[axis])
 
     def _training_region(self, experiments):
         """Return the region that simulations of the scaled experiments cover."""
-        lure, _ = self._plant()
-        nx, xu = self.nx_, []
+        lure, nx = self._structure.lure(self._theta), self.nx_
+        every = -(-sum(len(u) for u, _ in experiments) // REGION_SAMPLES)
+        samples = []
         for (u_s, _), x0 in zip(experiments, self.x0_, strict=True):
-            u = u_s * self._scaling.u_scale
-            xu.append(np.hstack([simulate(lure, u, x0)[:-1], u]))
-        X, u = np.split(np.vstack(xu), [nx], axis=1)
-        return Region.of(X, u, X @ self.C_.T)
+            for _, u, X in trajectory(lure, u_s, x0 / self._x_scale):
+                Phi = regressors(lure, X[:-1], u)[::every]
+                y = Phi @ lure.Theta[nx : nx + lure.nz].T
+                samples.append(np.hstack([Phi[:, : nx + lure.nu], y]))
+        X, u, y = np.split(np.vstack(samples), [nx, nx + lure.nu], axis=1)
+        scaling = self._scaling
+        return Region.of(X * self._x_scale, u * scaling.u_scale, y * scaling.y_scale)
 
     def to_statespace(self, which="linear", x=None, u=None):
         """Return a linear system (A, B, C, D, dt) for python-control.
@@ -436,7 +581,8 @@ class StateSpaceModel(
         sys : control.StateSpace
             Discrete-time system of deviations from the operating point, or from
             (x, u), in the user's units, with the names of the columns of the training
-            data.
+            data. Inputs that arrive late (`input_delay_`) carry their past as further
+            states.
 
         Raises
         ------
@@ -444,7 +590,7 @@ class StateSpaceModel(
             If `which` is unknown, or `x` or `u` has the wrong size or is given for
             the linear part.
         """
-        from ..feedback import Dynamics, to_statespace
+        from ..feedback import Dynamics, late_inputs, to_statespace
 
         check_is_fitted(self)
         if which not in ("linear", "local"):
@@ -456,11 +602,18 @@ class StateSpaceModel(
                 "`x` and `u` must be None for the linear part, which is the same "
                 "everywhere, got values. Use which='local'."
             )
+        M = np.block([[self.A_, self.B_], [self.C_, self.D_]])
+        linear = Lure(np.pad(M, ((0, 0), (0, 1))), self.nx_, self.B_.shape[1], 0)
+        linear = late_inputs(linear, self.input_delay_)
+        (A, B), (C, D) = (
+            np.split(rows, [linear.nx], axis=1)
+            for rows in np.split(linear.M, [linear.nx])
+        )
         return to_statespace(
-            self.A_,
-            self.B_,
-            self.C_,
-            self.D_,
+            A,
+            B,
+            C,
+            D,
             self.dt,
             inputs=getattr(self, "feature_names_in_", None),
             outputs=self.output_names_,
@@ -647,11 +800,10 @@ class StateSpaceModel(
                 "`u` and `y` must be given for eps='data', got None. Pass records, or "
                 "eps='global'."
             )
-        u, y = self._validate(u, y, reset=False)
-        parts, _ = split_experiments(len(u), experiment)
+        u, y, parts = self._test_data(u, y, experiment)
         return [
             (
-                u_s * self._scaling.u_scale,
+                u_s[:] * self._scaling.u_scale,
                 self._initial_state(u_s, y_s, self._window(u_s)),
             )
             for u_s, y_s in self._experiments(u, y, parts)
@@ -665,7 +817,23 @@ class StateSpaceModel(
         return tags
 
 
-def _outputs(lure, X, u, ny):
-    """Return y of simulated states; not finite where they diverged."""
+def _outputs(lure, u_s, x0):
+    """Return scaled outputs of a simulation; not finite where it diverges."""
+    y = np.full((len(u_s), lure.nz), np.inf)
+    Theta_y = lure.Theta[lure.nx : lure.nx + lure.nz].T
     with np.errstate(over="ignore", invalid="ignore"):
-        return channels(lure, X, u)[:, :ny]
+        for part, u, X in trajectory(lure, u_s, x0):
+            y[part] = regressors(lure, X[:-1], u) @ Theta_y
+    return y
+
+
+def _join(u, y, experiment):
+    """Return records as one; lists of records become labeled experiments."""
+    if not is_list_of_records(u):
+        return u, y, experiment
+    if experiment is not None:
+        raise ValueError(
+            "`experiment` must be None for a list of records, got labels. The list "
+            "itself tells the experiments."
+        )
+    return stack_experiments(u, y)

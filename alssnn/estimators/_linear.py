@@ -1,13 +1,15 @@
 """The linear estimator: N4SID, then refinement."""
 
-from ..subspace import identify_linear
+from typing import ClassVar
+
+from ..training import train
 from ._base import StateSpaceModel
 
 
 class LinearStateSpace(StateSpaceModel):
     r"""Linear state-space model by N4SID and simulation-error refinement.
 
-    .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k
+    .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
 
     The subspace estimate (N4SID, stabilized) starts a Levenberg-Marquardt search for
     the matrices and initial states of least free-run simulation error, the role of
@@ -25,6 +27,19 @@ class LinearStateSpace(StateSpaceModel):
         Largest number of trial steps of the refinement.
     tol : float, default=1e-8
         Relative change of cost or parameters that ends the refinement.
+    feedthrough : bool, default=False
+        Whether D is identified; else it is zero.
+    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
+        Samples by which each input arrives late; "auto" finds it in the
+        cross-correlation of input and output.
+    output_weight : array_like of shape (ny,) or None, default=None
+        Weight of the squared error of every output, outputs scaled to unit variance.
+    linear_start : tuple, control.StateSpace, fitted model or None, default=None
+        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
+        units of the data. It sets `nx` and the basis of the states.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
+        and C, in the units of the data; equal ones hold an entry.
     n_init_samples : int, default=50
         First samples of an experiment from which `score` estimates its initial
         state, at most a quarter of the experiment.
@@ -34,7 +49,7 @@ class LinearStateSpace(StateSpaceModel):
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Matrices in the user's units (deviations); ``D_`` is zero.
+        Matrices in the user's units (deviations).
     x0_ : ndarray of shape (n_experiments, nx)
         Estimated initial states of the training experiments.
     params_ : Bunch
@@ -43,6 +58,8 @@ class LinearStateSpace(StateSpaceModel):
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
         Number of states.
+    input_delay_ : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
     n_iter_ : int
@@ -82,6 +99,11 @@ class LinearStateSpace(StateSpaceModel):
     0.8
     """
 
+    _parameter_constraints: ClassVar[dict] = {
+        **StateSpaceModel._parameter_constraints,
+        "feedthrough": ["boolean"],
+    }
+
     def __init__(
         self,
         nx="auto",
@@ -90,6 +112,11 @@ class LinearStateSpace(StateSpaceModel):
         dt=1.0,
         max_iter=100,
         tol=1e-8,
+        feedthrough=False,
+        input_delay=0,
+        output_weight=None,
+        linear_start=None,
+        bounds=None,
         n_init_samples=50,
         verbose=0,
     ):
@@ -98,16 +125,30 @@ class LinearStateSpace(StateSpaceModel):
         self.dt = dt
         self.max_iter = max_iter
         self.tol = tol
+        self.feedthrough = feedthrough
+        self.input_delay = input_delay
+        self.output_weight = output_weight
+        self.linear_start = linear_start
+        self.bounds = bounds
         self.n_init_samples = n_init_samples
         self.verbose = verbose
 
     def _identify(self, experiments, previous):
-        linear = identify_linear(
+        report = self._reporter()
+        if self.linear_start is None and not self.bounds and self.output_weight is None:
+            return self._linear_model(
+                experiments, report, max_iter=self.max_iter, tol=self.tol
+            ).as_fit()
+        linear = self._linear_model(experiments, report)
+        structure, theta, _ = linear.as_fit()
+        result = train(
+            structure,
             experiments,
-            self.nx,
+            [theta],
+            weights={"output_weight": self._output_weight(len(linear.C))},
+            bounds=self._scaled_bounds(structure),
             max_iter=self.max_iter,
             tol=self.tol,
-            report=self._reporter(),
+            report=report,
         )
-        self.singular_values_ = linear.singular_values
-        return linear.as_fit()
+        return structure, result.theta, result

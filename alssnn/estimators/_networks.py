@@ -1,15 +1,17 @@
 """The estimators with networks: what each fixes and what it lets the user choose."""
 
-from numbers import Integral, Real
+from numbers import Real
 from typing import ClassVar
 
 from sklearn.utils._param_validation import Interval, StrOptions
 
-from ._base import WEIGHT
+from ..activations import ACTIVATIONS, Activation
+from ._base import COUNT, WEIGHT
 from ._ssnn import Ssnn
 
 FEEDBACK = StrOptions({"output", "state"})
-COUNT = Interval(Integral, 0, None, closed="left")
+SIZES = [COUNT, tuple]
+ACTIVATION = [StrOptions(set(ACTIVATIONS)), Activation, dict]
 
 
 class AlSsnn(Ssnn):
@@ -17,31 +19,49 @@ class AlSsnn(Ssnn):
 
     .. math::
 
-        x_{k+1} = A x_k + B (u_k + h(y_k)) + g(x_k, u_k), \qquad y_k = C x_k
+        x_{k+1} = A x_k + B (u_k + h(y_k)) + g(x_k, u_k), \qquad
+        y_k = C x_k + D u_k + k(x_k, u_k)
 
     The control law u = v - h(y) leaves the linear system (A, B, C) with input v,
     disturbed by g; the cost penalizes ``|g|^2`` with weight `gamma` (eq. cost). h and g
-    have one hidden layer of tanh neurons (eq. model), g vanishes at the operating
-    point, and C keeps the value of the linear start.
+    have one hidden layer of tanh neurons unless told otherwise (eq. model), g vanishes
+    at the operating point, and C keeps the value of the linear start. D and k are zero
+    unless asked for; with them an output law is ill-posed, `feedback="state"` is not.
 
     Parameters
     ----------
     nx : int or "auto", default="auto"
         Number of states; "auto" chooses 1 to 10 from the singular values.
-    n_h : int, default=10
-        Hidden neurons of h; 0 leaves h out.
-    n_g : int, default=10
-        Hidden neurons of g; 0 leaves g out.
+    n_h : int or tuple of int, default=10
+        Hidden neurons of h, by layer; 0 leaves h out.
+    n_g : int or tuple of int, default=10
+        Hidden neurons of g, by layer; 0 leaves g out.
     gamma : float, default=1.0
         Weight of the mean of ``|g|^2`` relative to that of the output error, with
         outputs scaled to unit variance. A weight meant for unscaled outputs is
         divided by var(y).
+    n_k : int or tuple of int, default=0
+        Hidden neurons of k in the output, by layer; 0 leaves k out.
+    gamma_k : float, default=1.0
+        Weight of the mean of ``|k|^2`` relative to that of the output error.
+    gamma_h : float, default=0.0
+        Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
+        one, 1e-4, makes A the best linear fit and h only what is left of it
+        (eq. split). With 0 the training leaves that split to chance, and A may be
+        unstable though the plant is not.
     feedback : {"output", "state"}, default="output"
         What h sees: the output y (the paper), or the state x, which needs an
         observer in the loop but linearizes more plants.
     penalty : {"state", "output"}, default="state"
         What gamma weighs: ``|g|^2`` in state coordinates (the paper), or ``|e|^2``,
         what g adds to the output (eq. gauge), which no state basis can hide.
+    feedthrough : bool, default=False
+        Whether D is identified; else it is zero.
+    activation : str, Activation or dict, default="tanh"
+        "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
+        for all networks or by network, ``{"h": ..., "g": ..., "k": ...}``.
+    odd : bool, default=False
+        Whether h has no biases, so that h(-s) = -h(s).
     stability : {"contractive"} or None, default=None
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract).
     phi : float, default=0.01
@@ -52,6 +72,17 @@ class AlSsnn(Ssnn):
         above the next. Small weights, and `penalty="output"`, want 4.
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
+    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
+        Samples by which each input arrives late; "auto" finds it in the
+        cross-correlation of input and output.
+    output_weight : array_like of shape (ny,) or None, default=None
+        Weight of the squared error of every output, outputs scaled to unit variance.
+    linear_start : tuple, control.StateSpace, fitted model or None, default=None
+        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
+        units of the data. It sets `nx` and the basis of the states.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
+        B, in the units of the data; equal ones hold an entry.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     dt : float, default=1.0
@@ -84,7 +115,7 @@ class AlSsnn(Ssnn):
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Linear part in the user's units (deviations); ``D_`` is zero.
+        Linear part in the user's units (deviations).
     x0_ : ndarray of shape (n_experiments, nx)
         Estimated initial states of the training experiments.
     params_ : Bunch
@@ -94,6 +125,8 @@ class AlSsnn(Ssnn):
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
         Number of states.
+    input_delay_ : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
     n_iter_ : int
@@ -137,9 +170,15 @@ class AlSsnn(Ssnn):
 
     _parameter_constraints: ClassVar[dict] = {
         **Ssnn._parameter_constraints,
-        "n_h": [COUNT],
-        "n_g": [COUNT],
+        "n_h": SIZES,
+        "n_g": SIZES,
+        "n_k": SIZES,
         "gamma": [WEIGHT],
+        "gamma_k": [WEIGHT],
+        "gamma_h": [WEIGHT],
+        "feedthrough": ["boolean"],
+        "activation": ACTIVATION,
+        "odd": ["boolean"],
         "feedback": [FEEDBACK],
         "penalty": [StrOptions({"state", "output"})],
         "stability": [StrOptions({"contractive"}), None],
@@ -154,12 +193,22 @@ class AlSsnn(Ssnn):
         n_g=10,
         gamma=1.0,
         *,
+        n_k=0,
+        gamma_k=1.0,
+        gamma_h=0.0,
         feedback="output",
         penalty="state",
+        feedthrough=False,
+        activation="tanh",
+        odd=False,
         stability=None,
         phi=0.01,
         continuation=0,
         alpha=0.0,
+        input_delay=0,
+        output_weight=None,
+        linear_start=None,
+        bounds=None,
         operating_point="mean",
         dt=1.0,
         n_init=1,
@@ -178,12 +227,22 @@ class AlSsnn(Ssnn):
         self.n_h = n_h
         self.n_g = n_g
         self.gamma = gamma
+        self.n_k = n_k
+        self.gamma_k = gamma_k
+        self.gamma_h = gamma_h
         self.feedback = feedback
         self.penalty = penalty
+        self.feedthrough = feedthrough
+        self.activation = activation
+        self.odd = odd
         self.stability = stability
         self.phi = phi
         self.continuation = continuation
         self.alpha = alpha
+        self.input_delay = input_delay
+        self.output_weight = output_weight
+        self.linear_start = linear_start
+        self.bounds = bounds
         self.operating_point = operating_point
         self.dt = dt
         self.n_init = n_init
@@ -199,7 +258,14 @@ class AlSsnn(Ssnn):
         self.verbose = verbose
 
     def _networks(self):
-        return {"n_h": self.n_h, "n_g": self.n_g, "feedback": self.feedback}
+        return {
+            "n_h": self.n_h,
+            "n_g": self.n_g,
+            "n_k": self.n_k,
+            "feedback": self.feedback,
+            "activation": self.activation,
+            "odd": self.odd,
+        }
 
 
 class FlSsnn(Ssnn):
@@ -210,19 +276,40 @@ class FlSsnn(Ssnn):
         x_{k+1} = A x_k + B (u_k + h(y_k)), \qquad y_k = C x_k
 
     The control law u = v - h(y) leaves exactly the linear system (A, B, C) with
-    input v. h has one hidden layer of tanh neurons (eq. model), and C keeps the value
+    input v. h has hidden layers of neurons (eq. model), and C keeps the value
     of the linear start.
 
     Parameters
     ----------
     nx : int or "auto", default="auto"
         Number of states; "auto" chooses 1 to 10 from the singular values.
-    n_h : int, default=10
-        Hidden neurons of h; 0 leaves h out.
+    n_h : int or tuple of int, default=10
+        Hidden neurons of h, by layer; 0 leaves h out.
     feedback : {"output", "state"}, default="output"
         What h sees: the output y, or the state x (needs an observer in the loop).
+    gamma_h : float, default=0.0
+        Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
+        one, 1e-4, makes A the best linear fit and h only what is left of it
+        (eq. split). With 0 the training leaves that split to chance, and A may be
+        unstable though the plant is not.
+    activation : str, Activation or dict, default="tanh"
+        "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
+        for all networks or by network, ``{"h": ...}``.
+    odd : bool, default=False
+        Whether h has no biases, so that h(-s) = -h(s).
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
+    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
+        Samples by which each input arrives late; "auto" finds it in the
+        cross-correlation of input and output.
+    output_weight : array_like of shape (ny,) or None, default=None
+        Weight of the squared error of every output, outputs scaled to unit variance.
+    linear_start : tuple, control.StateSpace, fitted model or None, default=None
+        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
+        units of the data. It sets `nx` and the basis of the states.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
+        B, in the units of the data; equal ones hold an entry.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     dt : float, default=1.0
@@ -255,7 +342,7 @@ class FlSsnn(Ssnn):
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Linear part in the user's units (deviations); ``D_`` is zero.
+        Linear part in the user's units (deviations).
     x0_ : ndarray of shape (n_experiments, nx)
         Estimated initial states of the training experiments.
     params_ : Bunch
@@ -265,6 +352,8 @@ class FlSsnn(Ssnn):
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
         Number of states.
+    input_delay_ : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
     n_iter_ : int
@@ -303,8 +392,11 @@ class FlSsnn(Ssnn):
 
     _parameter_constraints: ClassVar[dict] = {
         **Ssnn._parameter_constraints,
-        "n_h": [COUNT],
+        "n_h": SIZES,
         "feedback": [FEEDBACK],
+        "gamma_h": [WEIGHT],
+        "activation": ACTIVATION,
+        "odd": ["boolean"],
     }
 
     def __init__(
@@ -313,7 +405,14 @@ class FlSsnn(Ssnn):
         n_h=10,
         *,
         feedback="output",
+        gamma_h=0.0,
+        activation="tanh",
+        odd=False,
         alpha=0.0,
+        input_delay=0,
+        output_weight=None,
+        linear_start=None,
+        bounds=None,
         operating_point="mean",
         dt=1.0,
         n_init=1,
@@ -331,7 +430,14 @@ class FlSsnn(Ssnn):
         self.nx = nx
         self.n_h = n_h
         self.feedback = feedback
+        self.gamma_h = gamma_h
+        self.activation = activation
+        self.odd = odd
         self.alpha = alpha
+        self.input_delay = input_delay
+        self.output_weight = output_weight
+        self.linear_start = linear_start
+        self.bounds = bounds
         self.operating_point = operating_point
         self.dt = dt
         self.n_init = n_init
@@ -347,7 +453,12 @@ class FlSsnn(Ssnn):
         self.verbose = verbose
 
     def _networks(self):
-        return {"n_h": self.n_h, "feedback": self.feedback}
+        return {
+            "n_h": self.n_h,
+            "feedback": self.feedback,
+            "activation": self.activation,
+            "odd": self.odd,
+        }
 
 
 class GrSsnn(Ssnn):
@@ -365,10 +476,28 @@ class GrSsnn(Ssnn):
     ----------
     nx : int or "auto", default="auto"
         Number of states; "auto" chooses 1 to 10 from the singular values.
-    n_f : int, default=15
+    n_f : int or tuple of int, default=15
         Hidden neurons of f; 0 leaves f out.
+    n_k : int or tuple of int, default=0
+        Hidden neurons of k in the output, by layer; 0 leaves k out.
+    feedthrough : bool, default=False
+        Whether D is identified; else it is zero.
+    activation : str, Activation or dict, default="tanh"
+        "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
+        for all networks or by network, ``{"g": ..., "k": ...}`` (f is "g").
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
+    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
+        Samples by which each input arrives late; "auto" finds it in the
+        cross-correlation of input and output.
+    output_weight : array_like of shape (ny,) or None, default=None
+        Weight of the squared error of every output, outputs scaled to unit variance.
+    linear_start : tuple, control.StateSpace, fitted model or None, default=None
+        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
+        units of the data. It sets `nx` and the basis of the states.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
+        B, in the units of the data; equal ones hold an entry.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     dt : float, default=1.0
@@ -401,7 +530,7 @@ class GrSsnn(Ssnn):
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Linear part in the user's units (deviations); ``D_`` is zero.
+        Linear part in the user's units (deviations).
     x0_ : ndarray of shape (n_experiments, nx)
         Estimated initial states of the training experiments.
     params_ : Bunch
@@ -411,6 +540,8 @@ class GrSsnn(Ssnn):
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
         Number of states.
+    input_delay_ : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
     n_iter_ : int
@@ -448,7 +579,10 @@ class GrSsnn(Ssnn):
 
     _parameter_constraints: ClassVar[dict] = {
         **Ssnn._parameter_constraints,
-        "n_f": [COUNT],
+        "n_f": SIZES,
+        "n_k": SIZES,
+        "feedthrough": ["boolean"],
+        "activation": ACTIVATION,
     }
 
     _for_control = False
@@ -458,7 +592,14 @@ class GrSsnn(Ssnn):
         nx="auto",
         n_f=15,
         *,
+        n_k=0,
+        feedthrough=False,
+        activation="tanh",
         alpha=0.0,
+        input_delay=0,
+        output_weight=None,
+        linear_start=None,
+        bounds=None,
         operating_point="mean",
         dt=1.0,
         n_init=1,
@@ -475,7 +616,14 @@ class GrSsnn(Ssnn):
     ):
         self.nx = nx
         self.n_f = n_f
+        self.n_k = n_k
+        self.feedthrough = feedthrough
+        self.activation = activation
         self.alpha = alpha
+        self.input_delay = input_delay
+        self.output_weight = output_weight
+        self.linear_start = linear_start
+        self.bounds = bounds
         self.operating_point = operating_point
         self.dt = dt
         self.n_init = n_init
@@ -491,4 +639,9 @@ class GrSsnn(Ssnn):
         self.verbose = verbose
 
     def _networks(self):
-        return {"n_g": self.n_f, "tied_bias": False}
+        return {
+            "n_g": self.n_f,
+            "n_k": self.n_k,
+            "activation": self.activation,
+            "tied_bias": False,
+        }

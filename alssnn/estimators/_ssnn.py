@@ -10,7 +10,6 @@ from sklearn.utils._param_validation import StrOptions
 
 from ..stability import contractive_basis
 from ..structures import state_space_structure
-from ..subspace import identify_linear
 from ..training import initial_theta, train
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 
@@ -32,6 +31,9 @@ class Ssnn(StateSpaceModel):
 
     # What a preset fixes and another lets the user choose.
     gamma: float = 0.0
+    gamma_k: float = 0.0
+    gamma_h: float = 0.0
+    feedthrough: bool = False
     penalty: str | None = None
     stability: str | None = None
     phi: float = 0.0
@@ -43,19 +45,18 @@ class Ssnn(StateSpaceModel):
 
     def _identify(self, experiments, previous):
         report = self._reporter()
-        networks = self._networks()
-        penalty = self.penalty if self.gamma > 0 else None
+        networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
         if previous is not None and self._fits(previous[0], networks):
             plain, starts = previous[0], [previous[1]]
         else:
-            linear = identify_linear(experiments, self.nx, report=report)
-            self.singular_values_ = linear.singular_values
+            linear = self._linear_model(experiments, report)
             if phi is not None:
                 linear = contractive_basis(linear, phi)
+                self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
             plain = state_space_structure(nx, nu, ny, C=linear.C, **networks)
-            if plain.nw == 0 and phi is None:
+            if plain.nw == 0 and phi is None and self.linear_start is None:
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
@@ -64,14 +65,28 @@ class Ssnn(StateSpaceModel):
                 for seed in seeds
             ]
         nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
-        C = plain.constants["C"]
+        penalized = state_space_structure(
+            nx,
+            nu,
+            ny,
+            C=plain.constants["C"],
+            penalty=self.penalty if self.gamma > 0 or self.gamma_k > 0 else None,
+            penalize_h=self.gamma_h > 0,
+            **networks,
+        )
         result = train(
-            state_space_structure(nx, nu, ny, C=C, penalty=penalty, **networks),
+            penalized,
             experiments,
             starts,
-            gamma=self.gamma,
-            alpha=self.alpha,
+            weights={
+                "gamma": self.gamma,
+                "gamma_k": self.gamma_k,
+                "gamma_h": self.gamma_h,
+                "alpha": self.alpha,
+                "output_weight": self._output_weight(ny),
+            },
             phi=phi,
+            bounds=self._scaled_bounds(plain, contractive=phi is not None),
             continuation=self.continuation,
             coarse_samples=self.coarse_samples,
             polish_iter=self.polish_iter,
@@ -92,4 +107,7 @@ class Ssnn(StateSpaceModel):
             return False
         C = structure.constants["C"]
         wanted = state_space_structure(nx, nu, ny, C=C, **networks)
-        return wanted.shapes == structure.shapes
+        return (
+            wanted.shapes == structure.shapes
+            and wanted.activations == structure.activations
+        )

@@ -11,7 +11,7 @@ time), ours (time, signals).
 """
 
 from .design import lqi, lqr, place
-from .export import Dynamics, signal_names, to_statespace
+from .export import Dynamics, late_inputs, signal_names, to_statespace
 from .law import LinearizingLaw
 from .loop import closed_loop
 from .observer import Observer
@@ -21,6 +21,7 @@ __all__ = [
     "LinearizingLaw",
     "Observer",
     "closed_loop",
+    "late_inputs",
     "lqi",
     "lqr",
     "place",

@@ -144,7 +144,10 @@ def place(model, poles):
 
 def _matrices(model):
     check_is_fitted(model)
-    return model.A_, model.B_, model.C_
+    if not np.any(model.input_delay_):
+        return model.A_, model.B_, model.C_
+    linear = model.to_statespace()  # with the states of late inputs
+    return linear.A, linear.B, linear.C
 
 
 def _check_controllable(A, B, radius):

@@ -4,7 +4,9 @@
 identified model, one step at a time and in the units of the user: states are
 deviations, u and y carry their operating point,
 
-    x+ = f(x, u - u_offset),        y = C x + y_offset.
+    x+ = f(x, u - u_offset),        y = c(x, u - u_offset) + y_offset.
+
+Inputs that arrive late carry their past as further states, behind those of the model.
 
 With the Lur'e form of f (eq. lure) its derivatives are those of (eq. sens):
 
@@ -13,6 +15,7 @@ With the Lur'e form of f (eq. lure) its derivatives are those of (eq. sens):
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 import control
 import numpy as np
@@ -86,6 +89,40 @@ def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
     )
 
 
+def late_inputs(lure, delay):
+    """Return the form with inputs that arrive late, its past inputs as states.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    delay : ndarray of int of shape (nu,)
+        Samples by which every input arrives late.
+
+    Returns
+    -------
+    lure : Lure
+        Model with sum(delay) more states: for each input its last values, oldest
+        first. The model itself without delay.
+    """
+    n = int(np.sum(delay))
+    if n == 0:
+        return lure
+    nx, nu = lure.nx, lure.nu
+    states, inputs, rest = np.split(lure.Theta, [nx, nx + nu], axis=1)
+    late, now = np.zeros((len(lure.Theta), n)), inputs.copy()
+    shift, entry = np.eye(n, k=1), np.zeros((n, nu))
+    stops = np.cumsum(delay)
+    for i in np.flatnonzero(delay):
+        oldest, newest = stops[i] - delay[i], stops[i] - 1
+        late[:, oldest], now[:, i] = inputs[:, i], 0.0
+        shift[newest] = 0.0
+        entry[newest, i] = 1.0
+    plus, others = np.split(np.hstack([states, late, now, rest]), [nx])
+    line = np.hstack([np.zeros((n, nx)), shift, entry, np.zeros((n, rest.shape[1]))])
+    return Lure(np.vstack([plus, line, others]), nx + n, nu, lure.nw, lure.sigma)
+
+
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """Hold one step of an identified model, in the units of the user.
@@ -140,7 +177,7 @@ class Dynamics:
         check_is_fitted(model)
         lure, _ = model._plant()
         return cls(
-            lure,
+            late_inputs(lure, model.input_delay_),
             model.u_offset_,
             model.y_offset_,
             model.dt,
@@ -167,21 +204,51 @@ class Dynamics:
         phi = regressors(self.lure, x[None], (u - self.u_offset)[None])[0]
         return self.lure.Theta[: self.lure.nx] @ phi
 
-    def measure(self, x):
-        """Return the output, which does not depend on the input.
+    @cached_property
+    def has_feedthrough(self):
+        """Tell whether y depends on u of the same sample."""
+        lure = self.lure
+        by_u = np.any(lure.Theta[:, lure.nx : lure.nx + lure.nu], axis=1)
+        y = slice(lure.nx, lure.nx + lure.nz)
+        if by_u[y].any():
+            return True
+        reached = by_u[lure.nx + lure.nz :]  # neurons that u reaches
+        for layer in lure.layers[1:]:
+            before = lure.E[layer, : layer.start] != 0
+            reached[layer] |= (before & reached[: layer.start]).any(axis=1)
+        return bool(lure.W[y][:, reached].any())
+
+    def measure(self, x, u=None):
+        """Return the output.
 
         Parameters
         ----------
         x : ndarray of shape (nx,)
             State.
+        u : ndarray of shape (nu,) or None, default=None
+            Input of the same sample, in the user's units; needed only where y depends
+            on it.
 
         Returns
         -------
         y : ndarray of shape (ny,)
             Output, in the user's units.
+
+        Raises
+        ------
+        ValueError
+            If `u` is missing though y depends on it.
         """
-        nx, nz = self.lure.nx, self.lure.nz
-        return self.lure.M[nx : nx + nz, :nx] @ x + self.y_offset
+        lure = self.lure
+        if u is None:
+            if self.has_feedthrough:
+                raise ValueError(
+                    "`u` must be given, for y depends on the input of the same sample "
+                    "through D or k, got None. Pass it, or fit without them."
+                )
+            u = self.u_offset
+        phi = regressors(lure, x[None], (u - self.u_offset)[None])[0]
+        return lure.Theta[lure.nx : lure.nx + lure.nz] @ phi + self.y_offset
 
     def jacobian(self, x, du):
         """Return the linearization at a state and an input.
@@ -205,8 +272,8 @@ class Dynamics:
             Derivative of y by u.
         """
         lure, nx = self.lure, self.lure.nx
-        w = regressors(lure, x[None], du[None])[:, nx + lure.nu : -1]
-        J = lure.M + neuron_gains(lure, lure.W, w)[0] @ lure.V  # (eq. sens)
+        Phi = regressors(lure, x[None], du[None])
+        J = lure.M + neuron_gains(lure, lure.W, Phi)[0] @ lure.V  # (eq. sens)
         return J[:nx, :nx], J[:nx, nx:], J[nx:, :nx], J[nx:, nx:]
 
     def linearize(self, x=None, u=None):
@@ -274,7 +341,7 @@ class Dynamics:
         x : ndarray of shape (nx,)
             State.
         u : ndarray of shape (nu,)
-            Input; not used, y = C x.
+            Input, in the user's units.
         params : dict
             Not used.
 
@@ -283,7 +350,7 @@ class Dynamics:
         y : ndarray of shape (ny,)
             Output, in the user's units.
         """
-        return self.measure(x)
+        return self.measure(x, u)
 
     def output_and_state(self, t, x, u, params):
         """Return the output and the state, for loops that feed the state back.
@@ -295,7 +362,7 @@ class Dynamics:
         x : ndarray of shape (nx,)
             State.
         u : ndarray of shape (nu,)
-            Input; not used.
+            Input, in the user's units.
         params : dict
             Not used.
 
@@ -304,7 +371,7 @@ class Dynamics:
         yx : ndarray of shape (ny + nx,)
             Output in the user's units, then the state.
         """
-        return np.concatenate([self.measure(x), x])
+        return np.concatenate([self.measure(x, u), x])
 
     def to_nlsys(self):
         """Return the model as a system of python-control.
@@ -325,7 +392,7 @@ class Dynamics:
         )
 
 
-def check_point(name, value, size):
+def check_point(name, value, size, missing=False):
     """Return a vector of given size; None stands for zero.
 
     Parameters
@@ -336,6 +403,8 @@ def check_point(name, value, size):
         The argument.
     size : int
         Its length.
+    missing : bool, default=False
+        Whether entries may be nan.
 
     Returns
     -------
@@ -355,6 +424,6 @@ def check_point(name, value, size):
             f"`{name}` must have shape ({size},), got {value.shape}. Give one value "
             "per signal."
         )
-    if not np.isfinite(value).all():
+    if not (np.isfinite(value) | (missing & np.isnan(value))).all():
         raise ValueError(f"`{name}` must be finite, got {value}.")
     return value

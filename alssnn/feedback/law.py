@@ -13,10 +13,7 @@ import control
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from ..networks import evaluate_h
 from .export import signal_names
-
-NETWORK = ("W_h", "b_h", "W_y", "b_y", "W_s", "b_s", "B")
 
 
 class LinearizingLaw:
@@ -46,7 +43,9 @@ class LinearizingLaw:
     NotFittedError
         If the model is not fitted.
     ValueError
-        If a limit has the wrong size, is NaN, or `u_min` is not below `u_max`.
+        If a limit has the wrong size, is NaN, or `u_min` is not below `u_max`; or if
+        the law is ill-posed: output feedback where y depends on u of the same sample
+        (D or k), or an input that arrives late.
 
     Examples
     --------
@@ -59,10 +58,11 @@ class LinearizingLaw:
 
     def __init__(self, model, u_min=None, u_max=None):
         check_is_fitted(model)
-        p = model.params_
-        self._p = {name: p[name] for name in NETWORK if name in p}
-        self.feedback = "state" if "W_s" in p else "output"
-        nu, state = p["B"].shape[1], self.feedback == "state"
+        self._net = model._h()
+        self.feedback = "state" if "W_s" in model.params_ else "output"
+        nu, state = model.B_.shape[1], self.feedback == "state"
+        if self._net is not None:
+            _check_posed(model, state)
         self._offset = np.zeros(model.nx_) if state else model.y_offset_
         self._dt = model.dt
         self._inputs = signal_names(getattr(model, "feature_names_in_", None), "u", nu)
@@ -194,8 +194,24 @@ class LinearizingLaw:
         )
 
     def _h(self, s):
-        return evaluate_h(self._p, np.atleast_2d(s - self._offset)).reshape(
-            *s.shape[:-1], len(self.u_min)
+        if self._net is None:
+            return np.zeros((*s.shape[:-1], len(self.u_min)))
+        return self._net(s - self._offset)
+
+
+def _check_posed(model, state):
+    """Refuse a law that would need what is not known yet."""
+    if not state and (np.any(model.D_) or "W_k" in model.params_):
+        raise ValueError(
+            "The law u = v - h(y) of this model is an algebraic loop: y depends on u "
+            "of the same sample, through D or k. Fit with feedback='state', or without "
+            "`feedthrough` and `n_k`."
+        )
+    if np.any(model.input_delay_):
+        raise ValueError(
+            "The law u = v - h(s) of this model would need s "
+            f"{model.input_delay_.max()} samples ahead, for u arrives late. Fit with "
+            "input_delay=0 and more states."
         )
 
 

@@ -5,8 +5,9 @@ An estimate is corrected by the measurement and predicted by the whole model f,
     x_hat_k = x_k + M (y_k - C x_k - y_offset),      x_{k+1} = f(x_hat_k, u_k),
 
 so that x_hat_k uses y up to sample k and u up to sample k - 1 and is there in time for
-u_k = v_k - h(x_hat_k).  The gain M is constant, from the stationary Riccati equation at
-the operating point ("kalman"), or follows the linearization along the way ("ekf").
+u_k = v_k - h(x_hat_k); where y depends on u of the same sample, C x_k is c(x_k, u_k)
+and u_k has to be known.  The gain M is constant, from the stationary Riccati equation
+at the operating point ("kalman"), or follows the linearization along the way ("ekf").
 """
 
 import control
@@ -73,7 +74,7 @@ class Observer:
             raise ValueError(f"`kind` must be 'kalman' or 'ekf', got {kind!r}.")
         self.kind = kind
         self.dynamics = Dynamics.of(model)
-        nx, ny = model.nx_, len(model.C_)
+        nx, ny = self.dynamics.lure.nx, len(model.C_)
         if Q is None:
             Q = PROCESS_NOISE * np.eye(nx)
         if R is None:
@@ -82,9 +83,8 @@ class Observer:
         self.Q = check_weight("Q", Q, nx)
         self.R = check_weight("R", R, ny, definite=True)
         A, _, C, _ = self.dynamics.jacobian(np.zeros(nx), np.zeros(len(model.B_.T)))
-        self._C = C
         self._P_inf = _stationary_covariance(A, C, self.Q, self.R)
-        self.gain = self._gain(self._P_inf)
+        self.gain = self._gain(self._P_inf, C)
         self.reset()
 
     def reset(self, x0=None):
@@ -105,7 +105,7 @@ class Observer:
         self._P = self._P_inf + np.eye(len(self.Q))
         self._started = False
 
-    def step(self, u, y):
+    def step(self, u, y, u_now=None):
         """Return the estimate for a new measurement.
 
         Parameters
@@ -114,7 +114,9 @@ class Observer:
             Input since the last measurement, u_{k-1} in the user's units; ignored
             in the first step.
         y : array_like of shape (ny,)
-            New measurement y_k, in the user's units.
+            New measurement y_k, in the user's units; nan where nothing was measured.
+        u_now : array_like of shape (nu,) or None, default=None
+            Input u_k of the same sample, where y depends on it (D or k).
 
         Returns
         -------
@@ -124,10 +126,12 @@ class Observer:
         Raises
         ------
         ValueError
-            If `u` or `y` has the wrong size.
+            If `u` or `y` has the wrong size, or `u_now` is missing.
         """
         u = check_point("u", u, self.dynamics.lure.nu)
-        y = check_point("y", y, len(self.R))
+        y = check_point("y", y, len(self.R), missing=True)
+        if u_now is not None:
+            u_now = check_point("u_now", u_now, self.dynamics.lure.nu)
         if self._started:
             if self.kind == "ekf":
                 A = self.dynamics.jacobian(self.x_hat, u - self.dynamics.u_offset)[0]
@@ -136,10 +140,13 @@ class Observer:
         self._started = True
         M = self.gain
         if self.kind == "ekf":
-            M = self._gain(self._P)
-            self._P = self._P - M @ self._C @ self._P
+            du = 0 * u if u_now is None else u_now - self.dynamics.u_offset
+            C = self.dynamics.jacobian(self.x_hat, du)[2]
+            C = np.where(np.isnan(y)[:, None], 0.0, C)  # it says nothing
+            M = self._gain(self._P, C)
+            self._P = self._P - M @ C @ self._P
             self._P = (self._P + self._P.T) / 2
-        self.x_hat = self._correct(M, self.x_hat, y)
+        self.x_hat = self._correct(M, self.x_hat, y, u_now)
         return self.x_hat
 
     def filter(self, u, y, x0=None):
@@ -181,7 +188,7 @@ class Observer:
         runner.__dict__.update(self.__dict__)
         runner.reset(x0)
         before = np.vstack([u[:1], u[:-1]])
-        return np.array([runner.step(*pair) for pair in zip(before, y, strict=True)])
+        return np.array([runner.step(*z) for z in zip(before, y, u, strict=True)])
 
     def update(self, t, x, signals, params):
         """Return the predicted state for (u, y), for python-control.
@@ -203,7 +210,7 @@ class Observer:
             State predicted for the next sample.
         """
         u, y = np.split(signals, [self.dynamics.lure.nu])
-        return self.dynamics.step(self._correct(self.gain, x, y), u)
+        return self.dynamics.step(self._correct(self.gain, x, y, u), u)
 
     def output(self, t, x, signals, params):
         """Return the corrected state for (u, y), for python-control.
@@ -215,7 +222,7 @@ class Observer:
         x : ndarray of shape (nx,)
             State predicted for this sample.
         signals : ndarray of shape (nu + ny,)
-            Inputs (not used), then outputs, in the user's units.
+            Inputs, then outputs, in the user's units.
         params : dict
             Not used.
 
@@ -224,7 +231,10 @@ class Observer:
         x_hat : ndarray of shape (nx,)
             Estimate.
         """
-        return self._correct(self.gain, x, signals[self.dynamics.lure.nu :])
+        u, y = np.split(signals, [self.dynamics.lure.nu])
+        # without feedthrough x_hat does not depend on u: no algebraic loop
+        now = u if self.dynamics.has_feedthrough else None
+        return self._correct(self.gain, x, y, now)
 
     def to_nlsys(self):
         """Return the observer with constant gain as a system of python-control.
@@ -255,12 +265,14 @@ class Observer:
             name="observer",
         )
 
-    def _gain(self, P):
-        PC = P @ self._C.T  # (nx, ny)
-        return np.linalg.solve(self._C @ PC + self.R, PC.T).T
+    def _gain(self, P, C):
+        PC = P @ C.T  # (nx, ny)
+        return np.linalg.solve(C @ PC + self.R, PC.T).T
 
-    def _correct(self, M, x, y):
-        return x + M @ (y - self.dynamics.measure(x))
+    def _correct(self, M, x, y, u=None):
+        error = y - self.dynamics.measure(x, u)
+        # an output that was not measured corrects nothing
+        return x + M @ np.where(np.isnan(error), 0.0, error)
 
 
 def check_weight(name, value, size, *, definite=False):

@@ -11,8 +11,9 @@ non-normal A amplifies again on the way to the output.  The output-referred resi
 
     zeta+ = A zeta + g(x, u),   e = C zeta,     linearization error = rms(e) / rms(y)
 
-does not: e is what g adds to the output, exactly, in any basis.  The same holds for
-its parts in frequency bands (eq. bands).  How much the basis hides is told by the
+does not: e is what g adds to the output, exactly, in any basis; with a feedthrough D
+and a nonlinear output k it is e = C zeta + k(x, u) - D h(s).  The same holds for its
+parts in frequency bands (eq. bands).  How much the basis hides is told by the
 growth of the powers of A and by the H2 norm from g to y (eq. gains).
 
 Everything is computed along simulated trajectories of a Lur'e form with the states
@@ -21,7 +22,7 @@ function of, and g is what remains of x+: the code knows neither by name.
 """
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
@@ -45,7 +46,7 @@ def measure(
     lure : Lure
         Model with the states x alone and the input u, both deviations.
     linear : tuple of ndarray
-        Matrices A, B, C of its linear part, shapes (nx, nx), (nx, nu), (ny, nx).
+        Matrices A, B, C, D of its linear part, D of shape (ny, nu).
     feedback : tuple of ndarray
         Gain K and constant k of h = K w + k, shapes (nu, nw), (nu,).
     experiments : sequence of tuple of ndarray
@@ -68,13 +69,21 @@ def measure(
     -----
     Costs four simulations: the model, the closed loop, and the residual of each.
     """
-    A, _, C = linear
+    A, _, C, _ = linear
     opened = [_run(lure, linear, feedback, u, x0) for u, _, x0 in experiments]
     # the closed loop has no h left (eq. loop)
     none = tuple(np.zeros_like(z) for z in feedback)
-    loop = lure.close(*feedback)
-    closed = [_run(loop, linear, none, v, x0) for v, _, x0 in experiments]
-    y = [y for _, y, _ in experiments]
+    try:
+        loop = lure.close(*feedback)
+    except ValueError:  # an algebraic loop: y depends on u through D or k
+        closed = [run.without_solution() for run in opened]
+    else:
+        closed = [_run(loop, linear, none, v, x0) for v, _, x0 in experiments]
+    # what was not measured is taken from the model
+    y = [
+        np.where(np.isnan(y), run.y, y)
+        for (_, y, _), run in zip(experiments, opened, strict=True)
+    ]
     e = [run.e for run in opened]
 
     part = _sizes([run.linear for run in opened])
@@ -132,27 +141,36 @@ class _Run:
     g: np.ndarray  # (N, nx)
     e: np.ndarray  # (N, ny)
 
+    def without_solution(self):
+        """Return the run of a loop that has no solution."""
+        signals = ("X", "w", "y", "linear", "h", "g", "e")
+        infinite = {z: np.full_like(getattr(self, z), np.inf) for z in signals}
+        return replace(self, **infinite)
+
 
 def _run(lure, linear, feedback, u, x0):
-    """Simulate and observe [w; y; A x + B u; h; g] as the channels of the model."""
-    (A, B, C), (K, k) = linear, feedback
-    nx, nu, nw = lure.nx, lure.nu, lure.nw
-    sizes = [nw, len(C), nx, nu, nx]
+    """Simulate and observe [w; y; A x + B u; h; g; k - D h] as channels."""
+    (A, B, C, D), (K, k) = linear, feedback
+    nx, nu, nw, ny = lure.nx, lure.nu, lure.nw, len(C)
+    sizes = [nw, ny, nx, nu, nx, ny]
     Theta = np.zeros((nx + sum(sizes) + nw, nx + nu + nw + 1))
-    plus, w_, y_, linear_, h_, g_, v_ = np.split(Theta, np.cumsum([nx, *sizes]))
-    plus[:] = lure.Theta[:nx]
+    plus, w_, y_, linear_, h_, g_, k_, v_ = np.split(Theta, np.cumsum([nx, *sizes]))
+    plus[:], y_[:], v_[:] = np.split(lure.Theta, [nx, nx + ny])
     w_[:, nx + nu : -1] = np.eye(nw)
-    y_[:, :nx] = C
     linear_[:, : nx + nu] = np.hstack([A, B])
     h_[:, nx + nu :] = np.column_stack([K, k])
     g_[:] = plus - linear_ - B @ h_
-    v_[:] = lure.Theta[nx + lure.nz :]
-    observed = Lure(Theta, nx, nu, nw)
+    k_[:] = y_ - D @ h_
+    k_[:, : nx + nu] -= np.hstack([C, D])
+    observed = Lure(Theta, nx, nu, nw, lure.sigma)
     X = simulate(observed, u, x0)[:-1]
     with np.errstate(over="ignore", invalid="ignore"):
         Z = channels(observed, X, u)
-    w, y, part, h, g = np.split(Z, np.cumsum(sizes[:-1]), axis=1)
-    return _Run(X, u, w, y, part, h, g, output_residual(A, C, g))
+    w, y, part, h, g, k_out = np.split(Z, np.cumsum(sizes[:-1]), axis=1)
+    with np.errstate(invalid="ignore"):
+        e = output_residual(A, C, g) + k_out
+    e = np.where(np.isfinite(e), e, np.inf)
+    return _Run(X, u, w, y, part, h, g, e)
 
 
 def output_residual(A, C, g):

@@ -93,7 +93,9 @@ class Linearizability:
 
     Notes
     -----
-    A quantity that a diverging simulation makes meaningless is inf.
+    A quantity that a diverging simulation makes meaningless is inf, and so are those
+    of a closed loop that is algebraic: an output law where y depends on u of the same
+    sample, through D or k.
     """
 
     linearization_error: np.ndarray

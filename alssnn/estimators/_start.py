@@ -1,0 +1,142 @@
+"""Linear starts and bounds that the user gives, between his units and those of the fit.
+
+A linear start fixes the basis of the states: its entries may mean something, so that
+they can be held or bounded.  Inside the fit its states are scaled to unit variance.
+"""
+
+import numpy as np
+
+from ..subspace import LinearModel, normalize
+
+LINEAR = ("A", "B", "C", "D")
+
+
+def given_model(start, scaling, experiments, dt, feedthrough):
+    """Return the linear model that the user starts from.
+
+    Parameters
+    ----------
+    start : tuple of array_like, control.StateSpace or estimator
+        Matrices (A, B, C) or (A, B, C, D) in the user's units, or what has them.
+    scaling : Scaling
+        Units of the fit.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    dt : float
+        Sampling time, in seconds.
+    feedthrough : bool
+        Whether D is free; else it must be zero.
+
+    Returns
+    -------
+    model : LinearModel
+        The model in scaled deviations, states of unit variance.
+    x_scale : ndarray of shape (nx,)
+        States of the user over those of the model.
+
+    Raises
+    ------
+    ValueError
+        If the sizes do not fit, the system is not of this sampling time, or it has a
+        feedthrough that the model lacks.
+    """
+    A, B, C, D = _matrices(start, dt)
+    nu, ny = (signal.shape[1] for signal in experiments[0])
+    nx = len(A)
+    shapes = {"A": (nx, nx), "B": (nx, nu), "C": (ny, nx), "D": (ny, nu)}
+    for name, value in zip(LINEAR, (A, B, C, D), strict=True):
+        if value.shape != shapes[name] or not np.isfinite(value).all():
+            raise ValueError(
+                f"`linear_start` must have a finite {name} of shape {shapes[name]}, "
+                f"got shape {value.shape}."
+            )
+    if np.any(D) and not feedthrough:
+        raise ValueError(
+            "`linear_start` must have D = 0 for a model without feedthrough. Set "
+            "feedthrough=True."
+        )
+    x0 = np.zeros((len(experiments), nx))
+    scaled = LinearModel(
+        A,
+        B * scaling.u_scale,
+        C / scaling.y_scale[:, None],
+        D * scaling.u_scale / scaling.y_scale[:, None],
+        x0,
+        feedthrough,
+    )
+    return normalize(scaled, experiments)
+
+
+def _matrices(start, dt):
+    """Return A, B, C, D of a start in whatever form."""
+    if isinstance(start, tuple | list) and len(start) in (3, 4):
+        A, B, C = (np.atleast_2d(np.asarray(M, dtype=float)) for M in start[:3])
+        D = np.zeros((len(C), B.shape[1])) if len(start) == 3 else start[3]
+        return A, B, C, np.atleast_2d(np.asarray(D, dtype=float))
+    if all(hasattr(start, f"{name}_") for name in LINEAR):  # a fitted estimator
+        return tuple(getattr(start, f"{name}_") for name in LINEAR)
+    if not all(hasattr(start, name) for name in (*LINEAR, "dt")):
+        raise ValueError(
+            "`linear_start` must be a tuple (A, B, C) or (A, B, C, D), a discrete-time "
+            f"`control.StateSpace` or a fitted model, got {type(start).__name__}."
+        )
+    # dt=True of python-control: discrete, of unknown sampling time
+    if start.dt is not True and not np.isclose(float(start.dt or 0), dt):
+        raise ValueError(
+            f"`linear_start` must have the sampling time dt={dt}, got {start.dt}. Use "
+            "`control.sample_system` for another one, or for continuous time."
+        )
+    return tuple(np.asarray(getattr(start, name), dtype=float) for name in LINEAR)
+
+
+def check_bounds(bounds, structure, units, *, own_basis, contractive):
+    """Return bounds in the units of the fit.
+
+    Parameters
+    ----------
+    bounds : dict of str to tuple of array_like, or None
+        Lower and upper bounds of A, B, C or D, in the user's units.
+    structure : Structure
+        Structure of the model.
+    units : dict of str to ndarray
+        The user's units over those of the fit, by axis.
+    own_basis : bool
+        Whether the states are those of a linear start of the user.
+    contractive : bool
+        Whether A is a contraction by construction.
+
+    Returns
+    -------
+    bounds : dict of str to tuple of ndarray
+        Bounds of scaled parameters; empty without bounds.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown or not free, bounds have no meaning without a basis, or
+        they cross.
+    """
+    inverse = {axis: 1.0 / scale for axis, scale in units.items()}
+    checked = {}
+    for name, pair in (bounds or {}).items():
+        free = [n for n in LINEAR if n in structure.parameters]
+        if name not in free:
+            raise ValueError(
+                f"`bounds` must be for {', '.join(free)}, the free matrices of this "
+                f"model, got {name!r}."
+            )
+        if name != "D" and (not own_basis or contractive):
+            raise ValueError(
+                f"`bounds` for {name!r} need a basis of the states that stays what it "
+                "is: give `linear_start`, with stability=None."
+            )
+        low, high = (
+            np.broadcast_to(np.asarray(b, dtype=float), structure.shapes[name])
+            for b in pair
+        )
+        if not np.all(low <= high):
+            raise ValueError(f"`bounds` of {name} must not cross. Exchange them.")
+        checked[name] = tuple(
+            structure.rescale({name: b}, inverse)[name] for b in (low, high)
+        )
+    return checked
