@@ -12,7 +12,7 @@ With the Lur'e form of f (eq. lure) its derivatives are those of (eq. sens):
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control
 import numpy as np
@@ -149,65 +149,99 @@ class Dynamics:
             type(model).__name__,
         )
 
+    def with_disturbance(self, kind):
+        """Return the dynamics of the state [x; d] with a constant disturbance d.
+
+        Parameters
+        ----------
+        kind : {"output", "input"}
+            Whether d is added to y, in its units, or to u, in those of u.
+
+        Returns
+        -------
+        dynamics : Dynamics
+            The same model with nx + ny or nx + nu states, the last of which stay as
+            they are.
+
+        Raises
+        ------
+        ValueError
+            If `kind` is unknown.
+        """
+        if kind not in ("output", "input"):
+            raise ValueError(f"`kind` must be 'output' or 'input', got {kind!r}.")
+        lure, nx, nu = self.lure, self.lure.nx, self.lure.nu
+        by_u = lure.Theta[:, nx : nx + nu]
+        y = np.arange(nx, nx + lure.nz)
+        by_d = by_u if kind == "input" else np.eye(len(lure.Theta))[:, y]
+        nd = by_d.shape[1]
+        Theta = np.insert(lure.Theta, [nx] * nd, by_d, axis=1)
+        keep = np.eye(nd, Theta.shape[1], nx)  # d+ = d
+        Theta = np.insert(Theta, [nx] * nd, keep, axis=0)
+        return replace(self, lure=Lure(Theta, nx + nd, nu, lure.nw))
+
     def step(self, x, u):
         """Return the next state.
 
         Parameters
         ----------
-        x : ndarray of shape (nx,)
-            State.
-        u : ndarray of shape (nu,)
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu)
             Input, in the user's units.
 
         Returns
         -------
-        x_next : ndarray of shape (nx,)
+        x_next : ndarray of shape (nx,) or (N, nx)
             State one sample later.
         """
-        phi = regressors(self.lure, x[None], (u - self.u_offset)[None])[0]
-        return self.lure.Theta[: self.lure.nx] @ phi
+        du = np.atleast_2d(u - self.u_offset)
+        Phi = regressors(self.lure, np.atleast_2d(x), du)
+        return (Phi @ self.lure.Theta[: self.lure.nx].T).reshape(x.shape)
 
     def measure(self, x):
         """Return the output, which does not depend on the input.
 
         Parameters
         ----------
-        x : ndarray of shape (nx,)
-            State.
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
 
         Returns
         -------
-        y : ndarray of shape (ny,)
+        y : ndarray of shape (ny,) or (N, ny)
             Output, in the user's units.
         """
         nx, nz = self.lure.nx, self.lure.nz
-        return self.lure.M[nx : nx + nz, :nx] @ x + self.y_offset
+        return x @ self.lure.M[nx : nx + nz, :nx].T + self.y_offset
 
     def jacobian(self, x, du):
         """Return the linearization at a state and an input.
 
         Parameters
         ----------
-        x : ndarray of shape (nx,)
-            State.
-        du : ndarray of shape (nu,)
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        du : ndarray of shape (nu,) or (N, nu)
             Deviation of the input from the operating point, in the units of u.
 
         Returns
         -------
-        A : ndarray of shape (nx, nx)
+        A : ndarray of shape (nx, nx) or (N, nx, nx)
             Derivative of x+ by x.
-        B : ndarray of shape (nx, nu)
+        B : ndarray of shape (nx, nu) or (N, nx, nu)
             Derivative of x+ by u.
-        C : ndarray of shape (ny, nx)
+        C : ndarray of shape (ny, nx) or (N, ny, nx)
             Derivative of y by x.
-        D : ndarray of shape (ny, nu)
+        D : ndarray of shape (ny, nu) or (N, ny, nu)
             Derivative of y by u.
         """
         lure, nx = self.lure, self.lure.nx
-        w = regressors(lure, x[None], du[None])[:, nx + lure.nu : -1]
-        J = lure.M + neuron_gains(lure, lure.W, w)[0] @ lure.V  # (eq. sens)
-        return J[:nx, :nx], J[:nx, nx:], J[nx:, :nx], J[nx:, nx:]
+        Phi = regressors(lure, np.atleast_2d(x), np.atleast_2d(du))
+        gains = neuron_gains(lure, lure.W, Phi[:, nx + lure.nu : -1])
+        J = lure.M + gains @ lure.V  # (eq. sens)
+        J = J.reshape(*x.shape[:-1], *J.shape[1:])
+        return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
 
     def linearize(self, x=None, u=None):
         """Return the linearization at an operating point as a system.
