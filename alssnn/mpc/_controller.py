@@ -32,6 +32,7 @@ from ._record import MpcRecord, MpcStep
 from ._target import Target
 
 CHEAP_INPUT = 0.1  # default weight of v against y, both in standard deviations
+SETTLED = 1e-3  # smaller steps of the states of rest are left to the next sample
 AT_LIMIT = 1e-6  # distance, in standard deviations of u, that counts as reached
 
 
@@ -211,6 +212,7 @@ class LinearizingMPC:
         self._U_s = self._limited(self._model.u_offset)[None]
         self._U = np.tile(self._U_s, (self.horizon, 1))
         self._qp.reset()
+        self._target.reset()
         self.info_ = None
 
     # -- one sample --------------------------------------------------------------------
@@ -256,8 +258,10 @@ class LinearizingMPC:
         solutions = []
         last = self._u
         with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
+            moved = np.inf
             for _ in range(self.n_passes):
-                target_status = self._rest(d, y0, goals)
+                if moved > SETTLED:
+                    target_status, moved = self._rest(d, y0, goals)
                 plan = self._plan(x, d, y0)
                 solutions.append(plan[0])
                 if plan[0].x is None:
@@ -274,7 +278,7 @@ class LinearizingMPC:
         return self._u.copy()
 
     def _rest(self, d, y0, goals):
-        """Improve the states of rest for all references; return the status."""
+        """Improve the states of rest; return the status and how far they moved."""
         nx, u_e, soft = self._nx, self._model.u_offset, self._soft_bounds(y0)
         dynamics, law = self.observer.dynamics, self.law
         Xd = self._with_disturbance(self._X_s, d)
@@ -284,7 +288,7 @@ class LinearizingMPC:
         W = dynamics.step(Xd, self._U_s)[:, :nx]
         W -= np.einsum("nij,nj->ni", A, self._X_s) + np.einsum("nij,nj->ni", B, U_s)
         u_bounds = (law.u_min - u_e) / self._su, (law.u_max - u_e) / self._su
-        statuses = []
+        statuses, X_last = [], self._X_s.copy()
         for i, goal in enumerate(goals):
             last, model = (self._X_s[i], U_s[i]), (A[i], B[i], W[i])
             self._X_s[i], U_s[i], status = self._target.improve(
@@ -293,7 +297,7 @@ class LinearizingMPC:
             statuses.append(status)
         self._U_s = self._limited(u_e + U_s * self._su)
         failed = [s for s in statuses if s not in ("closed form", "solved")]
-        return (failed or statuses)[-1]
+        return (failed or statuses)[-1], np.abs(self._X_s - X_last).max()
 
     def _plan(self, x, d, y0):
         """Pose and solve the program along the last plan; return solution, h and v."""

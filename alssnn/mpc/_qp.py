@@ -44,6 +44,7 @@ class QuadraticProgram:
 
     def __init__(self, P, G, tol, max_iter):
         self.P, self.G = csc_matrix(np.triu(P)), csc_matrix(G)
+        self._full = False
         self.settings = {"eps_abs": tol, "eps_rel": tol, "max_iter": max_iter}
         self._solver = None
 
@@ -54,6 +55,22 @@ class QuadraticProgram:
     def reset(self):
         """Forget the last solution."""
         self._solver = None
+
+    def change(self, P, G):
+        """Replace the matrices by others of the same size, for small programs.
+
+        Parameters
+        ----------
+        P : ndarray of shape (n, n)
+            Hessian, positive definite.
+        G : ndarray of shape (m, n)
+            Constraints.
+        """
+        if not self._full:  # from now on zeros are stored, too
+            self._full, self._solver = True, None
+        self.P, self.G = _store_zeros(P, upper=True), _store_zeros(G)
+        if self._solver is not None:
+            self._solver.update(Px=self.P.data, Ax=self.G.data)
 
     def solve(self, q, lower, upper):
         """Solve the program for given vectors.
@@ -89,3 +106,13 @@ class QuadraticProgram:
             self._solver = None  # a later program must not start from a failed one
             return Solution(None, info.status, info.iter, seconds)
         return Solution(x.copy(), info.status, info.iter, seconds)
+
+
+def _store_zeros(matrix, upper=False):
+    """Return a sparse matrix whose pattern does not depend on the values."""
+    m, n = matrix.shape
+    counts = np.arange(1, n + 1) if upper else np.full(n, m)
+    rows = np.concatenate([np.arange(count) for count in counts])
+    columns = np.repeat(np.arange(n), counts)
+    ends = np.concatenate([[0], np.cumsum(counts)])
+    return csc_matrix((matrix[rows, columns], rows, ends), shape=(m, n))

@@ -40,6 +40,11 @@ class Target:
     def __init__(self, C, weight, soft, penalty, options):
         self.C, self.weight, self.soft = C, weight, soft
         self.penalty, self.options = penalty, options
+        self._qp = None
+
+    def reset(self):
+        """Forget the last program."""
+        self._qp = None
 
     def improve(self, last, model, goal, u_bounds, soft_bounds):
         """Return a better state of rest than the last one.
@@ -102,12 +107,13 @@ class Target:
         at, S = self.soft @ p_x, self.soft @ N_x
         eye, zero = np.eye(n_soft), np.zeros((len(u), n_soft))
         none = np.full(n_soft, np.inf)
-        rows = [(N_u, zero), (S, -eye), (S, eye), (0 * S, eye)]
-        solution = QuadraticProgram(
-            block_diag(H, self.penalty[1] * eye),
-            np.vstack([np.hstack(row) for row in rows]),
-            **self.options,
-        ).solve(
+        blocks = [(N_u, zero), (S, -eye), (S, eye), (0 * S, eye)]
+        P = block_diag(H, self.penalty[1] * eye)
+        rows = np.vstack([np.hstack(row) for row in blocks])
+        if self._qp is None:
+            self._qp = QuadraticProgram(P, rows, **self.options)
+        self._qp.change(P, rows)
+        solution = self._qp.solve(
             np.concatenate([gradient, np.full(n_soft, self.penalty[0])]),
             np.concatenate([u_min - p_u, -none, lower - at, 0 * at]),
             np.concatenate([u_max - p_u, upper - at, none, none]),
