@@ -677,6 +677,34 @@ class StateSpaceModel(
 
         return Observer(self, Q, R, kind)
 
+    def mpc(self, horizon=20, Q=None, R=None, **options):
+        """Return a predictive controller of the linearized loop (eq. mpc).
+
+        Parameters
+        ----------
+        horizon : int, default=20
+            Number of samples that are planned.
+        Q : array_like of shape (nx, nx) or None, default=None
+            Weight of the states; None weighs the outputs.
+        R : array_like of shape (nu, nu) or None, default=None
+            Weight of v.
+        **options : dict
+            Limits and other options of `mpc.LinearizingMPC`, such as ``u_min``.
+
+        Returns
+        -------
+        mpc : LinearizingMPC
+            The controller, at the operating point.
+
+        Raises
+        ------
+        ValueError
+            If an option is out of range, or v does not reach an unstable mode.
+        """
+        from ..mpc import LinearizingMPC
+
+        return LinearizingMPC(self, horizon, Q, R, **options)
+
     # -- certificates ----------------------------------------------------------------
 
     def iss_certificate(

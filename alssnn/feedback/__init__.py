@@ -11,12 +11,14 @@ time), ours (time, signals).
 """
 
 from .design import lqi, lqr, place
+from .disturbance import DisturbanceObserver
 from .export import Dynamics, late_inputs, signal_names, to_statespace
 from .law import LinearizingLaw
 from .loop import closed_loop
 from .observer import Observer
 
 __all__ = [
+    "DisturbanceObserver",
     "Dynamics",
     "LinearizingLaw",
     "Observer",

@@ -14,7 +14,7 @@ With the Lur'e form of f (eq. lure) its derivatives are those of (eq. sens):
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import control
@@ -186,52 +186,77 @@ class Dynamics:
             type(model).__name__,
         )
 
+    def with_disturbance(self, kind):
+        """Return the dynamics of the state [x; d] with a constant disturbance d.
+
+        Parameters
+        ----------
+        kind : {"output", "input"}
+            Whether d is added to y, in its units, or to u, in those of u.
+
+        Returns
+        -------
+        dynamics : Dynamics
+            The same model with nx + ny or nx + nu states, the last of which stay as
+            they are.
+
+        Raises
+        ------
+        ValueError
+            If `kind` is unknown.
+        """
+        if kind not in ("output", "input"):
+            raise ValueError(f"`kind` must be 'output' or 'input', got {kind!r}.")
+        lure, nx, nu = self.lure, self.lure.nx, self.lure.nu
+        by_u = lure.Theta[:, nx : nx + nu]
+        y = np.arange(nx, nx + lure.nz)
+        by_d = by_u if kind == "input" else np.eye(len(lure.Theta))[:, y]
+        nd = by_d.shape[1]
+        Theta = np.insert(lure.Theta, [nx] * nd, by_d, axis=1)
+        keep = np.eye(nd, Theta.shape[1], nx)  # d+ = d
+        Theta = np.insert(Theta, [nx] * nd, keep, axis=0)
+        return replace(self, lure=Lure(Theta, nx + nd, nu, lure.nw, lure.sigma))
+
     def step(self, x, u):
         """Return the next state.
 
         Parameters
         ----------
-        x : ndarray of shape (nx,)
-            State.
-        u : ndarray of shape (nu,)
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu)
             Input, in the user's units.
 
         Returns
         -------
-        x_next : ndarray of shape (nx,)
+        x_next : ndarray of shape (nx,) or (N, nx)
             State one sample later.
         """
-        phi = regressors(self.lure, x[None], (u - self.u_offset)[None])[0]
-        return self.lure.Theta[: self.lure.nx] @ phi
+        du = np.atleast_2d(u - self.u_offset)
+        Phi = regressors(self.lure, np.atleast_2d(x), du)
+        return (Phi @ self.lure.Theta[: self.lure.nx].T).reshape(x.shape)
 
     @cached_property
-    def has_feedthrough(self):
-        """Tell whether y depends on u of the same sample."""
+    def has_linear_output(self):
+        """Tell whether y = C x; with D or k it depends on u of the same sample."""
         lure = self.lure
-        by_u = np.any(lure.Theta[:, lure.nx : lure.nx + lure.nu], axis=1)
-        y = slice(lure.nx, lure.nx + lure.nz)
-        if by_u[y].any():
-            return True
-        reached = by_u[lure.nx + lure.nz :]  # neurons that u reaches
-        for layer in lure.layers[1:]:
-            before = lure.E[layer, : layer.start] != 0
-            reached[layer] |= (before & reached[: layer.start]).any(axis=1)
-        return bool(lure.W[y][:, reached].any())
+        y = lure.Theta[lure.nx : lure.nx + lure.nz]
+        return not np.any(y[:, lure.nx :])
 
     def measure(self, x, u=None):
         """Return the output.
 
         Parameters
         ----------
-        x : ndarray of shape (nx,)
-            State.
-        u : ndarray of shape (nu,) or None, default=None
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu) or None, default=None
             Input of the same sample, in the user's units; needed only where y depends
             on it.
 
         Returns
         -------
-        y : ndarray of shape (ny,)
+        y : ndarray of shape (ny,) or (N, ny)
             Output, in the user's units.
 
         Raises
@@ -240,41 +265,44 @@ class Dynamics:
             If `u` is missing though y depends on it.
         """
         lure = self.lure
+        if self.has_linear_output:
+            return x @ lure.M[lure.nx : lure.nx + lure.nz, : lure.nx].T + self.y_offset
         if u is None:
-            if self.has_feedthrough:
-                raise ValueError(
-                    "`u` must be given, for y depends on the input of the same sample "
-                    "through D or k, got None. Pass it, or fit without them."
-                )
-            u = self.u_offset
-        phi = regressors(lure, x[None], (u - self.u_offset)[None])[0]
-        return lure.Theta[lure.nx : lure.nx + lure.nz] @ phi + self.y_offset
+            raise ValueError(
+                "`u` must be given, for y depends on the input of the same sample "
+                "through D or k, got None. Pass it, or fit without them."
+            )
+        du = np.atleast_2d(u - self.u_offset)
+        Phi = regressors(lure, np.atleast_2d(x), du)
+        y = Phi @ lure.Theta[lure.nx : lure.nx + lure.nz].T + self.y_offset
+        return y.reshape(*x.shape[:-1], lure.nz)
 
     def jacobian(self, x, du):
         """Return the linearization at a state and an input.
 
         Parameters
         ----------
-        x : ndarray of shape (nx,)
-            State.
-        du : ndarray of shape (nu,)
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        du : ndarray of shape (nu,) or (N, nu)
             Deviation of the input from the operating point, in the units of u.
 
         Returns
         -------
-        A : ndarray of shape (nx, nx)
+        A : ndarray of shape (nx, nx) or (N, nx, nx)
             Derivative of x+ by x.
-        B : ndarray of shape (nx, nu)
+        B : ndarray of shape (nx, nu) or (N, nx, nu)
             Derivative of x+ by u.
-        C : ndarray of shape (ny, nx)
+        C : ndarray of shape (ny, nx) or (N, ny, nx)
             Derivative of y by x.
-        D : ndarray of shape (ny, nu)
+        D : ndarray of shape (ny, nu) or (N, ny, nu)
             Derivative of y by u.
         """
         lure, nx = self.lure, self.lure.nx
-        Phi = regressors(lure, x[None], du[None])
-        J = lure.M + neuron_gains(lure, lure.W, Phi)[0] @ lure.V  # (eq. sens)
-        return J[:nx, :nx], J[:nx, nx:], J[nx:, :nx], J[nx:, nx:]
+        Phi = regressors(lure, np.atleast_2d(x), np.atleast_2d(du))
+        J = lure.M + neuron_gains(lure, lure.W, Phi) @ lure.V  # (eq. sens)
+        J = J.reshape(*x.shape[:-1], *J.shape[1:])
+        return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
 
     def linearize(self, x=None, u=None):
         """Return the linearization at an operating point as a system.

@@ -71,13 +71,7 @@ class LinearizingLaw:
             "x_hat" if state else "y",
             len(self._offset),
         )
-        self.u_min = _limit("u_min", u_min, nu, -np.inf)
-        self.u_max = _limit("u_max", u_max, nu, np.inf)
-        if not np.all(self.u_min < self.u_max):
-            raise ValueError(
-                f"`u_min` must be below `u_max`, got {self.u_min} and {self.u_max}. "
-                "Exchange them."
-            )
+        self.u_min, self.u_max = check_limits("u", u_min, u_max, nu)
 
     def __call__(self, v, s):
         """Return the input that makes the model linear from v.
@@ -215,15 +209,49 @@ def _check_posed(model, state):
         )
 
 
+def check_limits(letter, lower, upper, size):
+    """Return lower and upper limits of every signal.
+
+    Parameters
+    ----------
+    letter : str
+        Name of the signal, for the message: its limits are ``u_min`` and ``u_max``.
+    lower : float, array_like of shape (size,) or None
+        Lower limits; None means none.
+    upper : float, array_like of shape (size,) or None
+        Upper limits; None means none.
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    lower, upper : ndarray of shape (size,)
+        Limits; infinite where there is none.
+
+    Raises
+    ------
+    ValueError
+        If a limit has the wrong size, is NaN, or the lower one is not below the upper.
+    """
+    lower = _limit(f"{letter}_min", lower, size, -np.inf)
+    upper = _limit(f"{letter}_max", upper, size, np.inf)
+    if not np.all(lower < upper):
+        raise ValueError(
+            f"`{letter}_min` must be below `{letter}_max`, got {lower} and {upper}. "
+            "Exchange them."
+        )
+    return lower, upper
+
+
 def _limit(name, value, size, default):
-    """Return a limit for every input."""
+    """Return a limit for every signal."""
     if value is None:
         return np.full(size, default)
     value = np.asarray(value, dtype=float)
     if value.shape not in [(), (size,)] or np.isnan(value).any():
         raise ValueError(
             f"`{name}` must be a number or have shape ({size},), without NaN, got "
-            f"{value}. Use -inf or inf for inputs without a limit."
+            f"{value}. Use -inf or inf for signals without a limit."
         )
     return np.broadcast_to(value, size).copy()
 

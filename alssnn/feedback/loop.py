@@ -203,27 +203,7 @@ class _Names:
                 dynamics.lure.nx,
                 "plant",
             )
-        if hasattr(plant, "to_nlsys"):
-            plant = plant.to_nlsys()
-        if isinstance(plant, control.TransferFunction):
-            plant = control.ss(plant)
-        if not isinstance(plant, control.NonlinearIOSystem):
-            raise TypeError(
-                "`plant` must be a fitted model or a system of python-control, got "
-                f"{type(plant).__name__}. Wrap it in control.nlsys."
-            )
-        _check_dt("plant", plant, self.dt)
-        sizes, expected = (plant.ninputs, plant.noutputs), (len(self.u), len(self.y))
-        if sizes != expected:
-            raise ValueError(
-                "`plant` must have as many inputs and outputs as the model, "
-                f"{expected}, got {sizes}. Identify a model of this plant."
-            )
-        if isinstance(plant, control.StateSpace) and np.any(plant.D):
-            raise ValueError(
-                "`plant` must be strictly proper, got a nonzero D. Add a delay of one "
-                "sample."
-            )
+        plant = check_plant(plant, dynamics)
         plant = plant.copy(name="plant", use_prefix_suffix=False)
         plant.update_names(inputs=self.u, outputs=self.y)
         return plant
@@ -283,6 +263,54 @@ class _Names:
             name="loop",
             check_unused=False,
         )
+
+
+def check_plant(plant, dynamics):
+    """Return a plant as a system that fits a model, from u to y.
+
+    Parameters
+    ----------
+    plant : estimator or system of python-control
+        A fitted model or a strictly proper discrete-time system.
+    dynamics : Dynamics
+        Model that the controller of this plant is made from.
+
+    Returns
+    -------
+    plant : control.NonlinearIOSystem
+        The plant.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a model nor a system.
+    ValueError
+        If sizes or sampling times do not fit, it is continuous in time, or not
+        strictly proper.
+    """
+    if hasattr(plant, "to_nlsys"):
+        plant = plant.to_nlsys()
+    if isinstance(plant, control.TransferFunction):
+        plant = control.ss(plant)
+    if not isinstance(plant, control.NonlinearIOSystem):
+        raise TypeError(
+            "`plant` must be a fitted model or a system of python-control, got "
+            f"{type(plant).__name__}. Wrap it in control.nlsys."
+        )
+    _check_dt("plant", plant, dynamics.dt)
+    sizes = plant.ninputs, plant.noutputs
+    expected = dynamics.lure.nu, len(dynamics.y_offset)
+    if sizes != expected:
+        raise ValueError(
+            "`plant` must have as many inputs and outputs as the model, "
+            f"{expected}, got {sizes}. Identify a model of this plant."
+        )
+    if isinstance(plant, control.StateSpace) and np.any(plant.D):
+        raise ValueError(
+            "`plant` must be strictly proper, got a nonzero D. Add a delay of one "
+            "sample."
+        )
+    return plant
 
 
 def _from_gain(gain, dynamics):

@@ -83,7 +83,7 @@ class Observer:
         self.Q = check_weight("Q", Q, nx)
         self.R = check_weight("R", R, ny, definite=True)
         A, _, C, _ = self.dynamics.jacobian(np.zeros(nx), np.zeros(len(model.B_.T)))
-        self._P_inf = _stationary_covariance(A, C, self.Q, self.R)
+        self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self.gain = self._gain(self._P_inf, C)
         self.reset()
 
@@ -233,7 +233,7 @@ class Observer:
         """
         u, y = np.split(signals, [self.dynamics.lure.nu])
         # without feedthrough x_hat does not depend on u: no algebraic loop
-        now = u if self.dynamics.has_feedthrough else None
+        now = None if self.dynamics.has_linear_output else u
         return self._correct(self.gain, x, y, now)
 
     def to_nlsys(self):
@@ -317,8 +317,30 @@ def check_weight(name, value, size, *, definite=False):
     return value
 
 
-def _stationary_covariance(A, C, Q, R):
-    """Return the covariance of the predicted state, from the Riccati equation."""
+def stationary_covariance(A, C, Q, R):
+    """Return the covariance of the predicted state, from the Riccati equation.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix.
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+    Q : ndarray of shape (nx, nx)
+        Covariance of the process noise.
+    R : ndarray of shape (ny, ny)
+        Covariance of the measurement noise.
+
+    Returns
+    -------
+    P : ndarray of shape (nx, nx)
+        Stationary covariance before the measurement.
+
+    Raises
+    ------
+    ValueError
+        If there is no stable observer.
+    """
     # outputs in their own units: the equation is solved for unit measurement noise
     scale = np.sqrt(np.diag(R))
     C, R = C / scale[:, None], R / np.outer(scale, scale)

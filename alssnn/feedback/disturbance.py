@@ -1,0 +1,95 @@
+"""An observer that also estimates a constant disturbance, for control without offset.
+
+A constant d is added to the output or to the input of the whole model,
+
+    x+ = f(x, u),  y = C x + d        or        x+ = f(x, u + d),  y = C x
+
+with d+ = d, and estimated together with x: what is left at rest between model and plant
+ends up in d, so that a controller that takes d into account settles at its reference.
+"""
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from .observer import PROCESS_NOISE, Observer, check_weight, stationary_covariance
+
+RANK = 1e-9  # smallest singular value, relative, of what must have full rank
+
+
+class DisturbanceObserver(Observer):
+    """Estimate state and constant disturbance of an identified model.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    Q : array_like of shape (nx, nx) or None, default=None
+        Covariance of the process noise per sample, as for `Observer`.
+    R : array_like of shape (ny, ny) or None, default=None
+        Covariance of the measurement noise, as for `Observer`.
+    disturbance : {"output", "input"}, default="output"
+        Whether d is added to y or to u. A model that integrates needs "input".
+    Q_d : array_like of shape (nd, nd) or None, default=None
+        Covariance of the change of d per sample, in the units of y or u squared. None
+        means that d drifts by a hundredth of the standard deviation of the training
+        data per sample.
+
+    Attributes
+    ----------
+    disturbance : str
+        Kind of disturbance.
+    x_hat : ndarray of shape (nx + nd,)
+        Current estimate of [x; d].
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If `disturbance` is unknown, a covariance is not one of the right size, or the
+        outputs do not tell the disturbance from the state.
+
+    See Also
+    --------
+    Observer : The same without disturbance.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> alssnn.feedback.DisturbanceObserver(model).filter(record.u, record.y).shape
+    (1500, 5)
+    """
+
+    def __init__(self, model, Q=None, R=None, disturbance="output", Q_d=None):
+        super().__init__(model, Q, R)
+        if disturbance not in ("output", "input"):
+            raise ValueError(
+                f"`disturbance` must be 'output' or 'input', got {disturbance!r}."
+            )
+        self.disturbance = disturbance
+        self.dynamics = self.dynamics.with_disturbance(disturbance)
+        scaling, n = model._scaling, self.dynamics.lure.nx
+        scale = scaling.y_scale if disturbance == "output" else scaling.u_scale
+        if Q_d is None:
+            Q_d = np.diag(PROCESS_NOISE * scale**2)
+        Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
+        self.Q = block_diag(self.Q, Q_d)
+        A, _, C, _ = self.dynamics.jacobian(np.zeros(n), 0 * model.u_offset_)
+        size = np.concatenate([np.ones(n - len(scale)), scale])
+        _check_detectable(A * size / size[:, None], C / scaling.y_scale[:, None])
+        self._P_inf = stationary_covariance(A, C, self.Q, self.R)
+        self.gain = self._gain(self._P_inf, C)
+        self.reset()
+
+
+def _check_detectable(A, C):
+    """Refuse disturbances that the outputs do not show: the test of Hautus at 1."""
+    pencil = np.vstack([A - np.eye(len(A)), C])
+    values = np.linalg.svd(pencil, compute_uv=False)
+    if len(values) < len(A) or values[-1] < RANK * values[0]:
+        raise ValueError(
+            "`disturbance` must be visible at rest in the outputs, got a model that "
+            "does not tell it from the state. If the model integrates, use 'input'; "
+            "if it has more inputs than outputs, use 'output'."
+        )

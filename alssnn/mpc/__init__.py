@@ -1,0 +1,18 @@
+"""Predictive control of the linearized loop: a quadratic program at every sample.
+
+    min  sum |x_i - x_s|_Q^2 + |v_i - v_s|_R^2      x+ = A x + B v + omega   (eq. mpc)
+    s.t. u_min <= v - h(s) <= u_max,  soft bounds of y and x
+
+The law u = v - h(s) leaves a linear model, and the program is convex.  What it does not
+leave linear enters as known numbers, evaluated along the last plan: h in the bounds of
+v, and omega, the part of the whole model that the linear one lacks.
+
+`_prediction` condenses the model over the horizon, `_target` finds the state of rest,
+`_controller` poses the program at every sample, `_record` holds what happened, and
+`_qp` is the only place that knows OSQP.
+"""
+
+from ._controller import LinearizingMPC
+from ._record import MpcRecord, MpcStep
+
+__all__ = ["LinearizingMPC", "MpcRecord", "MpcStep"]

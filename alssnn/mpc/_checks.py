@@ -1,0 +1,181 @@
+"""Checks of what the user gives a predictive controller."""
+
+import numpy as np
+
+from ..feedback import DisturbanceObserver, Dynamics, Observer
+from ..feedback.law import check_limits
+
+
+def check_references(reference, horizon, ny):
+    """Return references of y, one row or one per sample of the horizon.
+
+    Parameters
+    ----------
+    reference : array_like of shape (ny,) or (horizon, ny)
+        References; a number if there is one output.
+    horizon : int
+        Number of samples of the horizon.
+    ny : int
+        Number of outputs.
+
+    Returns
+    -------
+    references : ndarray of shape (1, ny) or (horizon, ny)
+        References.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or a value not finite.
+    """
+    r = np.asarray(reference, dtype=float)
+    shape = r.shape
+    if r.ndim == 0 and ny == 1:
+        r = r.reshape(1)
+    if r.shape == (ny,):
+        r = r[None]
+    elif r.shape != (horizon, ny):
+        raise ValueError(
+            f"`reference` must have shape ({ny},) or ({horizon}, {ny}), got {shape}. "
+            "Give one value per output."
+        )
+    if not np.isfinite(r).all():
+        raise ValueError(
+            "`reference` must be finite, got nan or inf. Free an output by a zero in "
+            "`Q_target` instead."
+        )
+    return r
+
+
+def check_observer(observer, model):
+    """Return an observer of the model; None stands for the default one.
+
+    Parameters
+    ----------
+    observer : Observer or None
+        The observer.
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    observer : Observer
+        The observer.
+
+    Raises
+    ------
+    TypeError
+        If it is no observer.
+    ValueError
+        If it is one of another model.
+    """
+    if observer is None:
+        return DisturbanceObserver(model)
+    if not isinstance(observer, Observer):
+        raise TypeError(
+            f"`observer` must be an Observer, got {type(observer).__name__}. Use "
+            "`DisturbanceObserver`."
+        )
+    given, own = observer.dynamics.lure, Dynamics.of(model).lure
+    nx = own.nx
+    fits = given.nx >= nx and given.nu == own.nu and given.nz == own.nz
+    if not (fits and np.array_equal(given.M[:nx, :nx], own.M[:nx, :nx])):
+        raise ValueError(
+            "`observer` must be one of the same model, got another one. Make it from "
+            "`model`."
+        )
+    return observer
+
+
+def check_rate(du_max, nu):
+    """Return the limit of the change of every input.
+
+    Parameters
+    ----------
+    du_max : float, array_like of shape (nu,) or None
+        Limits; None means none.
+    nu : int
+        Number of inputs.
+
+    Returns
+    -------
+    du_max : ndarray of shape (nu,)
+        Limits; infinite where there is none.
+
+    Raises
+    ------
+    ValueError
+        If a limit is not positive or the size is wrong.
+    """
+    _, du_max = check_limits("du", None, du_max, nu)
+    if not np.all(du_max > 0):
+        raise ValueError(
+            f"`du_max` must be positive, got {du_max}. Use None for no limit."
+        )
+    return du_max
+
+
+def check_penalty(slack_weight):
+    """Return the linear and the quadratic price of an excess.
+
+    Parameters
+    ----------
+    slack_weight : tuple of two floats
+        The prices.
+
+    Returns
+    -------
+    prices : ndarray of shape (2,)
+        The prices.
+
+    Raises
+    ------
+    ValueError
+        If they are not two positive numbers.
+    """
+    prices = np.asarray(slack_weight, dtype=float)
+    if prices.shape != (2,) or not (np.isfinite(prices).all() and np.all(prices > 0)):
+        raise ValueError(
+            "`slack_weight` must be a pair of positive numbers, got "
+            f"{slack_weight!r}. Try (100.0, 100.0)."
+        )
+    return prices
+
+
+def check_signal(name, value, n, size):
+    """Return a signal, one row per sample.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like of shape (n, size) or None
+        The signal; None stands for zero if `n` is given.
+    n : int or None
+        Number of samples; None means any.
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    signal : ndarray of shape (n, size)
+        The signal.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or a value not finite.
+    """
+    if value is None and n is not None:
+        return np.zeros((n, size))
+    value = np.asarray(value, dtype=float)
+    signal = value[:, None] if value.ndim == 1 and size == 1 else value
+    rows = "N" if n is None else n
+    if signal.ndim != 2 or signal.shape != (len(signal) if n is None else n, size):
+        raise ValueError(
+            f"`{name}` must have shape ({rows}, {size}), got {value.shape}. Time runs "
+            "down the rows."
+        )
+    if not np.isfinite(signal).all():
+        raise ValueError(f"`{name}` must be finite, got nan or inf.")
+    return signal

@@ -1,0 +1,119 @@
+"""What a predictive controller did, at one sample and along a simulation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class MpcStep:
+    """Hold what happened in one step of a predictive controller.
+
+    Parameters
+    ----------
+    status : str
+        What the solver says; "solved" if all is well.
+    fallback : bool
+        Whether the solver failed, so that the last plan, shifted, was used instead.
+    target_status : str
+        "closed form" where the bounds leave the state of rest alone, else what the
+        solver says of it.
+    solve_time : float
+        Time in the solver, in seconds, over all passes.
+    step_time : float
+        Time of the whole step, in seconds.
+    iterations : int
+        Iterations of the solver, over all passes.
+    u : ndarray of shape (nu,)
+        Input for the plant, in the units of u.
+    v : ndarray of shape (nu,)
+        Input of the linear system, u + h(s).
+    cut : ndarray of shape (nu,)
+        What the limits cut off the planned input; not zero after a fallback, and of
+        the size of the tolerance after a solution.
+    saturated : ndarray of bool of shape (nu,)
+        Whether a limit of u or its rate is reached.
+    slack_y : ndarray of shape (ny,)
+        Largest planned excess of the soft bounds, in the units of y.
+    slack_x : ndarray of shape (nx,)
+        The same for the states.
+    target_error : ndarray of shape (ny,)
+        Output at rest minus the (last) reference; not zero if bounds or the number of
+        inputs keep the outputs from it.
+    x_hat : ndarray of shape (nx,)
+        Estimated state.
+    disturbance : ndarray of shape (nd,)
+        Estimated disturbance, in the units of y or u.
+    y_plan : ndarray of shape (horizon, ny)
+        Planned outputs of the next samples.
+    u_plan : ndarray of shape (horizon, nu)
+        Planned inputs, of this sample and the next ones.
+    """
+
+    status: str
+    fallback: bool
+    target_status: str
+    solve_time: float
+    step_time: float
+    iterations: int
+    u: np.ndarray
+    v: np.ndarray
+    cut: np.ndarray
+    saturated: np.ndarray
+    slack_y: np.ndarray
+    slack_x: np.ndarray
+    target_error: np.ndarray
+    x_hat: np.ndarray
+    disturbance: np.ndarray
+    y_plan: np.ndarray
+    u_plan: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MpcRecord:
+    """Hold a closed loop of plant and predictive controller, one row per sample.
+
+    Parameters
+    ----------
+    t : ndarray of shape (N,)
+        Time, in seconds.
+    y : ndarray of shape (N, ny)
+        Measured outputs, noise included.
+    u : ndarray of shape (N, nu)
+        Inputs that the controller asks for.
+    reference : ndarray of shape (N, ny)
+        References.
+    steps : list of MpcStep
+        What happened at every sample.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    u: np.ndarray
+    reference: np.ndarray
+    steps: list
+
+    def __getattr__(self, name):
+        """Return a field of `MpcStep` of all samples, stacked."""
+        if name not in MpcStep.__dataclass_fields__:
+            raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+        return np.array([getattr(step, name) for step in self.steps])
+
+    @property
+    def n_fallbacks(self):
+        """Return in how many steps the solver failed."""
+        return int(sum(step.fallback for step in self.steps))
+
+    def __repr__(self):
+        """Return the figures that matter first."""
+        statuses, counts = np.unique(self.status, return_counts=True)
+        times = 1e3 * self.step_time
+        lines = [
+            f"predictive control, {len(self.t)} samples",
+            "  status      "
+            + ", ".join(f"{s}: {n}" for s, n in zip(statuses, counts, strict=True)),
+            f"  fallbacks   {self.n_fallbacks}",
+            f"  saturated   {np.mean(self.saturated.any(axis=1)):.1%} of the samples",
+            f"  step        median {np.median(times):.2f} ms, max {times.max():.2f} ms",
+        ]
+        return "\n".join(lines)

@@ -1,0 +1,413 @@
+import pickle
+import warnings
+
+import control
+import cvxpy as cp
+import numpy as np
+import pytest
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+
+from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn.datasets import make_duffing, make_pendulum
+from alssnn.feedback import DisturbanceObserver, Dynamics, Observer
+from alssnn.mpc import LinearizingMPC
+
+DT = 0.5
+
+
+def mimo_plant(n_y=3):
+    """Return a nonlinear plant with 2 inputs in odd units, and records of it."""
+    A = np.array([[0.8, 0.2, 0.0], [-0.2, 0.7, 0.1], [0.0, 0.0, 0.6]])
+    B = np.array([[0.4, 0.1], [0.0, 0.5], [0.3, -0.2]])
+    C = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])[:n_y]
+    u_size, u_e = np.array([3.0, 0.02]), np.array([10.0, -1.0])
+    y_size, y_e = np.array([100.0, 0.1, 1.0])[:n_y], np.array([5.0, 7.0, 0.0])[:n_y]
+
+    def update(t, x, u, params):
+        return A @ x + B @ ((u - u_e) / u_size + 0.4 * np.tanh((C @ x)[:2]))
+
+    def output(t, x, u, params):
+        return C @ x * y_size + y_e
+
+    plant = control.nlsys(update, output, inputs=2, outputs=n_y, states=3, dt=DT)
+    rng = np.random.default_rng(0)
+    u = u_e + u_size * rng.standard_normal((500, 2))
+    x, y = np.zeros(3), np.empty((500, n_y))
+    for k in range(500):
+        y[k] = output(0, x, u[k], {})
+        x = update(0, x, u[k], {})
+    return plant, u, y + 0.01 * y_size * rng.standard_normal(y.shape)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Return (plant, model) by name: linear, h(y), h(x), with g; 2 inputs each."""
+    small = {"n_h": 3, "random_state": 0, "max_iter": 30, "tol": 1e-3, "dt": DT}
+    out = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        for n_y in (2, 3):
+            plant, u, y = mimo_plant(n_y)
+            models = {
+                "linear": LinearStateSpace(nx=3, dt=DT),
+                "fl": FlSsnn(nx=3, **small),
+                "fl-state": FlSsnn(nx=3, feedback="state", **small),
+                "al": AlSsnn(nx=3, n_g=2, gamma=0.01, **small),
+            }
+            for name, model in models.items():
+                out[name, n_y] = plant, model.fit(u, y)
+    return out
+
+
+NAMES = ["linear", "fl", "fl-state", "al"]
+
+
+@pytest.fixture(params=[(m, n) for m in NAMES for n in (2, 3)], ids=str)
+def pair(request, fitted):
+    return fitted[request.param]
+
+
+@pytest.fixture(scope="module")
+def linear(fitted):
+    return fitted["linear", 2][1]
+
+
+# -- the program is the one that is stated ---------------------------------------------
+
+
+def test_without_bounds_it_is_the_regulator_with_riccati_weight(pair):
+    _, model = pair
+    if "W_g" in model.params_:
+        pytest.skip("g adds to the linear plan")
+    mpc = LinearizingMPC(model, horizon=5, observer=Observer(model), tol=1e-9)
+    x0 = np.array([0.3, -0.2, 0.4])
+    y = Dynamics.of(model).measure(x0)  # no innovation: x_hat = x0
+    for _ in range(5):  # until Newton's method has found the target
+        mpc.observer.reset(x0)
+        u = mpc.step(model.y_offset_, y)
+    law = model.linearizing_law()
+    s = x0 if law.feedback == "state" else y
+    v_s = mpc._U_s[0] + mpc._h(mpc._X_s)[0]
+    v = v_s - mpc.K @ (x0 - mpc._X_s[0])
+    scale = model._scaling.u_scale
+    np.testing.assert_allclose(u / scale, law(v, s) / scale, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("unstable", [False, True])
+@pytest.mark.parametrize("du_max", [None, [0.8, 0.005]])
+def test_solution_is_that_of_an_independent_solver(linear, unstable, du_max):
+    model = pickle.loads(pickle.dumps(linear))
+    if unstable:
+        model = _with_radius(model, 1.2)
+    A, B, C, u_e = model.A_, model.B_, model.C_, model.u_offset_
+    sy = model._scaling.y_scale
+    half = 0.7 * model._scaling.u_scale
+    y_max = np.array([model.y_offset_[0] + 0.3 * sy[0], np.inf])
+    x_min = [-np.inf, -0.2, -np.inf]
+    mpc = LinearizingMPC(
+        model,
+        horizon=8,
+        u_min=u_e - half,
+        u_max=u_e + half,
+        du_max=du_max,
+        y_max=y_max,
+        x_min=x_min,
+        slack_weight=(0.1, 0.5),
+        observer=Observer(model),
+        n_passes=1,
+        tol=1e-9,
+        max_iter=100_000,
+    )
+    x0 = np.array([0.6, -0.5, 0.4])
+    mpc.reset(x0)
+    mpc.step(model.y_offset_ + 0.5 * sy, Dynamics.of(model).measure(x0))
+    info = mpc.info_
+    assert info.status == "solved"
+    # the same program with the states as variables, in the units of the user
+    x_s, v_s = mpc._X_s[0], mpc._U_s[0] - u_e
+    X, V = cp.Variable((9, 3)), cp.Variable((8, 2))
+    s = cp.Variable((8, 2), nonneg=True)
+    root_Q = C / sy[:, None]
+    root_R = np.sqrt(0.1) / model._scaling.u_scale
+    root_P = np.linalg.cholesky(mpc.P).T
+    constraints, cost = [X[0] == x0], 0
+    for i in range(8):
+        constraints += [
+            X[i + 1] == A @ X[i] + B @ V[i],
+            cp.abs(V[i]) <= half,
+            (C @ X[i + 1])[0] / sy[0] <= 0.3 + s[i, 0],
+            X[i + 1, 1] >= -0.2 - s[i, 1],
+        ]
+        if du_max is not None:
+            constraints.append(cp.abs(V[i] - (V[i - 1] if i else 0)) <= du_max)
+        weight = root_P if i == 7 else root_Q
+        cost += cp.sum_squares(weight @ (X[i + 1] - x_s)) / 2
+        cost += cp.sum_squares(cp.multiply(root_R, V[i] - v_s)) / 2
+        cost += 0.1 * cp.sum(s[i]) + 0.5 * cp.sum_squares(s[i]) / 2
+    cp.Problem(cp.Minimize(cost), constraints).solve(
+        cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11, tol_feas=1e-11
+    )
+    scale = model._scaling.u_scale
+    np.testing.assert_allclose(
+        (info.u_plan - u_e) / scale, V.value / scale, rtol=0, atol=2e-5
+    )
+    y_plan = X.value[1:] @ C.T + model.y_offset_
+    np.testing.assert_allclose(info.y_plan / sy, y_plan / sy, rtol=0, atol=1e-4)
+    slack = np.array([info.slack_y[0] / sy[0], info.slack_x[1]])
+    np.testing.assert_allclose(slack, s.value.max(axis=0), atol=1e-4)
+    assert slack.max() > 0.01  # the soft bounds matter here
+    assert info.saturated.any()
+
+
+def _with_radius(model, radius):
+    """Scale A of a linear model; what is made from the model follows."""
+    A = model.A_ * radius / np.abs(np.linalg.eigvals(model.A_)).max()
+    p = {**model._structure.constants, **model._structure.split(model._theta), "A": A}
+    model._theta = model._structure.join(p)
+    model.A_ = A
+    return model
+
+
+def test_unstable_modes_that_v_does_not_reach_are_refused(linear):
+    model = _with_radius(pickle.loads(pickle.dumps(linear)), 1.2)
+    model.B_ = 0 * model.B_
+    with pytest.raises(ValueError, match="controllable pair"):
+        LinearizingMPC(model)
+
+
+# -- closed loops ----------------------------------------------------------------------
+
+
+def test_no_offset_under_a_constant_disturbance(pair):
+    plant, model = pair
+    scale, n = model._scaling, 400
+    tracked = np.diag([1.0, 1.0, 0.0][: len(model.C_)] / scale.y_scale**2)
+    mpc = LinearizingMPC(model, Q_target=tracked)
+    reference = np.tile(model.y_offset_, (n, 1))
+    reference[:, 0] += 0.4 * scale.y_scale[0]
+    reference[:, 1] -= 0.3 * scale.y_scale[1]
+    push = np.tile(0.2 * scale.u_scale, (n, 1))
+    loop = mpc.simulate(plant, reference, input_disturbance=push)
+    assert loop.n_fallbacks == 0
+    error = (loop.y - reference)[-1] / scale.y_scale
+    np.testing.assert_allclose(error[:2], 0, atol=1e-6)
+
+
+def test_an_input_disturbance_is_found(fitted):
+    plant, model = fitted["fl", 2]
+    scale, n = model._scaling, 300
+    observer = DisturbanceObserver(model, disturbance="input")
+    push = np.tile(0.2 * scale.u_scale, (n, 1))
+    loop = LinearizingMPC(model, observer=observer).simulate(
+        model, np.tile(model.y_offset_, (n, 1)), input_disturbance=push
+    )
+    found = loop.disturbance[-1] / scale.u_scale
+    np.testing.assert_allclose(found, 0.2, atol=1e-4)
+    np.testing.assert_allclose(
+        (loop.y[-1] - model.y_offset_) / scale.y_scale, 0, atol=1e-5
+    )
+    loop = LinearizingMPC(model, observer=Observer(model)).simulate(
+        plant, np.tile(model.y_offset_, (n, 1)), input_disturbance=push
+    )  # and without disturbance there is an offset
+    assert np.abs((loop.y[-1] - model.y_offset_) / scale.y_scale).max() > 0.02
+
+
+@pytest.mark.parametrize("feedback", ["output", "state"])
+@pytest.mark.parametrize("make", [make_pendulum, make_duffing])
+def test_limits_hold_on_the_true_plant(make, feedback):
+    record = make(1500, noise=0.01, random_state=0)
+    model = FlSsnn(nx=2, n_h=6, feedback=feedback, dt=record.dt, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(record.u, record.y)
+    size, n = record.y.std(), 400
+    limit = 0.5 * np.abs(record.u).max()
+    rate = 0.3 * limit
+    mpc = LinearizingMPC(model, u_min=-limit, u_max=limit, du_max=rate)
+    levels = np.random.default_rng(0).uniform(-2, 2, n // 20)
+    reference = size * np.repeat(levels, 20)
+    loop = mpc.simulate(record.plant, reference)
+    assert np.abs(loop.u).max() <= limit
+    assert np.abs(np.diff(loop.u, axis=0)).max() <= rate * (1 + 1e-12)
+    assert loop.n_fallbacks == 0
+    assert loop.saturated.mean() > 0.1  # the limits matter here
+    assert np.abs(loop.cut).max() < 1e-3 * limit  # and the program knows them
+
+
+def test_soft_bounds_hold_where_they_can(pair):
+    _, model = pair
+    scale = model._scaling.y_scale
+    y_max = model.y_offset_ + 0.3 * scale
+    reference = np.tile(model.y_offset_ + 0.3 * scale, (80, 1))
+    reference[:, 0] += 0.5 * scale[0]  # beyond the bound
+    bounded = LinearizingMPC(model, y_max=y_max)
+    loop = bounded.simulate(model, reference)
+    assert ((loop.y - y_max) / scale).max() < 1e-3
+    assert (loop.slack_y / scale).max() < 1e-3
+    assert bounded.info_.target_error[0] / scale[0] < -0.45
+    free = LinearizingMPC(model).simulate(model, reference)
+    assert ((free.y - y_max) / scale).max() > 0.1
+
+
+def test_bounds_that_cannot_hold_are_reported(linear):
+    scale, x0 = linear._scaling.y_scale, np.array([2.0, 2.0, 2.0])
+    y = Dynamics.of(linear).measure(x0)
+    half = 0.1 * linear._scaling.u_scale
+    mpc = LinearizingMPC(
+        linear,
+        u_min=linear.u_offset_ - half,
+        u_max=linear.u_offset_ + half,
+        y_min=linear.y_offset_ - 0.1 * scale,
+        y_max=linear.y_offset_ + 0.1 * scale,
+    )
+    mpc.reset(x0)
+    mpc.step(linear.y_offset_, y)
+    assert mpc.info_.status == "solved"
+    assert (mpc.info_.slack_y / scale).max() > 0.1
+
+
+def test_preview_moves_before_the_step(linear):
+    reference = np.tile(linear.y_offset_, (60, 1))
+    reference[30:, 0] += linear._scaling.y_scale[0]
+    blind = linear.mpc().simulate(linear, reference)
+    seeing = linear.mpc().simulate(linear, reference, preview=True)
+    errors = [np.square((r.y - reference)[:, 0]).sum() for r in (blind, seeing)]
+    assert errors[1] < 0.7 * errors[0]
+    np.testing.assert_allclose(blind.u[20], linear.u_offset_, atol=1e-6)
+    np.testing.assert_allclose(seeing.y[-1], reference[-1], rtol=1e-5)
+
+
+# -- failures are reported -------------------------------------------------------------
+
+
+def test_a_solver_that_fails_leaves_the_shifted_plan(fitted):
+    _, model = fitted["fl", 2]
+    scale = model._scaling
+    half = 0.5 * scale.u_scale
+    options = {"u_min": model.u_offset_ - half, "u_max": model.u_offset_ + half}
+    mpc = LinearizingMPC(model, **options)
+    reference = model.y_offset_ + scale.y_scale
+    mpc.step(reference, model.y_offset_)
+    plan = mpc.info_.u_plan
+    mpc._qp.settings["max_iter"] = 1
+    mpc._qp.reset()
+    u = mpc.step(reference, model.y_offset_ + 0.1 * scale.y_scale)
+    assert mpc.info_.fallback
+    assert "maximum iterations" in mpc.info_.status
+    np.testing.assert_array_equal(u, plan[1])
+    mpc._qp.settings["max_iter"] = 4000  # and it recovers
+    mpc.step(reference, model.y_offset_ + 0.1 * scale.y_scale)
+    assert not mpc.info_.fallback
+
+
+def test_a_diverging_model_is_reported(linear):
+    mpc = LinearizingMPC(linear, u_min=-1e3, u_max=1e3)
+    u = mpc.step(linear.y_offset_, np.full(2, 1e300))
+    assert mpc.info_.fallback
+    assert np.isfinite(u).all()
+
+
+def test_reset_and_pickle_repeat_the_same_inputs(fitted):
+    plant, model = fitted["al", 3]
+    reference = np.tile(model.y_offset_ + 0.2 * model._scaling.y_scale, (20, 1))
+    mpc = model.mpc(u_min=model.u_offset_ - model._scaling.u_scale)
+    first = mpc.simulate(plant, reference)
+    np.testing.assert_array_equal(mpc.simulate(plant, reference).u, first.u)
+    again = pickle.loads(pickle.dumps(mpc)).simulate(plant, reference)
+    np.testing.assert_allclose(again.u, first.u, rtol=1e-12)
+    assert "fallbacks   0" in repr(first)
+
+
+@pytest.mark.parametrize(
+    "options, match",
+    [
+        ({"horizon": 0}, "horizon"),
+        ({"n_passes": 1.5}, "n_passes"),
+        ({"tol": 0}, "tol"),
+        ({"max_iter": 0}, "max_iter"),
+        ({"Q": np.eye(2)}, "`Q`"),
+        ({"R": -np.eye(2)}, "`R`"),
+        ({"Q_target": np.eye(3)}, "`Q_target`"),
+        ({"u_min": 1, "u_max": 0}, "`u_min` must be below"),
+        ({"y_min": 1, "y_max": 1}, "`y_min` must be below"),
+        ({"x_max": [1, 2]}, "`x_max`"),
+        ({"du_max": 0}, "`du_max`"),
+        ({"slack_weight": (1, 0)}, "`slack_weight`"),
+    ],
+)
+def test_wrong_options(linear, options, match):
+    with pytest.raises(ValueError, match=match):
+        LinearizingMPC(linear, **options)
+
+
+def test_wrong_signals(linear, fitted):
+    mpc, rest = linear.mpc(), linear.y_offset_
+    for reference, y, match in (
+        ([np.nan, 0], rest, "finite"),
+        ([1.0], rest, "`reference` must have shape"),
+        (np.zeros((3, 2)), rest, "`reference` must have shape"),
+        (rest, [np.inf, 0], "`y` must be finite"),
+        (rest, [1.0], "`y` must have shape"),
+        (rest, None, "got None"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            mpc.step(reference, y)
+    signal = np.tile(rest, (5, 1))
+    for plant, match in (
+        (control.ss([[0.5]], [[1, 1]], [[1], [1]], 0, 2 * DT), "sampling time"),
+        (control.ss([[-1]], [[1, 1]], [[1], [1]], 0), "continuous-time"),
+        (control.ss([[0.5]], [[1]], [[1]], 0, DT), "inputs and outputs"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            mpc.simulate(plant, signal)
+    with pytest.raises(TypeError, match="plant"):
+        mpc.simulate(lambda u: u, signal)
+    with pytest.raises(ValueError, match="input_disturbance"):
+        mpc.simulate(linear, signal, input_disturbance=np.zeros((4, 2)))
+    with pytest.raises(TypeError, match="observer"):
+        LinearizingMPC(linear, observer=linear)
+    with pytest.raises(ValueError, match="same model"):
+        LinearizingMPC(linear, observer=Observer(fitted["fl", 2][1]))
+    with pytest.raises(NotFittedError):
+        LinearizingMPC(LinearStateSpace(nx=2))
+
+
+# -- the disturbance -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["output", "input"])
+def test_disturbed_dynamics_are_the_model_with_d_added(pair, kind, rng):
+    _, model = pair
+    plain = Dynamics.of(model)
+    disturbed = plain.with_disturbance(kind)
+    scale = model._scaling.y_scale if kind == "output" else model._scaling.u_scale
+    x, u = rng.standard_normal((4, 3)), model.u_offset_ + 0.1 * rng.standard_normal(2)
+    d = scale * rng.standard_normal((4, len(scale)))
+    X, U = np.hstack([x, d]), np.tile(u, (4, 1))
+    pushed = U + d if kind == "input" else U
+    expected = np.hstack([plain.step(x, pushed), d])
+    np.testing.assert_allclose(disturbed.step(X, U), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        disturbed.step(X[1], u), expected[1], rtol=1e-9, atol=1e-12
+    )
+    y = plain.measure(x) + (d if kind == "output" else 0)
+    np.testing.assert_allclose(disturbed.measure(X), y, rtol=1e-9)
+    rows = disturbed.jacobian(X, U - model.u_offset_)
+    one = disturbed.jacobian(X[2], u - model.u_offset_)
+    for many, single in zip(rows, one, strict=True):
+        np.testing.assert_allclose(many[2], single, rtol=1e-9, atol=1e-12)
+
+
+def test_disturbances_that_the_outputs_do_not_show_are_refused(linear):
+    with pytest.raises(ValueError, match="'output' or 'input'"):
+        DisturbanceObserver(linear, disturbance="state")
+    with pytest.raises(ValueError, match="Q_d"):
+        DisturbanceObserver(linear, Q_d=np.zeros((2, 2)))
+    integrating = _with_radius(pickle.loads(pickle.dumps(linear)), 1.0)
+    p = {**integrating._structure.split(integrating._theta), "A": np.eye(3)}
+    p["A"][1:, 1:] *= 0.5
+    integrating._theta = integrating._structure.join(
+        {**integrating._structure.constants, **p}
+    )
+    with pytest.raises(ValueError, match="integrates"):
+        DisturbanceObserver(integrating)
