@@ -18,15 +18,16 @@ import warnings
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
-from alssnn import AlSsnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import fetch_wiener_hammerstein
 from alssnn.metrics import rmse
 from alssnn.optimizers import single_threaded
 from alssnn.structures import state_space_structure
 from benchmarks._curves import cost_curve
+from benchmarks.paper.studies import AL, STATE, wiener_hammerstein_models
 
 HEADER = (
     f"{'model':24s}{'test mV':>9s}{'target':>8s}{'e/y, %':>8s}{'target':>8s}"
@@ -37,26 +38,14 @@ HEADER = (
 
 def configurations(seed, var_y):
     """Return (estimator, target in mV, target of e/y in percent) by name."""
-    common = {"nx": 6, "n_h": 10, "n_g": 10, "dt": 1 / 51200, "random_state": seed}
-    honest = {
-        "penalty": "output",
-        "stability": "contractive",
-        "gamma": 0.01,
-        "continuation": 4,
-        "max_iter": 120,
-        "polish_iter": 60,
-        **common,
-    }
-    paper = {"gamma": 1 / var_y, "coarse_samples": 8000, "max_iter": 500}
+    models, _ = wiener_hammerstein_models(var_y, seed)
+    free = clone(models[STATE]).set_params(stability=None)
+    output = clone(models[STATE]).set_params(feedback="output")
     return {
-        "the paper's": (AlSsnn(**paper, polish_iter=40, **common), np.inf, np.inf),
-        "state, contractive": (AlSsnn(feedback="state", **honest), 0.40, 0.8),
-        "state": (
-            AlSsnn(feedback="state", **{**honest, "stability": None}),
-            np.inf,
-            np.inf,
-        ),
-        "output, contractive": (AlSsnn(feedback="output", **honest), np.inf, np.inf),
+        "the paper's": (models[AL], np.inf, np.inf),
+        "state, contractive": (models[STATE], 0.40, 0.8),
+        "state": (free, np.inf, np.inf),
+        "output, contractive": (output, np.inf, np.inf),
     }
 
 

@@ -1,0 +1,144 @@
+"""The reproduction of the paper runs, and its tables say what was measured."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from alssnn.datasets import make_wiener_hammerstein
+from benchmarks.paper import __main__ as command
+from benchmarks.paper import published, report, studies, tables
+from benchmarks.paper.figures import envelope
+
+
+@pytest.fixture(scope="module")
+def circuit():
+    """The study of the circuit on a short simulated record, and its fits."""
+    record = make_wiener_hammerstein(3000, random_state=0)
+    train, test = record.split(0.6)
+    models, gammas = studies.wiener_hammerstein_models(float(np.var(train.y)), 0, True)
+    for model in {*models.values(), *gammas.values()}:
+        if model.get_params().get("max_iter", 0) > 5:
+            model.set_params(max_iter=5)
+    data = "Simulated circuit", "V", train, test
+    study = studies.Study("wh", *data, models, gammas, official=(train, test))
+    with pytest.warns(UserWarning, match="stopped after"):
+        fits = studies.run(study)
+    return study, *fits
+
+
+def small_prey_predator(seed, quick):
+    return studies.prey_predator(seed, quick, n_samples=1000)
+
+
+@pytest.fixture
+def prey(monkeypatch):
+    monkeypatch.setitem(studies.STUDIES, "prey", small_prey_predator)
+
+
+def columns(table):
+    """Return a table as a list of cells by the title of the column, once each."""
+    rows = list(csv.reader(table.to_csv().splitlines()))
+    return {title: cells for title, *cells in zip(*rows, strict=True)}
+
+
+def test_the_command_writes_tables_and_figure(prey, tmp_path, capsys):
+    arguments = ["--study", "prey", "--quick", "--output"]
+    texts = []
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        assert command.main([*arguments, str(folder)]) == 0
+        texts.append(capsys.readouterr().out)
+        assert (folder / "prey.png").stat().st_size < 150_000
+        for name in ("accuracy", "open_loop", "closed_loop", "training"):
+            path = folder / f"prey_{name}.csv"
+            rows = list(csv.reader(path.read_text("utf-8").splitlines()))
+            assert len({len(row) for row in rows}) == 1
+            assert rows[0][1:] and len(rows) > 2
+        page = (folder / "prey.md").read_text("utf-8")
+        part = (folder / "prey.inc").read_text("utf-8")
+        for word in ("AL-SSNN, state feedback", "FL-SSNN", "load", "0.095"):
+            assert word in page and word in part
+    # two runs agree to the last digit, times aside
+    for name in ("accuracy", "open_loop", "closed_loop"):
+        a, b = ((tmp_path / d / f"prey_{name}.csv").read_bytes() for d in ("a", "b"))
+        assert a == b
+    assert "Accuracy and linearity" in texts[0]
+
+
+def test_accuracy_shows_what_was_measured(circuit):
+    study, fits, _ = circuit
+    table = columns(tables.accuracy(study, fits))
+    i = table["model"].index("AL-SSNN")
+    fit = fits["AL-SSNN"]
+    y, y_hat = fit.model.simulate_test(*study.test)
+    assert float(table["test"][i]) == pytest.approx(np.std(y - y_hat), rel=0.05)
+    assert table["test, paper"][i] == "0.00055"
+    error = 100 * fit.model.linearizability(*study.test).linearization_error[0]
+    assert table["linearization error"][i] == f"{error:.3g} %"
+    assert table["linearization error"][table["model"].index("FL-SSNN")] == "0"
+    record = fit.model.linearizability(*study.test)
+    y = study.test.y - fit.model.y_offset_
+    error = np.sqrt(np.mean(record.e[600:] ** 2) / np.mean(y[600:] ** 2))
+    assert table["settled"][i] == report.percent(error)  # of 1200 samples, half
+
+
+def test_gamma_is_converted_to_an_output_of_unit_variance(circuit):
+    study, fits, gammas = circuit
+    assert list(gammas) == list(published.GAMMA)
+    for gamma, fit in gammas.items():
+        assert fit.model.gamma * np.var(study.train.y) == pytest.approx(gamma)
+    assert gammas[1] is fits["AL-SSNN"]  # fitted once
+
+
+def test_certificate_bounds_what_the_closed_loop_does(circuit):
+    study, fits, _ = circuit
+    table = tables.certificate(study, fits)
+    paper = dict(zip(table.header, table.rows[0], strict=True))
+    assert paper["psi eps²/phi"] == "0.00031"
+    assert any("0.0031" in note for note in table.notes)  # what its figures give
+    found = tables.certificates(study, fits[studies.STATE].model)["best phi"]
+    assert found.holds and found.verify()
+    assert found.eps >= fits[studies.STATE].linearity.closed_omega_max
+
+
+def test_requirements_compare_and_count_a_divergence_as_missed(circuit):
+    study, fits, gammas = circuit
+    named = {c.name: c for c in tables.checks(study, fits, gammas)}
+    assert named["GR-SSNN, test, V"].value == fits["GR-SSNN"].rmse_test
+    bad = {**fits, "AL-SSNN": replace(fits["AL-SSNN"], rmse_test=np.inf)}
+    named = {c.name: c for c in tables.checks(study, bad, gammas)}
+    assert not named["AL-SSNN, test, V"].holds and "MISSED" in str(
+        named["AL-SSNN, test, V"]
+    )
+
+
+def test_a_table_is_written_in_every_format():
+    header, rows = ("model", "|g|, mean"), [("AL-SSNN, state", "0.5")]
+    table = report.Table("x", "Title", header, rows, ("A note.",))
+    assert table.to_csv() == 'model,"|g|, mean"\n"AL-SSNN, state",0.5\n'
+    assert r"| model | \|g\|, mean |" in table.to_markdown()
+    assert '   "AL-SSNN, state",0.5\n\nA note.' in table.to_rst()
+    assert table.to_text().splitlines()[2] == "AL-SSNN, state        0.5"
+    with pytest.raises(ValueError, match="must have 2 cells"):
+        report.Table("x", "Title", header, [("one",)])
+
+
+def test_numbers_are_short_and_say_when_there_is_none():
+    assert [report.number(v) for v in (None, 4.3e-4, 25.16, np.inf)] == [
+        "",
+        "0.00043",
+        "25.2",
+        "diverges",
+    ]
+    assert report.percent(0.00151) == "0.151 %"
+    assert report.percent(np.inf) == "diverges"
+
+
+def test_the_envelope_keeps_the_extremes(rng):
+    t, z = np.arange(50_000.0), rng.standard_normal(50_000)
+    t_few, z_few = envelope(t, z)
+    assert len(t_few) <= 4000 and np.all(np.diff(t_few) >= 0)
+    assert (z_few.min(), z_few.max()) == (z.min(), z.max())
+    np.testing.assert_array_equal(z_few, z[t_few.astype(int)])
+    np.testing.assert_array_equal(envelope(t[:9], z[:9])[1], z[:9])
