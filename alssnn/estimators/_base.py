@@ -410,12 +410,16 @@ class StateSpaceModel(
     def _training_region(self, experiments):
         """Return the region that simulations of the scaled experiments cover."""
         lure, _ = self._plant()
-        nx, xu = self.nx_, []
-        for (u_s, _), x0 in zip(experiments, self.x0_, strict=True):
-            u = u_s * self._scaling.u_scale
-            xu.append(np.hstack([simulate(lure, u, x0)[:-1], u]))
-        X, u = np.split(np.vstack(xu), [nx], axis=1)
-        return Region.of(X, u, X @ self.C_.T)
+        u_scale, y_scale = self._scaling.u_scale, self._scaling.y_scale
+        u = np.vstack([u_s for u_s, _ in experiments]) * u_scale
+        y = np.vstack([y_s for _, y_s in experiments]) * y_scale
+        X = np.vstack(
+            [
+                simulate(lure, u_s * u_scale, x0)[:-1]
+                for (u_s, _), x0 in zip(experiments, self.x0_, strict=True)
+            ]
+        )
+        return Region.of(X, u, X @ self.C_.T, y)
 
     def to_statespace(self, which="linear", x=None, u=None):
         """Return a linear system (A, B, C, D, dt) for python-control.
