@@ -113,7 +113,9 @@ class Criterion(LeastSquares):
     experiments : sequence of tuple of ndarray
         Pairs (u, y) of shapes (N_i, nu) and (N_i, ny), scaled deviations.
     gamma : float, default=0.0
-        Weight of every channel behind y, relative to that of y.
+        Weight of every other channel behind y, relative to that of y.
+    gamma_h : float, default=0.0
+        Weight of the channel h (eq. split), relative to that of y.
     alpha : float, default=0.0
         Weight of the squared network parameters.
     x0_weight : float, default=0.0
@@ -135,6 +137,7 @@ class Criterion(LeastSquares):
         experiments,
         *,
         gamma=0.0,
+        gamma_h=0.0,
         alpha=0.0,
         x0_weight=0.0,
         chunk=None,
@@ -144,10 +147,12 @@ class Criterion(LeastSquares):
         self.chunk = chunk
         self.n_samples = sum(len(u) for u, _ in self.experiments)
         self.n = structure.n_params + len(self.experiments) * structure.n_x0
-        ny = self.experiments[0][1].shape[1]
-        weight = np.ones(structure.nz)
-        weight[ny:] = np.sqrt(gamma)
-        self.weight = weight / np.sqrt(self.n_samples)
+        weights = {structure.channels[0]: 1.0, "h": gamma_h}
+        weight = [
+            np.full(structure.sizes[axis], weights.get(axis, gamma))
+            for axis in structure.channels
+        ]
+        self.weight = np.sqrt(np.concatenate(weight) / self.n_samples)
         self.decay = np.zeros(self.n)  # square roots of the L2 weights
         self.decay[structure.n_params :] = np.sqrt(x0_weight)
         for name in structure.network_parameters:

@@ -86,20 +86,22 @@ class Term:
     right: Factor | None = None
 
 
-def network_h(feedback):
+def network_h(feedback, *, channel=False):
     """Return parameters and terms of the matched network B h(s).
 
     Parameters
     ----------
     feedback : {"output", "state"}
         What h sees: s = y = C x, or s = x.
+    channel : bool, default=False
+        Whether h is a channel of its own as well, to be penalized.
 
     Returns
     -------
     parameters : dict of str to tuple of str
         Axes of W_h, b_h and of W_y, b_y (output) or W_s, b_s (state).
     terms : list of Term
-        Contributions to x+ and to the neurons' inputs.
+        Contributions to x+, the neurons' inputs and the channel.
     """
     w = NETWORK_AXES["h"]
     parameters: dict[str, tuple[str, ...]] = {"W_h": ("u", w), "b_h": ("u",)}
@@ -107,6 +109,8 @@ def network_h(feedback):
         Term("x", w, Factor("B"), Factor("W_h")),
         Term("x", ONE, Factor("B"), Factor("b_h")),
     ]
+    if channel:
+        terms += [Term("h", w, Factor("W_h")), Term("h", ONE, Factor("b_h"))]
     if feedback == "output":
         parameters |= {"W_y": (w, "y"), "b_y": (w,)}
         terms += [Term(w, "x", Factor("W_y"), Factor("C")), Term(w, ONE, Factor("b_y"))]

@@ -325,6 +325,7 @@ def state_space_structure(
     C=None,
     feedback="output",
     penalty=None,
+    penalize_h=False,
     tied_bias=True,
 ):
     """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x.
@@ -343,6 +344,8 @@ def state_space_structure(
         Channel next to y: g itself, or the output-referred residual e (eq. gauge),
         for which the states are (x, zeta). None for simulation alone. The flat
         vector theta does not depend on it.
+    penalize_h : bool, default=False
+        Whether h, if there is one, is a channel, too (eq. split).
     tied_bias : bool, default=True
         Whether the output bias of g is tied so that g(0, 0) = 0; else it is free.
 
@@ -375,7 +378,10 @@ def state_space_structure(
     if n_h:
         sizes[NETWORK_AXES["h"]] = n_h
         neurons.append(NETWORK_AXES["h"])
-        more, new = network_h(feedback)
+        if penalize_h:
+            sizes["h"] = nu
+            channels.append("h")
+        more, new = network_h(feedback, channel=penalize_h)
         parameters |= more
         terms += new
     if n_g:

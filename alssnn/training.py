@@ -125,6 +125,7 @@ def train(
     starts,
     *,
     gamma=0.0,
+    gamma_h=0.0,
     alpha=0.0,
     phi=None,
     continuation=0,
@@ -144,7 +145,9 @@ def train(
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
     gamma : float, default=0.0
-        Weight of the penalized channels.
+        Weight of the residual g or of what it adds to the output.
+    gamma_h : float, default=0.0
+        Weight of h (eq. split).
     alpha : float, default=0.0
         Weight of the squared network parameters.
     phi : float or None, default=None
@@ -169,10 +172,11 @@ def train(
     total = sum(len(u) for u, _ in experiments)
     is_coarse = coarse_samples is not None and coarse_samples < total
     first = stretch(experiments, coarse_samples) if is_coarse else experiments
+    weights = {"gamma_h": gamma_h, "alpha": alpha}
     gammas = gamma * GAMMA_STEP ** np.arange(continuation, -1, -1)
     results = Parallel(n_jobs=n_jobs)(
         delayed(_descend)(
-            [Criterion(structure, first, gamma=g, alpha=alpha) for g in gammas],
+            [Criterion(structure, first, gamma=g, **weights) for g in gammas],
             theta,
             phi,
             label=_label(i, len(starts)),
@@ -183,7 +187,7 @@ def train(
     best = min(results, key=lambda result: result.cost)
     if is_coarse:
         steps = best.nfev
-        criterion = Criterion(structure, experiments, gamma=gamma, alpha=alpha)
+        criterion = Criterion(structure, experiments, gamma=gamma, **weights)
         options = {**options, "max_iter": polish_iter}
         best = _stage(criterion, best.theta, phi, label="all samples", **options)
         best.nfev += steps

@@ -42,6 +42,8 @@ def test_lure_evaluates_the_model_equations(structure, rng):
     if "zeta" in structure.states:
         expected.append(p["A"] @ zeta + g)
     expected.append(y)
+    if "h" in structure.channels:
+        expected.append(h)
     if "g" in structure.channels:
         expected.append(g)
     if "e" in structure.channels:

@@ -130,8 +130,8 @@ def make_pendulum(
     if not highest < (np.inf if full_turns else np.pi):
         raise ValueError(
             f"`amplitude` must keep the arm below the top, got {amplitude} with an "
-            f"angle of {highest:.1f} rad. Lower `amplitude`, raise `damping`, or allow "
-            "`full_turns` of finite size."
+            f"angle of {highest:.1f} rad. Lower `amplitude`, raise `damping`, or set "
+            "`full_turns`."
         )
     u, X = u[N_WARMUP:], X[N_WARMUP:]
     y = _add_noise(X[:, 0], noise, rng)

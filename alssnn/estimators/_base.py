@@ -116,8 +116,8 @@ class StateSpaceModel(
         warnings.warn(
             f"The linear part of {type(self).__name__} is unstable, spectral radius "
             f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
-            "stabilizes it. Unless the plant is unstable itself, try another "
-            "`random_state` or `nx`, or `AlSsnn` with stability='contractive'.",
+            "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
+            "another `nx`, or `AlSsnn` with stability='contractive'.",
             ConvergenceWarning,
             stacklevel=4,
         )

@@ -39,6 +39,11 @@ class AlSsnn(Ssnn):
     feedback : {"output", "state"}, default="output"
         What h sees: the output y (the paper), or the state x, which needs an
         observer in the loop but linearizes more plants.
+    gamma_h : float, default=0.0
+        Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
+        one makes A the best linear fit and h only what is left of it (eq. split). With
+        0 the training leaves that split to chance, and A may be unstable though the
+        plant is not. Strongly nonlinear plants want 1e-4, mildly nonlinear ones more.
     penalty : {"state", "output"}, default="state"
         What gamma weighs: ``|g|^2`` in state coordinates (the paper), or ``|e|^2``,
         what g adds to the output (eq. gauge), which no state basis can hide.
@@ -141,6 +146,7 @@ class AlSsnn(Ssnn):
         "n_g": [COUNT],
         "gamma": [WEIGHT],
         "feedback": [FEEDBACK],
+        "gamma_h": [WEIGHT],
         "penalty": [StrOptions({"state", "output"})],
         "stability": [StrOptions({"contractive"}), None],
         "phi": [Interval(Real, 0, 1, closed="left")],
@@ -155,6 +161,7 @@ class AlSsnn(Ssnn):
         gamma=1.0,
         *,
         feedback="output",
+        gamma_h=0.0,
         penalty="state",
         stability=None,
         phi=0.01,
@@ -179,6 +186,7 @@ class AlSsnn(Ssnn):
         self.n_g = n_g
         self.gamma = gamma
         self.feedback = feedback
+        self.gamma_h = gamma_h
         self.penalty = penalty
         self.stability = stability
         self.phi = phi
@@ -221,6 +229,11 @@ class FlSsnn(Ssnn):
         Hidden neurons of h; 0 leaves h out.
     feedback : {"output", "state"}, default="output"
         What h sees: the output y, or the state x (needs an observer in the loop).
+    gamma_h : float, default=0.0
+        Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
+        one makes A the best linear fit and h only what is left of it (eq. split). With
+        0 the training leaves that split to chance, and A may be unstable though the
+        plant is not. Strongly nonlinear plants want 1e-4, mildly nonlinear ones more.
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
     operating_point : {"mean", "zero"} or tuple, default="mean"
@@ -305,6 +318,7 @@ class FlSsnn(Ssnn):
         **Ssnn._parameter_constraints,
         "n_h": [COUNT],
         "feedback": [FEEDBACK],
+        "gamma_h": [WEIGHT],
     }
 
     def __init__(
@@ -313,6 +327,7 @@ class FlSsnn(Ssnn):
         n_h=10,
         *,
         feedback="output",
+        gamma_h=0.0,
         alpha=0.0,
         operating_point="mean",
         dt=1.0,
@@ -331,6 +346,7 @@ class FlSsnn(Ssnn):
         self.nx = nx
         self.n_h = n_h
         self.feedback = feedback
+        self.gamma_h = gamma_h
         self.alpha = alpha
         self.operating_point = operating_point
         self.dt = dt

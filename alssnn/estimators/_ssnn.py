@@ -32,6 +32,7 @@ class Ssnn(StateSpaceModel):
 
     # What a preset fixes and another lets the user choose.
     gamma: float = 0.0
+    gamma_h: float = 0.0
     penalty: str | None = None
     stability: str | None = None
     phi: float = 0.0
@@ -44,7 +45,10 @@ class Ssnn(StateSpaceModel):
     def _identify(self, experiments, previous):
         report = self._reporter()
         networks = self._networks()
-        penalty = self.penalty if self.gamma > 0 else None
+        channels = {
+            "penalty": self.penalty if self.gamma > 0 else None,
+            "penalize_h": self.gamma_h > 0,
+        }
         phi = self.phi if self.stability == "contractive" else None
         if previous is not None and self._fits(previous[0], networks):
             plain, starts = previous[0], [previous[1]]
@@ -66,10 +70,11 @@ class Ssnn(StateSpaceModel):
         nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
         C = plain.constants["C"]
         result = train(
-            state_space_structure(nx, nu, ny, C=C, penalty=penalty, **networks),
+            state_space_structure(nx, nu, ny, C=C, **channels, **networks),
             experiments,
             starts,
             gamma=self.gamma,
+            gamma_h=self.gamma_h,
             alpha=self.alpha,
             phi=phi,
             continuation=self.continuation,
