@@ -296,6 +296,37 @@ def test_loop_starts_with_limits_in_its_law(fitted):
     assert y[:, 2].max() > top.item()
 
 
+@pytest.mark.parametrize("n", [1, 2])
+def test_integrators_do_not_wind_up(fitted, n):
+    model = fitted["fl", n]
+    u_scale, y_scale = model._scaling.u_scale, model._scaling.y_scale
+    Q = np.diag(np.r_[np.ones(2), 0.5 / y_scale**2])
+    K = lqi(model, Q, np.diag(1 / u_scale**2))
+    # an unreachable reference for long, then one within the limits
+    r = rest(model, 300)
+    r[20:150] += 5 * y_scale
+    loops = [
+        closed_loop(model, model, K, law=model.linearizing_law(*limits))
+        for limits in (
+            (model.u_offset_ - 0.5 * u_scale, model.u_offset_ + 0.5 * u_scale),
+            (None, None),
+        )
+    ]
+    (limited, states), (free, _) = (respond(loop, r) for loop in loops)
+    u = slice(n, 2 * n)
+    assert np.abs(free[:, u] - model.u_offset_).max() > u_scale.min()
+    np.testing.assert_allclose(  # they did saturate
+        np.abs(limited[140, u] - model.u_offset_), 0.5 * u_scale
+    )
+    settled = np.abs((limited[:, :n] - model.y_offset_) / y_scale).max(axis=1) < 0.05
+    assert settled[175:].all()
+    np.testing.assert_allclose(limited[-1, :n], r[-1], atol=1e-6 * y_scale.max())
+    # wound up, the integrators would hold the sum of 130 samples of the error
+    z = states[150, -n:] / y_scale
+    wound_up = ((limited[20:150, :n] - r[20:150]) / y_scale).sum(axis=0)
+    assert np.all(np.abs(z) < 0.1 * np.abs(wound_up))
+
+
 def test_plants_of_python_control(fitted):
     model = fitted["linear", 1]
     K, r = np.zeros((1, 2)), rest(model, 30)
