@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
-from alssnn.feedback import closed_loop, lqi, lqr, place
+from alssnn.feedback import closed_loop, designed_loop, lqi, lqr, place
 from helpers import simulate_linear
 
 DT = 0.25
@@ -296,6 +296,38 @@ def test_loop_starts_with_limits_in_its_law(fitted):
     assert y[:, 2].max() > top.item()
 
 
+@pytest.mark.parametrize("name", ["linear", "fl", "fl-state"])
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("integrates", [False, True])
+def test_designed_loop_is_that_of_an_exactly_linearized_plant(
+    fitted, name, n, integrates
+):
+    model = fitted[name, n]
+    u_scale, y_scale = model._scaling.u_scale, model._scaling.y_scale
+    R = np.diag(1 / u_scale**2)
+    if integrates:
+        K = lqi(model, np.diag(np.r_[np.ones(2), 0.05 / y_scale**2]), R)
+        offset, r = model.y_offset_, rest(model, 100)
+        r[20:] += 0.4 * y_scale
+    else:
+        K = lqr(model, np.eye(2), R)
+        offset, r = model.u_offset_, plant_record(n)[0].to_numpy()[:100]
+    signals, _ = respond(closed_loop(model, model, K), r)
+    design = designed_loop(model, K)
+    expected, _ = respond(design, r - offset)
+    np.testing.assert_allclose(
+        (signals[:, :n] - model.y_offset_) / y_scale,
+        expected[:, :n] / y_scale,
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(
+        (signals[:, 2 * n :] - model.u_offset_) / u_scale,
+        expected[:, n:] / u_scale,
+        atol=1e-9,
+    )
+    assert design.dt == DT and np.abs(design.poles()).max() < 1
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_integrators_do_not_wind_up(fitted, n):
     model = fitted["fl", n]
@@ -357,6 +389,7 @@ def test_unfitted_models():
         lambda: lqi(model, 1, 1),
         lambda: place(model, [0]),
         lambda: closed_loop(model, model, 1),
+        lambda: designed_loop(model, 1),
     ):
         with pytest.raises(NotFittedError):
             call()

@@ -13,7 +13,7 @@ time), ours (time, signals).
 from .design import lqi, lqr, place
 from .export import Dynamics, signal_names, to_statespace
 from .law import LinearizingLaw
-from .loop import closed_loop
+from .loop import closed_loop, designed_loop
 from .observer import Observer
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "LinearizingLaw",
     "Observer",
     "closed_loop",
+    "designed_loop",
     "lqi",
     "lqr",
     "place",

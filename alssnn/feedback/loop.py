@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
-from .export import Dynamics, signal_names
+from .export import Dynamics, signal_names, to_statespace
 from .law import LinearizingLaw
 from .observer import Observer
 
@@ -175,6 +175,63 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     if needs_state and not shows_state:
         blocks.append(names.observer(observer, model))
     return names.connect(blocks)
+
+
+def designed_loop(model, gain):
+    """Return the linear loop that a gain was designed for.
+
+    That is what `closed_loop` would be if the law left exactly (A, B, C): the response
+    to compare the true one with, and the poles that were chosen.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    gain : array_like of shape (nu, nx) or (nu, nx + ny)
+        Gain, as for `closed_loop`.
+
+    Returns
+    -------
+    loop : control.StateSpace
+        Discrete-time system of deviations from the operating point, with inputs
+        ``r[0]``, ... and outputs y (names of the training data) and ``v[0]``, ...
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the gain has the wrong shape.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import designed_loop, lqi
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> loop = designed_loop(model, lqi(model, np.eye(5), np.eye(1)))
+    >>> bool(abs(loop.poles()).max() < 1)
+    True
+    """
+    dynamics = Dynamics.of(model)
+    block, of_y = _from_gain(gain, dynamics)
+    A, B, C = model.A_, model.B_, model.C_
+    (nx, nu), ny = B.shape, len(C)
+    nr = ny if of_y else nu
+    # the controller sees (r, y, x_hat) with y = C x, x_hat = x, and nothing is cut
+    of_x = np.vstack([C, np.eye(nx)])
+    B_r, B_x = block.B[:, :nr], block.B[:, nr : nr + ny + nx] @ of_x
+    D_r, D_x = block.D[:, :nr], block.D[:, nr : nr + ny + nx] @ of_x
+    nz = len(block.A)
+    return to_statespace(
+        np.block([[A + B @ D_x, B @ block.C], [B_x, block.A]]),
+        np.vstack([B @ D_r, B_r]),
+        np.block([[C, np.zeros((ny, nz))], [D_x, block.C]]),
+        np.vstack([np.zeros((ny, nr)), D_r]),
+        dynamics.dt,
+        inputs=signal_names(None, "r", nr),
+        outputs=[*dynamics.outputs, *signal_names(None, "v", nu)],
+        name="designed_loop",
+    )
 
 
 class _Names:
