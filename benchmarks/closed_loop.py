@@ -66,7 +66,7 @@ def matched(dt):
     """Return linear model and models of an oscillator, the chosen one first."""
     common = {"nx": 2, "dt": dt, "operating_point": "zero"}
     net = {"n_h": 8, "random_state": 0, **common}
-    residual = {"n_g": 4, "gamma": 0.1, "penalty": "output", "continuation": 2}
+    residual = {"n_g": 2, "gamma": 1.0, "penalty": "output"}
     models = {
         "FL-SSNN, h(x)": FlSsnn(feedback="state", gamma_h=1e-4, **net),
         "FL-SSNN, h(x), gamma_h=0": FlSsnn(feedback="state", **net),
@@ -281,9 +281,8 @@ def write_table(rows, load):
     path = OUT / "closed_loop.csv"
     versions = [f"{m.__name__} {m.__version__}" for m in (alssnn, np, control)]
     system = [platform.machine(), f"Python {platform.python_version()}", *versions]
-    note = (
-        f"{', '.join(system)}; {os.cpu_count()} cores, load {load:.2f}; {date.today()}"
-    )
+    system += [f"{os.cpu_count()} cores", f"load {load:.2f}", str(date.today())]
+    note = ", ".join(system)
     table = [[*map(_cell, row), note] for row in rows]
     if path.exists():
         with path.open(newline="") as file:
@@ -294,9 +293,9 @@ def write_table(rows, load):
     text = [
         "# True plants in closed loop",
         "",
-        "By `python -m benchmarks.closed_loop --all`. Distance: root mean square of the",
-        "true output minus that of the designed linear loop; LTI: that of the same",
-        "design on a linear model of the same record; ratio of the two, over the seeds.",
+        "By `python -m benchmarks.closed_loop --all`. Distance: root mean square of",
+        "the true output minus that of the designed linear loop; LTI: that of the same",
+        "design on a linear model of the same record; ratio: of the two, per seed.",
         "",
         "| plant | model | seeds | median distance | LTI | median ratio | worst ratio "
         "| unstable A |",
