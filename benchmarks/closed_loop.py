@@ -336,7 +336,8 @@ def draw(shown):
         top.plot(law.t, linear.y, color="C3", label="true loop, linear model")
         top.plot(law.t, law.y, color="C0", label="true loop, with the law")
         top.plot(law.t, law.design, "k--", lw=1, label="its design")
-        top.set(title=name, ylabel=record.plant.output_labels[0])
+        limit = 1.3 * np.abs(linear.y).max()  # the open loop may go over the top
+        top.set(title=name, ylabel=record.plant.output_labels[0], ylim=(-limit, limit))
         for result, color in ((linear, "C3"), (law, "C0")):
             bottom.semilogy(law.t, np.abs(result.y - result.design), color, lw=1)
         bottom.set(xlabel="time, s", ylabel="distance from its design", ylim=(1e-6, 1))

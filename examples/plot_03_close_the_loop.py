@@ -83,9 +83,9 @@ print(model.linearizability(record.u, record.y))
 # %%
 # Open loop, linear design, linearized loop
 # -----------------------------------------
-# Without feedback, the input of the linear design carries the arm elsewhere.  With
-# feedback the arm arrives, but not as designed.  With the law the two cannot be told
-# apart.
+# Without feedback, the input of the linear design carries the arm over the top, where
+# the axes end.  With feedback the arm arrives, but not as designed.  With the law the
+# two cannot be told apart.
 
 import matplotlib.pyplot as plt
 
@@ -101,7 +101,7 @@ for (name, (design, true, _)), color in zip(
     axes[0].plot(t, design, "k--", lw=0.8)
     axes[1].semilogy(t, np.abs(true - design) + 1e-9, color=color)
 axes[0].plot([], [], "k--", lw=0.8, label="the two designs")
-axes[0].set(ylabel="angle, rad", title="The true pendulum in closed loop")
+axes[0].set(ylabel="angle, rad", title="The true pendulum in closed loop", ylim=(-3, 3))
 axes[0].legend(fontsize="small")
 axes[1].set(xlabel="time, s", ylabel="distance from design, rad", ylim=(1e-6, 1))
 plt.show()
