@@ -19,6 +19,17 @@ STRUCTURES = {
         (2, 1, 1),
         {"n_h": 2, "n_g": 3, "feedback": "state", "penalty": "output"},
     ),
+    "fl-split": ((3, 2, 2), {"n_h": 4, "penalize_h": True}),
+    "al-split": (
+        (3, 2, 1),
+        {
+            "n_h": 2,
+            "n_g": 3,
+            "feedback": "state",
+            "penalty": "output",
+            "penalize_h": True,
+        },
+    ),
     "al-free-bias": (
         (3, 2, 1),
         {"n_h": 2, "n_g": 3, "penalty": "state", "tied_bias": False},

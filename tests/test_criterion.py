@@ -10,7 +10,7 @@ from helpers import assert_jacobian, random_theta
 
 @pytest.fixture
 def criterion(structure, experiments):
-    return Criterion(structure, experiments, gamma=0.7, alpha=0.01)
+    return Criterion(structure, experiments, gamma=0.7, gamma_h=0.4, alpha=0.01)
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def free(criterion, rng):
 
 def test_cost_is_the_paper_s(rng):
     structure = state_space_structure(
-        2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2)), penalty="state"
+        2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2)), penalty="state", penalize_h=True
     )
     theta, x0 = random_theta(structure, rng), rng.standard_normal((1, 2))
     u, y = rng.standard_normal((15, 1)), rng.standard_normal((15, 1))
@@ -32,10 +32,11 @@ def test_cost_is_the_paper_s(rng):
         g = p["W_g"] @ (np.tanh(pre) - np.tanh(p["b_x"]))
         h = p["W_h"] @ np.tanh(p["W_y"] @ y_hat + p["b_y"]) + p["b_h"]
         cost += np.sum((y[k] - y_hat) ** 2) + 0.3 * np.sum(g**2)
+        cost += 0.05 * np.sum(h**2)
         x = p["A"] @ x + p["B"] @ (u[k] + h) + g
     net = sum(np.sum(p[k] ** 2) for k in structure.network_parameters)
     assert set(structure.network_parameters) == set(p) - {"A", "B"}
-    criterion = Criterion(structure, [(u, y)], gamma=0.3, alpha=0.02)
+    criterion = Criterion(structure, [(u, y)], gamma=0.3, gamma_h=0.05, alpha=0.02)
     got = criterion.norm(criterion.join(theta, x0)) ** 2
     np.testing.assert_allclose(got, cost / 15 + 0.02 * net)
 

@@ -363,6 +363,16 @@ def test_pendulum_stays_below_the_top():
         assert changes.min() >= 4 and changes.max() <= 30  # 0.2 to 1.5 s
 
 
+def test_pendulum_over_the_top_on_request():
+    arguments = {"amplitude": 8.0, "random_state": 0}
+    with pytest.raises(ValueError, match="below the top"):
+        make_pendulum(1_000, **arguments)
+    record = make_pendulum(1_000, full_turns=True, **arguments)
+    assert np.abs(record.y).max() > 2 * np.pi
+    y = simulate_plant(record.plant, record.u, record.x0)
+    np.testing.assert_array_equal(y, record.y)
+
+
 @pytest.mark.parametrize("excitation", ["multisine", "stairs"])
 def test_duffing_excitation(excitation):
     record = make_duffing(20_000, excitation=excitation, random_state=0)

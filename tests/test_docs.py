@@ -1,9 +1,12 @@
 """The documentation and the code name each other correctly."""
 
 import re
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 
@@ -48,3 +51,16 @@ def test_readme_names_things_that_exist():
         assert path.with_suffix(".py").exists() or (path / "__main__.py").exists()
     for target in re.findall(r"\]\(((?!http)[^)]+)\)", readme):
         assert (ROOT / target).exists(), target
+
+
+def test_the_loop_of_the_readme_tracks_its_reference():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", readme, re.S)
+    (code,) = [block for block in blocks if "closed_loop(" in block]
+    names = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        exec(code, names)
+    assert names["y"][-1] == pytest.approx(1.3, abs=1e-6)  # the true pendulum, rad
+    assert np.max(names["u"]) == 12  # the law did limit the torque
+    assert np.max(names["y"]) < 1.3 * 1.05  # and the integrator did not wind up

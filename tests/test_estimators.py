@@ -307,19 +307,64 @@ def test_a_contraction_is_kept_and_makes_P_equal_to_the_identity(mimo, penalty):
     assert model.score(u, y) > 0.9
 
 
-def test_an_unstable_linear_part_is_reported(rng):
-    # an unstable plant, kept bounded by a saturating feedback inside it
+@pytest.fixture
+def bounded(rng):
+    """An unstable linear plant, kept bounded by a saturating feedback inside it."""
     u = rng.standard_normal((600, 1))
     x, y = 0.0, np.empty(600)
     for k in range(600):
         y[k] = x
         x = 1.3 * x - 0.9 * np.tanh(2 * x) + 0.3 * u[k, 0]
+    return u, y
+
+
+def test_an_unstable_linear_part_is_reported(bounded):
+    u, y = bounded
     with pytest.warns(
         ConvergenceWarning, match=r"unstable, spectral radius.*contractive"
     ):
         model = FlSsnn(1, 2, max_iter=100, n_init=3, random_state=0).fit(u, y)
     assert np.abs(np.linalg.eigvals(model.A_)).max() > 1
     assert model.score(u, y) > 0.99
+
+
+def linear_share(model, u, y):
+    """Return the size of the linear part of h over a record, relative to that of h."""
+    law = model.linearizing_law()
+    x0 = model.estimate_x0(u, y)[0]
+    X = simulate(model._plant()[0], u - model.u_offset_, x0)[:-1]
+    s = X if law.feedback == "state" else X @ model.C_.T
+    h = -law(np.zeros_like(u), s if law.feedback == "state" else s + model.y_offset_)
+    L = np.linalg.lstsq(s, h, rcond=None)[0]
+    scale = model._scaling.u_scale
+    return np.linalg.norm(s @ L / scale) / np.linalg.norm(h / scale)
+
+
+@pytest.mark.parametrize("feedback", ["output", "state"])
+def test_a_weight_of_h_leaves_what_is_linear_to_A(bounded, mimo, feedback):
+    # the milder the nonlinearity, the larger the weight that h needs to notice
+    strong = bounded, 1e-3, {"nx": 1, "n_init": 3}
+    mild = mimo, 0.1, {"nx": 2, "n_h": 6}
+    for (u, y), weight, sizes in (strong, mild):
+        options = {"feedback": feedback, "max_iter": 100, "random_state": 0}
+        model = FlSsnn(**{"n_h": 2, **options, **sizes})
+        shares, scores = [], []
+        for gamma_h in (0.0, weight):
+            model.set_params(gamma_h=gamma_h).fit(u, y)
+            shares.append(linear_share(model, u, y))
+            scores.append(model.score(u, y))
+        assert shares[0] > 0.9 and shares[1] < 0.05
+        assert scores[1] > scores[0] - 1e-3
+        assert np.abs(np.linalg.eigvals(model.A_)).max() < 1
+
+
+def test_a_large_weight_of_h_leaves_the_linear_model(mimo):
+    u, y = mimo
+    options = {"nx": 2, "n_h": 2, "max_iter": 60, "random_state": 0}
+    scores = [FlSsnn(gamma_h=w, **options).fit(u, y).score(u, y) for w in (0.0, 1e6)]
+    linear = LinearStateSpace(nx=2).fit(u, y).score(u, y)
+    assert scores[1] == pytest.approx(linear, abs=1e-3)
+    assert scores[0] > linear + 1e-3
 
 
 # -- training options ------------------------------------------------------------------

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
-from alssnn.feedback import closed_loop, lqi, lqr, place
+from alssnn.feedback import closed_loop, designed_loop, lqi, lqr, place
 from helpers import simulate_linear
 
 DT = 0.25
@@ -296,6 +296,69 @@ def test_loop_starts_with_limits_in_its_law(fitted):
     assert y[:, 2].max() > top.item()
 
 
+@pytest.mark.parametrize("name", ["linear", "fl", "fl-state"])
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("integrates", [False, True])
+def test_designed_loop_is_that_of_an_exactly_linearized_plant(
+    fitted, name, n, integrates
+):
+    model = fitted[name, n]
+    u_scale, y_scale = model._scaling.u_scale, model._scaling.y_scale
+    R = np.diag(1 / u_scale**2)
+    if integrates:
+        K = lqi(model, np.diag(np.r_[np.ones(2), 0.05 / y_scale**2]), R)
+        offset, r = model.y_offset_, rest(model, 100)
+        r[20:] += 0.4 * y_scale
+    else:
+        K = lqr(model, np.eye(2), R)
+        offset, r = model.u_offset_, plant_record(n)[0].to_numpy()[:100]
+    signals, _ = respond(closed_loop(model, model, K), r)
+    design = designed_loop(model, K)
+    expected, _ = respond(design, r - offset)
+    np.testing.assert_allclose(
+        (signals[:, :n] - model.y_offset_) / y_scale,
+        expected[:, :n] / y_scale,
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(
+        (signals[:, 2 * n :] - model.u_offset_) / u_scale,
+        expected[:, n:] / u_scale,
+        atol=1e-9,
+    )
+    assert design.dt == DT and np.abs(design.poles()).max() < 1
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_integrators_do_not_wind_up(fitted, n):
+    model = fitted["fl", n]
+    u_scale, y_scale = model._scaling.u_scale, model._scaling.y_scale
+    Q = np.diag(np.r_[np.ones(2), 0.5 / y_scale**2])
+    K = lqi(model, Q, np.diag(1 / u_scale**2))
+    # an unreachable reference for long, then one within the limits
+    r = rest(model, 300)
+    r[20:150] += 5 * y_scale
+    loops = [
+        closed_loop(model, model, K, law=model.linearizing_law(*limits))
+        for limits in (
+            (model.u_offset_ - 0.5 * u_scale, model.u_offset_ + 0.5 * u_scale),
+            (None, None),
+        )
+    ]
+    (limited, states), (free, _) = (respond(loop, r) for loop in loops)
+    u = slice(n, 2 * n)
+    assert np.abs(free[:, u] - model.u_offset_).max() > u_scale.min()
+    np.testing.assert_allclose(  # they did saturate
+        np.abs(limited[140, u] - model.u_offset_), 0.5 * u_scale
+    )
+    settled = np.abs((limited[:, :n] - model.y_offset_) / y_scale).max(axis=1) < 0.05
+    assert settled[175:].all()
+    np.testing.assert_allclose(limited[-1, :n], r[-1], atol=1e-6 * y_scale.max())
+    # wound up, the integrators would hold the sum of 130 samples of the error
+    z = states[150, -n:] / y_scale
+    wound_up = ((limited[20:150, :n] - r[20:150]) / y_scale).sum(axis=0)
+    assert np.all(np.abs(z) < 0.1 * np.abs(wound_up))
+
+
 def test_plants_of_python_control(fitted):
     model = fitted["linear", 1]
     K, r = np.zeros((1, 2)), rest(model, 30)
@@ -326,6 +389,7 @@ def test_unfitted_models():
         lambda: lqi(model, 1, 1),
         lambda: place(model, [0]),
         lambda: closed_loop(model, model, 1),
+        lambda: designed_loop(model, 1),
     ):
         with pytest.raises(NotFittedError):
             call()

@@ -1,10 +1,14 @@
 import builtins
 import pickle
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 
+from alssnn import FlSsnn
+from alssnn.datasets import make_pendulum
 from alssnn.linearizability import (
     Bands,
     Linearizability,
@@ -396,13 +400,48 @@ def test_region_of_unexcited_states(rng):
     assert not Region.of(X, u, u).outside(X + np.array([0, 1]), u, u).any()
 
 
+def test_region_counts_what_was_measured(rng):
+    X, u, y = (rng.standard_normal((100, n)) for n in (2, 1, 1))
+    measured = y + 1.0
+    region = Region.of(X, u, y, measured)
+    assert not region.outside(X, u, y, measured).any()
+    assert region.high[1] > measured.max() and region.low[1] < y.min()
+    np.testing.assert_array_equal(
+        region.outside(X, u, y, measured + 2.0), measured[:, 0] + 2.0 > region.high[1]
+    )
+    assert not region.outside(X, u, y).any()  # nothing was measured
+
+
+def test_over_the_top_is_outside_the_training_region():
+    # the same torques, but the arm of the second record goes over the top
+    train, held_out, over = (
+        make_pendulum(4_000, amplitude=5.0, full_turns=seed == 24, random_state=seed)
+        for seed in (0, 3, 24)
+    )
+    assert max(np.abs(train.y).max(), np.abs(held_out.y).max()) < np.pi / 2 + 0.3
+    assert np.abs(over.y).max() > 2 * np.pi
+    model = FlSsnn(nx=2, n_h=8, feedback="state", dt=train.dt, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.set_params(max_iter=60).fit(train.u, train.y)
+    record = model.linearizability(held_out.u, held_out.y)
+    assert record.outside < 0.01 and "of the record lies outside" not in str(record)
+    record = model.linearizability(over.u, over.y)
+    assert record.outside > 0.7  # 74 % of the angles were never seen
+    share = f"{100 * record.outside:.3g} %"
+    assert f"{share} of the record lies outside the training" in str(record)
+    assert max(map(len, str(record).splitlines())) <= 79
+
+
 def test_shares_outside_against_a_plain_loop(model):
     lure, linear, _, experiments = model.args
     region = region_of(lure, linear, experiments)
     record = measure(*model.args, region=region)
+    measured = np.vstack([y for _, y, _ in experiments])
     for share, closed in ((record.outside, False), (record.closed_outside, True)):
         run = replay_all(model, closed=closed)
-        assert share == region.outside(run["x"], run["u"], run["y"]).mean()
+        y = None if closed else measured
+        assert share == region.outside(run["x"], run["u"], run["y"], y).mean()
     assert record.outside != record.closed_outside
 
 

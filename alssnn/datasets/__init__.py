@@ -1,7 +1,8 @@
 """Simulated plants with their true model, and measured benchmark records."""
 
 from ._measured import fetch_wiener_hammerstein
-from ._plants import make_duffing, make_pendulum, make_prey_predator
+from ._oscillators import make_duffing, make_pendulum
+from ._populations import make_prey_predator
 from ._record import Record
 from ._simulated import make_wiener_hammerstein
 

@@ -553,14 +553,16 @@ class StateSpaceModel(
         lure, nx = self._structure.lure(self._theta), self.nx_
         every = -(-sum(len(u) for u, _ in experiments) // REGION_SAMPLES)
         samples = []
-        for (u_s, _), x0 in zip(experiments, self.x0_, strict=True):
-            for _, u, X in trajectory(lure, u_s, x0 / self._x_scale):
+        for (u_s, y_s), x0 in zip(experiments, self.x0_, strict=True):
+            for part, u, X in trajectory(lure, u_s, x0 / self._x_scale):
                 Phi = regressors(lure, X[:-1], u)[::every]
-                y = Phi @ lure.Theta[nx : nx + lure.nz].T
-                samples.append(np.hstack([Phi[:, : nx + lure.nu], y]))
-        X, u, y = np.split(np.vstack(samples), [nx, nx + lure.nu], axis=1)
-        scaling = self._scaling
-        return Region.of(X * self._x_scale, u * scaling.u_scale, y * scaling.y_scale)
+                y_hat = Phi @ lure.Theta[nx : nx + lure.nz].T
+                y = y_s[part][::every]
+                y = np.where(np.isnan(y), y_hat, y)
+                samples.append((Phi[:, :nx], Phi[:, nx : nx + lure.nu], y_hat, y))
+        X, u, y_hat, y = (np.vstack(signal) for signal in zip(*samples, strict=True))
+        u_scale, y_scale = self._scaling.u_scale, self._scaling.y_scale
+        return Region.of(X * self._x_scale, u * u_scale, y_hat * y_scale, y * y_scale)
 
     def to_statespace(self, which="linear", x=None, u=None):
         """Return a linear system (A, B, C, D, dt) for python-control.

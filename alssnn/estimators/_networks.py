@@ -46,9 +46,9 @@ class AlSsnn(Ssnn):
         Weight of the mean of ``|k|^2`` relative to that of the output error.
     gamma_h : float, default=0.0
         Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
-        one, 1e-4, makes A the best linear fit and h only what is left of it
-        (eq. split). With 0 the training leaves that split to chance, and A may be
-        unstable though the plant is not.
+        one makes A the best linear fit and h only what is left of it (eq. split). With
+        0 the training leaves that split to chance, and A may be unstable though the
+        plant is not. Strongly nonlinear plants want 1e-4, mildly nonlinear ones more.
     feedback : {"output", "state"}, default="output"
         What h sees: the output y (the paper), or the state x, which needs an
         observer in the loop but linearizes more plants.
@@ -289,9 +289,9 @@ class FlSsnn(Ssnn):
         What h sees: the output y, or the state x (needs an observer in the loop).
     gamma_h : float, default=0.0
         Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
-        one, 1e-4, makes A the best linear fit and h only what is left of it
-        (eq. split). With 0 the training leaves that split to chance, and A may be
-        unstable though the plant is not.
+        one makes A the best linear fit and h only what is left of it (eq. split). With
+        0 the training leaves that split to chance, and A may be unstable though the
+        plant is not. Strongly nonlinear plants want 1e-4, mildly nonlinear ones more.
     activation : str, Activation or dict, default="tanh"
         "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
         for all networks or by network, ``{"h": ...}``.

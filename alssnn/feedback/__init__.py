@@ -14,7 +14,7 @@ from .design import lqi, lqr, place
 from .disturbance import DisturbanceObserver
 from .export import Dynamics, late_inputs, signal_names, to_statespace
 from .law import LinearizingLaw
-from .loop import closed_loop
+from .loop import closed_loop, designed_loop
 from .observer import Observer
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "LinearizingLaw",
     "Observer",
     "closed_loop",
+    "designed_loop",
     "late_inputs",
     "lqi",
     "lqr",

@@ -169,20 +169,50 @@ class LinearizingLaw:
         v, s = np.split(signals, [len(self.u_min)])
         return self(v, s)
 
-    def to_nlsys(self):
+    def output_and_cut(self, t, x, signals, params):
+        """Return u and the part cut off for the stacked inputs (v, s).
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (0,)
+            Not used, the law has no state.
+        signals : ndarray of shape (nu + ns,)
+            The inputs v, then s.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        u_cut : ndarray of shape (2 nu,)
+            Input for the plant, then what `split` says was cut off.
+        """
+        v, s = np.split(signals, [len(self.u_min)])
+        return np.concatenate(self.split(v, s))
+
+    def to_nlsys(self, with_cut=False):
         """Return the law as a static block of python-control.
+
+        Parameters
+        ----------
+        with_cut : bool, default=False
+            Whether the part that the limits cut off is an output, too.
 
         Returns
         -------
         sys : control.NonlinearIOSystem
-            Block without state from (v[0], ..., s) to u. The signals of u and y have
-            the names of the training data, those of the state are ``x_hat[0]``, ...
+            Block without state from (v[0], ..., s) to u, and ``cut[0]``, ... on
+            request. The signals of u and y have the names of the training data, those
+            of the state are ``x_hat[0]``, ...
         """
+        nu = len(self.u_min)
+        cut = signal_names(None, "cut", nu) if with_cut else []
         return control.nlsys(
             None,
-            self.output,
-            inputs=[*signal_names(None, "v", len(self.u_min)), *self._measured],
-            outputs=self._inputs,
+            self.output_and_cut if with_cut else self.output,
+            inputs=[*signal_names(None, "v", nu), *self._measured],
+            outputs=[*self._inputs, *cut],
             dt=self._dt,
             name="law",
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
-from .export import Dynamics, signal_names
+from .export import Dynamics, signal_names, to_statespace
 from .law import LinearizingLaw
 from .observer import Observer
 
@@ -21,14 +21,16 @@ from .observer import Observer
 class LinearController:
     """Hold a linear controller that works on deviations.
 
-    Its state is z, its inputs r, y and x_hat, its output v:
-    z+ = A z + B e, v = v_offset + C z + D e with e = (r, y, x_hat) - offset.
+    Its state is z, its inputs are r, y, x_hat and cut, its output is v:
+    z+ = A z + B e, v = v_offset + C z + D e with e = (r, y, x_hat, cut) - offset. Only
+    a controller by gain has x_hat, and only one with integrators has cut, the part of
+    v that the limits cut off.
 
     Parameters
     ----------
     A, B, C, D : ndarray
         Matrices.
-    offset : ndarray of shape (nr + ny + nx,)
+    offset : ndarray of shape (n_inputs,)
         Operating point of the inputs.
     v_offset : ndarray of shape (nu,)
         Operating point of the output.
@@ -50,8 +52,8 @@ class LinearController:
             Time, in seconds; not used.
         z : ndarray of shape (nz,)
             State of the controller.
-        signals : ndarray of shape (nr + ny + nx,)
-            The inputs r, y and x_hat.
+        signals : ndarray of shape (n_inputs,)
+            The inputs.
         params : dict
             Not used.
 
@@ -71,8 +73,8 @@ class LinearController:
             Time, in seconds; not used.
         z : ndarray of shape (nz,)
             State of the controller.
-        signals : ndarray of shape (nr + ny + nx,)
-            The inputs r, y and x_hat.
+        signals : ndarray of shape (n_inputs,)
+            The inputs.
         params : dict
             Not used.
 
@@ -131,7 +133,10 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
 
     Notes
     -----
-    With limits in `law` the integrators wind up while an actuator saturates.
+    Integrators do not wind up while an actuator saturates: by back-calculation they
+    take the value with which v stays at the limit, z+ = z + y - r + K_z^+ cut, where
+    K_z^+ is the pseudoinverse of their gain and cut = v - h - u. A `controller` of your
+    own is left as it is.
 
     Examples
     --------
@@ -160,7 +165,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
         block, of_y = _from_gain(gain, dynamics)
     needs_state = gain is not None or law.feedback == "state"
     shows_state = plant is model and observer is None
-    names = _Names(dynamics, of_y, gain is not None)
+    integrates = gain is not None and len(block.A) > 0
+    names = _Names(dynamics, of_y, gain is not None, integrates)
     blocks = [
         names.plant(plant, dynamics, needs_state and shows_state),
         names.controller(block),
@@ -171,15 +177,73 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     return names.connect(blocks)
 
 
+def designed_loop(model, gain):
+    """Return the linear loop that a gain was designed for.
+
+    That is what `closed_loop` would be if the law left exactly (A, B, C): the response
+    to compare the true one with, and the poles that were chosen.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    gain : array_like of shape (nu, nx) or (nu, nx + ny)
+        Gain, as for `closed_loop`.
+
+    Returns
+    -------
+    loop : control.StateSpace
+        Discrete-time system of deviations from the operating point, with inputs
+        ``r[0]``, ... and outputs y (names of the training data) and ``v[0]``, ...
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the gain has the wrong shape.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import designed_loop, lqi
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> loop = designed_loop(model, lqi(model, np.eye(5), np.eye(1)))
+    >>> bool(abs(loop.poles()).max() < 1)
+    True
+    """
+    dynamics = Dynamics.of(model)
+    block, of_y = _from_gain(gain, dynamics)
+    A, B, C = model.A_, model.B_, model.C_
+    (nx, nu), ny = B.shape, len(C)
+    nr = ny if of_y else nu
+    # the controller sees (r, y, x_hat) with y = C x, x_hat = x, and nothing is cut
+    of_x = np.vstack([C, np.eye(nx)])
+    B_r, B_x = block.B[:, :nr], block.B[:, nr : nr + ny + nx] @ of_x
+    D_r, D_x = block.D[:, :nr], block.D[:, nr : nr + ny + nx] @ of_x
+    nz = len(block.A)
+    return to_statespace(
+        np.block([[A + B @ D_x, B @ block.C], [B_x, block.A]]),
+        np.vstack([B @ D_r, B_r]),
+        np.block([[C, np.zeros((ny, nz))], [D_x, block.C]]),
+        np.vstack([np.zeros((ny, nr)), D_r]),
+        dynamics.dt,
+        inputs=signal_names(None, "r", nr),
+        outputs=[*dynamics.outputs, *signal_names(None, "v", nu)],
+        name="designed_loop",
+    )
+
+
 class _Names:
     """Name the signals inside the loop alike, whatever the user calls them."""
 
-    def __init__(self, dynamics, of_y, by_state):
+    def __init__(self, dynamics, of_y, by_state, with_cut):
         nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
         self.dynamics, self.dt, self.by_state = dynamics, dynamics.dt, by_state
         self.x = signal_names(None, "x_hat", nx)
         self.u, self.v = (signal_names(None, letter, nu) for letter in "uv")
         self.y = signal_names(None, "y", ny)
+        self.cut = signal_names(None, "cut", nu) if with_cut else []
         self.r = signal_names(None, "r", ny if of_y else nu)
 
     def _block(self, update, output, inputs, outputs, states, name):
@@ -212,7 +276,7 @@ class _Names:
         return self._block(
             block.update,
             block.output,
-            self.r + self.y + (self.x if self.by_state else []),
+            self.r + self.y + (self.x if self.by_state else []) + self.cut,
             self.v,
             len(block.A),
             "controller",
@@ -220,14 +284,15 @@ class _Names:
 
     def law(self, law):
         s = self.x if law.feedback == "state" else self.y
-        sys = law.to_nlsys()
-        sizes, expected = (sys.ninputs, sys.noutputs), (len(self.v + s), len(self.u))
+        sys = law.to_nlsys(with_cut=bool(self.cut))
+        outputs = self.u + self.cut
+        sizes, expected = (sys.ninputs, sys.noutputs), (len(self.v + s), len(outputs))
         if sizes != expected:
             raise ValueError(
                 "`law` must have as many inputs and outputs as the model asks for, "
                 f"{expected}, got {sizes}. Use `model.linearizing_law`."
             )
-        sys.update_names(inputs=self.v + s, outputs=self.u)
+        sys.update_names(inputs=self.v + s, outputs=outputs)
         return sys
 
     def observer(self, observer, model):
@@ -328,9 +393,11 @@ def _from_gain(gain, dynamics):
         offset = np.concatenate([dynamics.u_offset, dynamics.y_offset, np.zeros(nx)])
         empty = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((nu, 0))
         return LinearController(*empty, D, offset, dynamics.u_offset), False
-    B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx))])
-    D = np.hstack([np.zeros((nu, 2 * ny)), -K_x])
-    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset, np.zeros(nx)])
+    # v = ... - K_z z: what is cut off v is taken out of z, against windup
+    back = np.linalg.pinv(K_z)  # (ny, nu)
+    B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx)), back])
+    D = np.hstack([np.zeros((nu, 2 * ny)), -K_x, np.zeros((nu, nu))])
+    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset, np.zeros(nx + nu)])
     matrices = np.eye(ny), B, -K_z, D
     return LinearController(*matrices, offset, dynamics.u_offset), True
 

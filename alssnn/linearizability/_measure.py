@@ -97,8 +97,9 @@ def measure(
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     outside = closed_outside = None
     if region is not None:
-        outside = _share_outside(region, opened)
-        closed_outside = _share_outside(region, closed, feedback)
+        outside = _share_outside(region, opened, y)
+        unmeasured = [None] * len(closed)
+        closed_outside = _share_outside(region, closed, unmeasured, feedback)
     return Linearizability(
         linearization_error=_relative(_squares(e), _squares(y)),
         ratio_g_mean=float(ratio_g.mean()),
@@ -198,15 +199,15 @@ def output_residual(A, C, g):
         return np.where(np.isfinite(zeta).all(axis=1)[:, None], zeta @ C.T, np.inf)
 
 
-def _share_outside(region, runs, feedback=None):
+def _share_outside(region, runs, measured, feedback=None):
     """Return the share of samples that leave the region; feedback turns v into u."""
     count = total = 0
-    for run in runs:
+    for run, y in zip(runs, measured, strict=True):
         u = run.u
         if feedback is not None:
             with np.errstate(invalid="ignore"):
                 u = u - (run.w @ feedback[0].T + feedback[1])
-        count += int(region.outside(run.X, u, run.y).sum())
+        count += int(region.outside(run.X, u, run.y, y).sum())
         total += len(u)
     return count / total
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
+OUTSIDE = 0.01  # share of samples outside that the table comments on
 PER_OUTPUT = ("linearization_error", "closed_linearization_error", "h2_gain")
 SCALARS = (
     "ratio_g_mean",
@@ -79,8 +80,9 @@ class Linearizability:
         H2 norm from g to every output (eq. gains), in units of y per unit of the
         states; inf if A is not stable. Depends on the state basis as `peak_gain` does.
     outside : float or None
-        Share of samples (x, u) outside the region of the training data, where the
-        networks are extrapolated; None if it is not known.
+        Share of samples outside the region of the training data: (x, u) where the
+        networks are extrapolated, or a measured y that training never saw; None if it
+        is not known.
     closed_outside : float or None
         The same in the closed loop, with u = v - h.
     bands : Bands
@@ -171,6 +173,13 @@ class Linearizability:
             ("closed loop: u = v - h, where v is the recorded input; its",),
             ("linearization error is relative to the linear response to v",),
         ]
+        if self.outside is not None and self.outside > OUTSIDE:
+            rows += [
+                (),
+                (f"{_percent(self.outside)} of the record lies outside the training",),
+                ("region: there the model is a guess, and so are these numbers.",),
+                ("Train on records that go there, or keep the plant inside.",),
+            ]
         return "\n".join(_line(row) for row in rows)
 
     def to_frame(self):

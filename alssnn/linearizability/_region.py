@@ -2,12 +2,16 @@
 
 A network says nothing outside the data it has seen.  A sample (x, u) is *inside* if
 
-    u and y = C x lie in the box that they spanned in training, and
+    u, y = C x and, where there is one, the measured y lie in the box that inputs and
+    outputs spanned in training, and
     x lies in the ellipsoid  |W' (x - center)| <= radius  of the training states,
 
 W W' being the inverse of their covariance (up to a factor) and `radius` the largest
 value in training.  Neither depends on the basis of the states.  Both are a little
 enlarged, for the initial states of the same data are not always estimated alike.
+
+The measured y counts because a model that is out of its depth may stay inside while its
+plant leaves: simulated in free run, it does not see what happens.
 """
 
 from dataclasses import dataclass
@@ -41,7 +45,7 @@ class Region:
     radius: float
 
     @classmethod
-    def of(cls, X, u, y):
+    def of(cls, X, u, y, measured=None):
         """Return the region of training trajectories.
 
         Parameters
@@ -52,14 +56,17 @@ class Region:
             Inputs.
         y : ndarray of shape (N, ny)
             Simulated outputs.
+        measured : ndarray of shape (N, ny) or None, default=None
+            Measured outputs; None if there are none.
 
         Returns
         -------
         region : Region
             The region, enlarged by `MARGIN`.
         """
-        uy = np.hstack([u, y])
-        low, high = uy.min(axis=0), uy.max(axis=0)
+        outputs = y if measured is None else np.vstack([y, measured])
+        low = np.hstack([u.min(axis=0), outputs.min(axis=0)])
+        high = np.hstack([u.max(axis=0), outputs.max(axis=0)])
         center = X.mean(axis=0)
         R = np.linalg.qr(X - center, mode="r")
         _, spread, Vt = np.linalg.svd(R, full_matrices=False)
@@ -69,7 +76,7 @@ class Region:
         slack = MARGIN * (high - low)
         return cls(low - slack, high + slack, center, whiten, (1 + MARGIN) * radius)
 
-    def outside(self, X, u, y):
+    def outside(self, X, u, y, measured=None):
         """Return which samples lie outside.
 
         Parameters
@@ -80,15 +87,19 @@ class Region:
             Inputs of the plant.
         y : ndarray of shape (N, ny)
             Outputs of the model.
+        measured : ndarray of shape (N, ny) or None, default=None
+            Measured outputs; None if there are none, as in a loop that was not run.
 
         Returns
         -------
         outside : ndarray of bool, shape (N,)
             Whether a sample is outside; a diverged one is.
         """
-        uy = np.hstack([u, y])
         with np.errstate(over="ignore", invalid="ignore"):
             distance = np.linalg.norm((X - self.center) @ self.whiten, axis=1)
-        box = np.all((uy >= self.low) & (uy <= self.high), axis=1)
-        # nan compares false
-        return ~(box & (distance <= self.radius) & np.isfinite(X).all(axis=1))
+        inside = (distance <= self.radius) & np.isfinite(X).all(axis=1)
+        for outputs in (y,) if measured is None else (y, measured):
+            uy = np.hstack([u, outputs])
+            # nan compares false
+            inside &= np.all((uy >= self.low) & (uy <= self.high), axis=1)
+        return ~inside
