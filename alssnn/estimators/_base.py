@@ -30,9 +30,9 @@ from ..linearizability import Region, measure
 from ..lure import Lure
 from ..networks import Perceptron
 from ..simulation import regressors, trajectory
-from ..structures import Structure
 from ..subspace import identify_linear
 from ..training import estimate_x0
+from ._control import ControlMixin
 from ._start import check_bounds, given_model
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
@@ -43,18 +43,10 @@ REGION_SAMPLES = 1_000_000  # of a long record, which span the training region
 
 
 class StateSpaceModel(
-    MultiOutputMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
+    ControlMixin, MultiOutputMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
 ):
     """Share data handling, simulation, scores and exports of all models."""
 
-    # The fit in scaled deviations; the public attributes are made from it.
-    _structure: Structure
-    _theta: np.ndarray
-    _scaling: Scaling
-    _region: Region
-    _x_scale: np.ndarray  # states of the user over states of the fit
-    converged_: bool
-    n_iter_: int
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
     _parameter_constraints: ClassVar[dict] = {
@@ -466,7 +458,7 @@ class StateSpaceModel(
         scale, offset = self._scaling.y_scale, self._scaling.y_offset
         return tuple(np.vstack(z) * scale + offset for z in (y_true, y_pred))
 
-    # -- linearity and exports ---------------------------------------------------------
+    # -- linearity -------------------------------------------------------------------
 
     def linearizability(self, u, y, experiment=None):
         """Measure how linear the model is once h is cancelled.
@@ -563,281 +555,6 @@ class StateSpaceModel(
         X, u, y_hat, y = (np.vstack(signal) for signal in zip(*samples, strict=True))
         u_scale, y_scale = self._scaling.u_scale, self._scaling.y_scale
         return Region.of(X * self._x_scale, u * u_scale, y_hat * y_scale, y * y_scale)
-
-    def to_statespace(self, which="linear", x=None, u=None):
-        """Return a linear system (A, B, C, D, dt) for python-control.
-
-        Parameters
-        ----------
-        which : {"linear", "local"}, default="linear"
-            The linear part, which for a linearizable model is what the input v of
-            u = v - h(s) sees; or the linearization of the whole model at (x, u),
-            h and g included.
-        x : array_like of shape (nx,) or None, default=None
-            State of the linearization, for "local"; None means zero.
-        u : array_like of shape (nu,) or None, default=None
-            Its input as a deviation from `u_offset_`, for "local"; None means zero.
-
-        Returns
-        -------
-        sys : control.StateSpace
-            Discrete-time system of deviations from the operating point, or from
-            (x, u), in the user's units, with the names of the columns of the training
-            data. Inputs that arrive late (`input_delay_`) carry their past as further
-            states.
-
-        Raises
-        ------
-        ValueError
-            If `which` is unknown, or `x` or `u` has the wrong size or is given for
-            the linear part.
-        """
-        from ..feedback import Dynamics, late_inputs, to_statespace
-
-        check_is_fitted(self)
-        if which not in ("linear", "local"):
-            raise ValueError(f"`which` must be 'linear' or 'local', got {which!r}.")
-        if which == "local":
-            return Dynamics.of(self).linearize(x, u)
-        if x is not None or u is not None:
-            raise ValueError(
-                "`x` and `u` must be None for the linear part, which is the same "
-                "everywhere, got values. Use which='local'."
-            )
-        M = np.block([[self.A_, self.B_], [self.C_, self.D_]])
-        linear = Lure(np.pad(M, ((0, 0), (0, 1))), self.nx_, self.B_.shape[1], 0)
-        linear = late_inputs(linear, self.input_delay_)
-        (A, B), (C, D) = (
-            np.split(rows, [linear.nx], axis=1)
-            for rows in np.split(linear.M, [linear.nx])
-        )
-        return to_statespace(
-            A,
-            B,
-            C,
-            D,
-            self.dt,
-            inputs=getattr(self, "feature_names_in_", None),
-            outputs=self.output_names_,
-            name=type(self).__name__,
-        )
-
-    def to_nlsys(self):
-        """Return the whole model for python-control.
-
-        Returns
-        -------
-        sys : control.NonlinearIOSystem
-            Discrete-time system from u to y in the user's units, operating point
-            included, with the names of the columns of the training data. From the
-            same initial state it responds as `predict` does.
-        """
-        from ..feedback import Dynamics
-
-        return Dynamics.of(self).to_nlsys()
-
-    def linearizing_law(self, u_min=None, u_max=None):
-        """Return the law u = v - h(s) that leaves the linear part.
-
-        Parameters
-        ----------
-        u_min : float, array_like of shape (nu,) or None, default=None
-            Lower limits of the actuators, in the units of u; None means no limit.
-        u_max : float, array_like of shape (nu,) or None, default=None
-            Upper limits of the actuators, in the units of u.
-
-        Returns
-        -------
-        law : LinearizingLaw
-            Callable ``law(v, s)``; s is the measured y with output feedback, the
-            estimated state with state feedback. The identity for a model without h.
-        """
-        from ..feedback import LinearizingLaw
-
-        return LinearizingLaw(self, u_min, u_max)
-
-    def observer(self, Q=None, R=None, kind="kalman"):
-        """Return an observer of the state.
-
-        Parameters
-        ----------
-        Q : array_like of shape (nx, nx) or None, default=None
-            Covariance of the process noise per sample; None means 1e-4 times the
-            identity.
-        R : array_like of shape (ny, ny) or None, default=None
-            Covariance of the measurement noise, in the units of y; None takes the
-            variance that the fit leaves.
-        kind : {"kalman", "ekf"}, default="kalman"
-            Constant gain, or extended Kalman filter; both predict by the whole model.
-
-        Returns
-        -------
-        observer : Observer
-            The observer, at the operating point.
-        """
-        from ..feedback import Observer
-
-        return Observer(self, Q, R, kind)
-
-    def mpc(self, horizon=20, Q=None, R=None, **options):
-        """Return a predictive controller of the linearized loop (eq. mpc).
-
-        Parameters
-        ----------
-        horizon : int, default=20
-            Number of samples that are planned.
-        Q : array_like of shape (nx, nx) or None, default=None
-            Weight of the states; None weighs the outputs.
-        R : array_like of shape (nu, nu) or None, default=None
-            Weight of v.
-        **options : dict
-            Limits and other options of `mpc.LinearizingMPC`, such as ``u_min``.
-
-        Returns
-        -------
-        mpc : LinearizingMPC
-            The controller, at the operating point.
-
-        Raises
-        ------
-        ValueError
-            If an option is out of range, or v does not reach an unstable mode.
-        """
-        from ..mpc import LinearizingMPC
-
-        return LinearizingMPC(self, horizon, Q, R, **options)
-
-    # -- certificates ----------------------------------------------------------------
-
-    def iss_certificate(
-        self,
-        u=None,
-        y=None,
-        experiment=None,
-        *,
-        K=None,
-        phi=None,
-        objective="peak",
-        eps="data",
-        method="lyapunov",
-    ):
-        """Certify input-to-state stability of the linearized loop (eq. lmi).
-
-        The loop is u = v - h, with v = r - K x if `K` is given. Its states obey
-        x+ = (A - B K) x + B r + omega, omega = g(x, u).
-
-        Parameters
-        ----------
-        u : array_like of shape (N, nu) or None, default=None
-            Inputs of the records that bound omega; needed for eps="data".
-        y : array_like of shape (N,) or (N, ny) or None, default=None
-            Outputs; they set the initial states.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-        K : array_like of shape (nu, nx) or None, default=None
-            State feedback, in the basis of `A_` and the units of u.
-        phi : float or None, default=None
-            Rate, between 0 and 1; None searches it.
-        objective : {"peak", "feasible", "volume"}, default="peak"
-            What the search of phi minimizes, see `certificates.iss_certificate`.
-        eps : {"data", "global"} or float, default="data"
-            Bound on ``|omega|``: the largest value along the records, in the open loop
-            and in the closed one with the recorded input as r; the supremum over all
-            states and inputs, which tanh bounds; or a number.
-        method : {"lyapunov", "sdp"}, default="lyapunov"
-            How P is found for each phi.
-
-        Returns
-        -------
-        certificate : IssCertificate
-            The certificate, in the basis of `A_`; one that does not hold says why.
-
-        Raises
-        ------
-        ValueError
-            If an argument is out of range or the records are missing.
-        RuntimeError
-            If the solver of the semidefinite program breaks down.
-        """
-        from ..certificates import data_bound, global_bound, iss_certificate
-
-        check_is_fitted(self)
-        K = self._check_gain(K)
-        A = self.A_ if K is None else self.A_ - self.B_ @ K
-        if isinstance(eps, str):
-            lure, feedback = self._plant()
-            if eps == "global":
-                eps = global_bound(lure, self.B_, feedback)
-            elif eps == "data":
-                records = self._records(u, y, experiment)
-                eps = data_bound(lure, self.B_, feedback, records, K)
-            else:
-                raise ValueError(
-                    f"`eps` must be 'data', 'global' or a number, got {eps!r}. "
-                    "Choose one."
-                )
-        return iss_certificate(
-            A, self.C_, eps=eps, phi=phi, objective=objective, method=method
-        )
-
-    def gain_certificate(self, K=None):
-        """Certify the incremental l2 gain of the linearized loop (eq. slopes).
-
-        The loop is u = v - h, with v = r - K x if `K` is given; the gain is that from
-        v, or r, to y.
-
-        Parameters
-        ----------
-        K : array_like of shape (nu, nx) or None, default=None
-            State feedback, in the basis of `A_` and the units of u.
-
-        Returns
-        -------
-        certificate : GainCertificate
-            The smallest gain that slope multipliers prove, in units of y per unit of
-            u; one that does not hold says why.
-
-        Raises
-        ------
-        ValueError
-            If `K` has the wrong shape.
-        RuntimeError
-            If the solver breaks down.
-        """
-        from ..certificates import gain_certificate, state_feedback
-
-        check_is_fitted(self)
-        K = self._check_gain(K)
-        lure, feedback = self._plant()
-        loop = lure.close(*feedback)
-        return gain_certificate(loop if K is None else state_feedback(loop, K))
-
-    def _check_gain(self, K):
-        if K is None:
-            return None
-        K = np.asarray(K, dtype=float)
-        if K.shape != self.B_.T.shape or not np.isfinite(K).all():
-            raise ValueError(
-                f"`K` must be a finite matrix of shape {self.B_.T.shape}, got shape "
-                f"{K.shape}. It acts on the states of `A_`."
-            )
-        return K
-
-    def _records(self, u, y, experiment):
-        """Return (u, x0) of every experiment, in the user's units."""
-        if u is None or y is None:
-            raise ValueError(
-                "`u` and `y` must be given for eps='data', got None. Pass records, or "
-                "eps='global'."
-            )
-        u, y, parts = self._test_data(u, y, experiment)
-        return [
-            (
-                u_s[:] * self._scaling.u_scale,
-                self._initial_state(u_s, y_s, self._window(u_s)),
-            )
-            for u_s, y_s in self._experiments(u, y, parts)
-        ]
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

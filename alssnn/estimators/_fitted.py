@@ -1,0 +1,46 @@
+"""What a fitted model has: the contract between `StateSpaceModel` and its mixins."""
+
+from collections.abc import Callable
+
+import numpy as np
+from sklearn.utils import Bunch
+
+from ..experiments import Scaling
+from ..linearizability import Region
+from ..structures import Structure
+
+
+class Fitted:
+    """Declare the attributes that `fit` sets and the helpers that mixins share."""
+
+    dt: float
+    n_features_in_: int
+
+    # The fit in scaled deviations; the public attributes are made from it.
+    _structure: Structure
+    _theta: np.ndarray
+    _scaling: Scaling
+    _region: Region
+    _x_scale: np.ndarray  # states of the user over states of the fit
+
+    params_: Bunch
+    A_: np.ndarray
+    B_: np.ndarray
+    C_: np.ndarray
+    D_: np.ndarray
+    x0_: np.ndarray
+    nx_: int
+    cost_: float
+    n_iter_: int
+    converged_: bool
+    input_delay_: np.ndarray
+    output_names_: list | None
+    u_offset_: np.ndarray
+    y_offset_: np.ndarray
+
+    _plant: Callable  # Lur'e form in the user's units, and (K, k) of h = K w + k
+    _h: Callable  # the network h in the user's units
+    _test_data: Callable  # checked (u, y) and the samples of every experiment
+    _experiments: Callable  # scaled deviations of every experiment
+    _initial_state: Callable  # of one scaled experiment, in the user's units
+    _window: Callable  # samples of an experiment spent on its initial state
