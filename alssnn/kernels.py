@@ -41,7 +41,7 @@ class Kernel:
 
     @property
     def is_compiled(self):
-        """Tell whether the twin runs in the place of the original."""
+        """Return whether the twin runs in the place of the original."""
         return self._resolved is not self.plain
 
     def __call__(self, *args):

@@ -114,10 +114,7 @@ class Lure:
 
     @cached_property
     def layers(self):
-        """Return the layers of neurons, as slices.
-
-        Within one there is no coupling and one activation.
-        """
+        """Return the layers of neurons, as slices: no coupling, one activation each."""
         starts = [0] if self.nw else []
         for i in range(1, self.nw):
             other = self.sigma[i] is not self.sigma[i - 1]

@@ -429,7 +429,7 @@ def state_space_structure(
         channels.append("h")
 
     def penalized(*axes):
-        """Return where else a value goes: its own channel, or that of its effect."""
+        # where else a value goes: its own channel, or the states of its effect
         return [(axis, ()) for axis in axes if axis in (*states, *channels)]
 
     def add(net, inputs, rows, biases):

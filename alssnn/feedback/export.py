@@ -238,7 +238,7 @@ class Dynamics:
 
     @cached_property
     def has_linear_output(self):
-        """Tell whether y = C x; with D or k it depends on u of the same sample."""
+        """Return whether y = C x; with D or k it depends on u of the same sample."""
         lure = self.lure
         y = lure.Theta[lure.nx : lure.nx + lure.nz]
         return not np.any(y[:, lure.nx :])
