@@ -62,6 +62,18 @@ def initial_theta(structure, linear, experiments, rng):
         X = np.zeros_like(X)
     y_hat = X @ linear.C.T + u @ linear.D.T
     signals = {"x": X, "u": u, "y": np.where(np.isnan(y), y_hat, y)}
+
+    def values(axis, samples):
+        """Return what a layer sees of a signal or of the layer before it."""
+        if axis in signals:
+            return signals[axis][samples]
+        v = sum(
+            values(axes[1], samples) @ p[name].T if len(axes) == 2 else p[name]
+            for name, axes in structure.parameters.items()
+            if axes[0] == axis
+        )
+        return structure.activations[axis].value(v)
+
     for axis in structure.neurons:
         size = structure.sizes[axis]
         samples = rng.integers(len(u), size=size)
@@ -71,18 +83,14 @@ def initial_theta(structure, linear, experiments, rng):
             if axes[0] == axis and len(axes) == 2
         }
         width = sum(structure.sizes[source] for source in inner.values())
-        v, bias = np.zeros((len(u), size)), np.zeros(size)
+        bias = np.zeros(size)
         for name, source in inner.items():
             shape = structure.shapes[name]
             p[name] = rng.normal(scale=INITIAL_SLOPE / np.sqrt(width), size=shape)
-            bias -= np.sum(p[name] * signals[source][samples], axis=1)
-            v += signals[source] @ p[name].T
+            bias -= np.sum(p[name] * values(source, samples), axis=1)
         for name, axes in structure.parameters.items():
             if axes == (axis,):
                 p[name] = bias
-                v += bias
-        # what the next layer sees
-        signals[axis] = structure.activations[axis].value(v)
     return structure.join(p)
 
 

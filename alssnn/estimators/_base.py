@@ -39,7 +39,6 @@ POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
 DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
-REGION_SAMPLES = 1_000_000  # of a long record, which span the training region
 
 
 class StateSpaceModel(
@@ -543,18 +542,18 @@ class StateSpaceModel(
     def _training_region(self, experiments):
         """Return the region that simulations of the scaled experiments cover."""
         lure, nx = self._structure.lure(self._theta), self.nx_
-        every = -(-sum(len(u) for u, _ in experiments) // REGION_SAMPLES)
-        samples = []
-        for (u_s, y_s), x0 in zip(experiments, self.x0_, strict=True):
-            for part, u, X in trajectory(lure, u_s, x0 / self._x_scale):
-                Phi = regressors(lure, X[:-1], u)[::every]
-                y_hat = Phi @ lure.Theta[nx : nx + lure.nz].T
-                y = y_s[part][::every]
-                y = np.where(np.isnan(y), y_hat, y)
-                samples.append((Phi[:, :nx], Phi[:, nx : nx + lure.nu], y_hat, y))
-        X, u, y_hat, y = (np.vstack(signal) for signal in zip(*samples, strict=True))
+        Theta_y = lure.Theta[nx : nx + lure.nz].T
         u_scale, y_scale = self._scaling.u_scale, self._scaling.y_scale
-        return Region.of(X * self._x_scale, u * u_scale, y_hat * y_scale, y * y_scale)
+
+        def chunks():
+            for (u_s, y_s), x0 in zip(experiments, self.x0_, strict=True):
+                for part, u, X in trajectory(lure, u_s, x0 / self._x_scale):
+                    y_hat = regressors(lure, X[:-1], u) @ Theta_y
+                    y = np.where(np.isnan(y_s[part]), y_hat, y_s[part])
+                    X = X[:-1] * self._x_scale
+                    yield X, u * u_scale, y_hat * y_scale, y * y_scale
+
+        return Region.of_chunks(chunks)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

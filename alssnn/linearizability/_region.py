@@ -64,15 +64,45 @@ class Region:
         region : Region
             The region, enlarged by `MARGIN`.
         """
-        outputs = y if measured is None else np.vstack([y, measured])
-        low = np.hstack([u.min(axis=0), outputs.min(axis=0)])
-        high = np.hstack([u.max(axis=0), outputs.max(axis=0)])
-        center = X.mean(axis=0)
-        R = np.linalg.qr(X - center, mode="r")
-        _, spread, Vt = np.linalg.svd(R, full_matrices=False)
-        excited = spread > RANK_TOL * spread.max()
+        return cls.of_chunks(lambda: [(X, u, y, y if measured is None else measured)])
+
+    @classmethod
+    def of_chunks(cls, chunks):
+        """Return the region of training trajectories that are made chunk by chunk.
+
+        Parameters
+        ----------
+        chunks : callable
+            Returns an iterable of tuples (X, u, y, measured), as `of` takes them. It is
+            called twice: nothing is kept of a chunk.
+
+        Returns
+        -------
+        region : Region
+            The region, enlarged by `MARGIN`.
+        """
+        low, high, total = np.array(np.inf), np.array(-np.inf), np.array(0.0)
+        R, count = np.empty((0, 0)), 0
+        for X, u, y, measured in chunks():
+            low = np.minimum(
+                low, np.hstack([u.min(0), np.vstack([y, measured]).min(0)])
+            )
+            high = np.maximum(
+                high, np.hstack([u.max(0), np.vstack([y, measured]).max(0)])
+            )
+            total, count = total + X.sum(axis=0), count + len(X)
+            # R'R is the sum of [X, 1]'[X, 1], without squaring its condition
+            rows = np.hstack([np.ones((len(X), 1)), X])
+            above = R if R.size else rows[:0]
+            R = np.asarray(np.linalg.qr(np.vstack([above, rows]), mode="r"))
+        center = total / count
+        # below its first row, R has what is left of X without the mean
+        _, spread, Vt = np.linalg.svd(R[1:, 1:], full_matrices=False)
+        excited = spread > RANK_TOL * spread.max(initial=0.0)
         whiten = Vt[excited].T / spread[excited]
-        radius = np.linalg.norm((X - center) @ whiten, axis=1).max()
+        radius = max(
+            np.linalg.norm((X - center) @ whiten, axis=1).max() for X, *_ in chunks()
+        )
         slack = MARGIN * (high - low)
         return cls(low - slack, high + slack, center, whiten, (1 + MARGIN) * radius)
 
