@@ -107,7 +107,7 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
         Discrete-time controller with output v and the inputs (r, y), or r - y alone;
         it acts on deviations from the operating point. r has the units of y.
     observer : Observer or None, default=None
-        Source of x_hat, with constant gain. None takes the true state if `plant` is
+        Source of x_hat, of either kind. None takes the true state if `plant` is
         `model`, and else ``model.observer()``. Left out where nothing needs x_hat.
     law : LinearizingLaw or None, default=None
         Linearizing law, for example with limits; None takes
@@ -128,8 +128,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
         If plant, controller, observer or law is of another type.
     ValueError
         If sizes or sampling times do not fit, a system is continuous in time, the
-        plant is not strictly proper, the observer has no constant gain, or not
-        exactly one of `gain` and `controller` is given.
+        plant is not strictly proper, or not exactly one of `gain` and `controller`
+        is given.
 
     Notes
     -----

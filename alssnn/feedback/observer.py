@@ -101,8 +101,7 @@ class Observer:
             If `x0` has the wrong size.
         """
         self.x_hat = check_point("x0", x0, len(self.Q))
-        # the start is as uncertain as the states are large
-        self._P = self._P_inf + np.eye(len(self.Q))
+        self._P = self._start_covariance()
         self._started = False
 
     def step(self, u, y, u_now=None):
@@ -133,20 +132,9 @@ class Observer:
         if u_now is not None:
             u_now = check_point("u_now", u_now, self.dynamics.lure.nu)
         if self._started:
-            if self.kind == "ekf":
-                A = self.dynamics.jacobian(self.x_hat, u - self.dynamics.u_offset)[0]
-                self._P = A @ self._P @ A.T + self.Q
-            self.x_hat = self.dynamics.step(self.x_hat, u)
+            self.x_hat, self._P = self._predict(self.x_hat, self._P, u)
         self._started = True
-        M = self.gain
-        if self.kind == "ekf":
-            du = 0 * u if u_now is None else u_now - self.dynamics.u_offset
-            C = self.dynamics.jacobian(self.x_hat, du)[2]
-            C = np.where(np.isnan(y)[:, None], 0.0, C)  # it says nothing
-            M = self._gain(self._P, C)
-            self._P = self._P - M @ C @ self._P
-            self._P = (self._P + self._P.T) / 2
-        self.x_hat = self._correct(M, self.x_hat, y, u_now)
+        self.x_hat, self._P = self._correct(self.x_hat, self._P, y, u_now)
         return self.x_hat
 
     def filter(self, u, y, x0=None):
@@ -190,15 +178,16 @@ class Observer:
         before = np.vstack([u[:1], u[:-1]])
         return np.array([runner.step(*z) for z in zip(before, y, u, strict=True)])
 
-    def update(self, t, x, signals, params):
+    def update(self, t, z, signals, params):
         """Return the predicted state for (u, y), for python-control.
 
         Parameters
         ----------
         t : float
             Time, in seconds; not used.
-        x : ndarray of shape (nx,)
-            State predicted for this sample.
+        z : ndarray of shape (nx,) or (nx + nx**2,)
+            State predicted for this sample and, if it follows the way ("ekf"), its
+            covariance.
         signals : ndarray of shape (nu + ny,)
             Inputs, then outputs, in the user's units.
         params : dict
@@ -206,21 +195,24 @@ class Observer:
 
         Returns
         -------
-        x_next : ndarray of shape (nx,)
-            State predicted for the next sample.
+        z_next : ndarray of shape (nx,) or (nx + nx**2,)
+            The same, predicted for the next sample.
         """
         u, y = np.split(signals, [self.dynamics.lure.nu])
-        return self.dynamics.step(self._correct(self.gain, x, y, u), u)
+        x, P = self._unpack(z)
+        x, P = self._correct(x, P, y, u)
+        x, P = self._predict(x, P, u)
+        return np.concatenate([x, P.ravel()])[: len(z)]
 
-    def output(self, t, x, signals, params):
+    def output(self, t, z, signals, params):
         """Return the corrected state for (u, y), for python-control.
 
         Parameters
         ----------
         t : float
             Time, in seconds; not used.
-        x : ndarray of shape (nx,)
-            State predicted for this sample.
+        z : ndarray of shape (nx,) or (nx + nx**2,)
+            State predicted for this sample, and its covariance.
         signals : ndarray of shape (nu + ny,)
             Inputs, then outputs, in the user's units.
         params : dict
@@ -234,45 +226,90 @@ class Observer:
         u, y = np.split(signals, [self.dynamics.lure.nu])
         # without feedthrough x_hat does not depend on u: no algebraic loop
         now = None if self.dynamics.has_linear_output else u
-        return self._correct(self.gain, x, y, now)
+        x, P = self._unpack(z)
+        return self._correct(x, P, y, now)[0]
 
     def to_nlsys(self):
-        """Return the observer with constant gain as a system of python-control.
+        """Return the observer as a system of python-control.
 
         Returns
         -------
         sys : control.NonlinearIOSystem
             System from (u, y), with the names of the training data, to ``x_hat[0]``,
-            ...; its states are the predictions.
-
-        Raises
-        ------
-        ValueError
-            If the observer is an extended Kalman filter.
+            ...; its states are the predictions, behind which an extended Kalman filter
+            has their covariance, row by row. See `initial_state`.
         """
-        if self.kind != "kalman":
-            raise ValueError(
-                f"`kind` must be 'kalman' for a system of python-control, got "
-                f"{self.kind!r}. Use `step` or `filter`, or the constant gain."
-            )
+        nx = len(self.Q)
+        states = signal_names(None, "x", nx)
+        if self.kind == "ekf":
+            states += [f"P[{i},{j}]" for i in range(nx) for j in range(nx)]
         return control.nlsys(
             self.update,
             self.output,
             inputs=[*self.dynamics.inputs, *self.dynamics.outputs],
-            outputs=signal_names(None, "x_hat", len(self.Q)),
-            states=signal_names(None, "x", len(self.Q)),
+            outputs=signal_names(None, "x_hat", nx),
+            states=states,
             dt=self.dynamics.dt,
             name="observer",
         )
+
+    def initial_state(self, x0=None):
+        """Return where the system of `to_nlsys` starts as `filter` does.
+
+        Parameters
+        ----------
+        x0 : array_like of shape (nx,) or None, default=None
+            Estimate before the first measurement; None means the operating point.
+
+        Returns
+        -------
+        z0 : ndarray of shape (nx,) or (nx + nx**2,)
+            State of the system. From zeros instead, an extended Kalman filter is sure
+            of its start.
+
+        Raises
+        ------
+        ValueError
+            If `x0` has the wrong size.
+        """
+        x0 = check_point("x0", x0, len(self.Q))
+        if self.kind == "kalman":
+            return x0
+        return np.concatenate([x0, self._start_covariance().ravel()])
+
+    def _start_covariance(self):
+        # the start is as uncertain as the states are large
+        return self._P_inf + np.eye(len(self.Q))
+
+    def _unpack(self, z):
+        nx = len(self.Q)
+        return z[:nx], z[nx:].reshape(-1, nx)  # a constant gain needs no covariance
 
     def _gain(self, P, C):
         PC = P @ C.T  # (nx, ny)
         return np.linalg.solve(C @ PC + self.R, PC.T).T
 
-    def _correct(self, M, x, y, u=None):
+    def _correct(self, x, P, y, u=None):
+        """Return state and covariance after a measurement; nan corrects nothing."""
+        M = self.gain
+        if self.kind == "ekf":
+            du = np.zeros(self.dynamics.lure.nu)
+            if u is not None:
+                du = u - self.dynamics.u_offset
+            C = self.dynamics.jacobian(x, du)[2]
+            C = np.where(np.isnan(y)[:, None], 0.0, C)
+            M = self._gain(P, C)
+            P = P - M @ C @ P
+            P = (P + P.T) / 2
         error = y - self.dynamics.measure(x, u)
-        # an output that was not measured corrects nothing
-        return x + M @ np.where(np.isnan(error), 0.0, error)
+        return x + M @ np.where(np.isnan(error), 0.0, error), P
+
+    def _predict(self, x, P, u):
+        """Return state and covariance one sample later."""
+        if self.kind == "ekf":
+            A = self.dynamics.jacobian(x, u - self.dynamics.u_offset)[0]
+            P = A @ P @ A.T + self.Q
+        return self.dynamics.step(x, u), P
 
 
 def check_weight(name, value, size, *, definite=False):
