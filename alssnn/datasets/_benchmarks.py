@@ -66,6 +66,10 @@ def fetch_coupled_drives(data_home=None, excitation="uniform"):
     ValueError
         If `excitation` is unknown, or the file is not the record.
 
+    See Also
+    --------
+    alssnn.rectified.restore_sign : Recover the sign that the counter does not see.
+
     Notes
     -----
     The experiments are fitted together: ``model.fit(*zip(*train))``. The benchmark
