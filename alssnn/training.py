@@ -40,7 +40,7 @@ def initial_theta(structure, linear, experiments, rng):
     structure : Structure
         Structure of the model.
     linear : LinearModel
-        Linear start; its C is the constant of the structure.
+        Linear start; its C is that of the structure, a constant or a parameter.
     experiments : sequence of tuple of ndarray
         Pairs (u, y) of scaled deviations.
     rng : numpy.random.Generator
@@ -51,7 +51,7 @@ def initial_theta(structure, linear, experiments, rng):
     theta : ndarray of shape (n_params,)
         Flat parameters.
     """
-    p = {"A": linear.A, "B": linear.B, "D": linear.D}
+    p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
     pick = rng.integers(len(experiments))
     u, y = (np.asarray(signal) for signal in experiments[pick])
     X = simulate(
@@ -62,8 +62,10 @@ def initial_theta(structure, linear, experiments, rng):
         X = np.zeros_like(X)
     y_hat = X @ linear.C.T + u @ linear.D.T
     signals = {"x": X, "u": u, "y": np.where(np.isnan(y), y_hat, y)}
+    first = 0
     for axis in structure.neurons:
         size = structure.sizes[axis]
+        sigma, first = structure.sigma[first], first + size
         samples = rng.integers(len(u), size=size)
         inner = {
             name: axes[1]
@@ -82,7 +84,7 @@ def initial_theta(structure, linear, experiments, rng):
                 p[name] = bias
                 v += bias
         # what the next layer sees
-        signals[axis] = structure.activations[axis].value(v)
+        signals[axis] = sigma.value(v)
     return structure.join(p)
 
 
