@@ -33,7 +33,7 @@ warnings.simplefilter("ignore", ConvergenceWarning)  # fits are short on purpose
 
 try:
     train, test = fetch_coupled_drives()
-    nx, unit = 4, "ticks/s"
+    nx, quantity, unit = 4, "speed", "ticks/s"
 except FileNotFoundError:
     runs = []
     for seed in (0, 1):
@@ -42,7 +42,7 @@ except FileNotFoundError:
         s = control.input_output_response(run.plant, t, u.T, X0=[0.0, 0.0]).outputs
         runs.append(Record(u, np.abs(s), run.dt, "|pendulum|"))
     train, test = zip(*(run.split(400) for run in runs), strict=True)
-    nx, unit = 2, "rad"
+    nx, quantity, unit = 2, "angle", "rad"
 dt = train[0].dt
 u, y = zip(*train, strict=True)
 print(*train, sep="\n")
@@ -57,7 +57,7 @@ signed, linear = restore_sign(
     u, y, LinearStateSpace(nx=nx, operating_point="zero", dt=dt)
 )
 for i, s in enumerate(signed, start=1):
-    print(f"experiment {i}: {100 * np.mean(s < 0):.0f} % of the speeds are negative")
+    print(f"experiment {i}, {quantity}: {100 * np.mean(s < 0):.0f} % of it is negative")
 
 # %%
 # The models
@@ -113,7 +113,7 @@ for i, axis in enumerate(axes):
     axis.plot(t, test[i].y, "k", lw=2, label="measured")
     for name, color in (("LTI of |s|", "0.7"), ("LTI", "C3"), ("AL-SSNN", "C0")):
         axis.plot(t, y_hat[name][i], color=color, label=name)
-    axis.set(ylabel=f"speed, {unit}", title=f"experiment {i + 1}, test part")
+    axis.set(ylabel=f"{quantity}, {unit}", title=f"experiment {i + 1}, test part")
 axes[1].set(xlabel="time, s")
 axes[0].legend(ncols=4, fontsize="small")
 plt.show()
