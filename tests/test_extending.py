@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
-from alssnn import Activation, FlSsnn
+from alssnn import Activation, FlSsnn, GrSsnn
 from alssnn.activations import as_activation
 from alssnn.certificates import iss_margin
 from alssnn.criterion import Criterion
@@ -234,7 +234,7 @@ def test_a_certificate_is_checked_by_numbers_and_by_simulation(rng):
 
 def test_an_activation_of_the_user_works_in_shipped_models():
     record = make_saturated_filter(200, random_state=0)
-    model = FlSsnn(2, 4, activation=SOFTSIGN, odd=True, gamma_h=0.01, tol=1e-2)
+    model = GrSsnn(2, 4, activation=SOFTSIGN, tol=1e-2, random_state=0)
     model.fit(*record)
     assert np.isfinite(model.predict(record.u)).all()
     assert model._structure.sigma == (SOFTSIGN,) * 4

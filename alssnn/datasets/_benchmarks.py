@@ -1,7 +1,6 @@
 """Measured benchmark records: coupled drives, cascaded tanks, Silverbox."""
 
 import numpy as np
-from scipy.io import loadmat
 
 from ._files import WEBSITE, _check_length, _find_file, _read_columns
 from ._record import Record
@@ -209,6 +208,8 @@ def fetch_silverbox(data_home=None):
     >>> train  # doctest: +SKIP
     Record('Silverbox, train', N=65062, nu=1, ny=1, dt=0.0016384 s)
     """
+    from scipy.io import loadmat  # here, so that importing the datasets stays light
+
     path = _find_file(data_home, "silverbox", SILVERBOX_FILE)
     try:
         content = loadmat(path, variable_names=["V1", "V2"])
