@@ -134,10 +134,25 @@ class Structure:
     def sigma(self):
         """Return the activation of every neuron."""
         return tuple(
-            self.activations.get(axis, ACTIVATIONS["tanh"])
+            self.activation(axis)
             for axis in self.neurons
             for _ in range(self.sizes[axis])
         )
+
+    def activation(self, axis):
+        """Return the activation of an axis of neurons.
+
+        Parameters
+        ----------
+        axis : str
+            Axis of neurons.
+
+        Returns
+        -------
+        activation : Activation
+            That of `activations`, tanh if it is not named there.
+        """
+        return self.activations.get(axis, ACTIVATIONS["tanh"])
 
     @cached_property
     def shapes(self):

@@ -40,7 +40,7 @@ def initial_theta(structure, linear, experiments, rng):
     structure : Structure
         Structure of the model.
     linear : LinearModel
-        Linear start; its C is the constant of the structure.
+        Linear start; its C is that of the structure, a constant or a parameter.
     experiments : sequence of tuple of ndarray
         Pairs (u, y) of scaled deviations.
     rng : numpy.random.Generator
@@ -51,7 +51,7 @@ def initial_theta(structure, linear, experiments, rng):
     theta : ndarray of shape (n_params,)
         Flat parameters.
     """
-    p = {"A": linear.A, "B": linear.B, "D": linear.D}
+    p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
     pick = rng.integers(len(experiments))
     u, y = (np.asarray(signal) for signal in experiments[pick])
     X = simulate(
@@ -72,7 +72,7 @@ def initial_theta(structure, linear, experiments, rng):
             for name, axes in structure.parameters.items()
             if axes[0] == axis
         )
-        return structure.activations[axis].value(v)
+        return structure.activation(axis).value(v)
 
     for axis in structure.neurons:
         size = structure.sizes[axis]

@@ -1,18 +1,7 @@
-"""Measured benchmark records, read from a folder of the user's: the data home.
+"""The measured Wiener-Hammerstein circuit, the record of the paper."""
 
-The records are not part of the package, as most of them state no licence for
-redistribution. A further record is one more ``fetch_*`` function: it finds its file by
-`_find_file`, reads it, and returns `Record` objects.
-"""
-
-import os
-from pathlib import Path
-
-import numpy as np
-
+from ._files import WEBSITE, _find_file, _read_columns
 from ._record import Record
-
-WEBSITE = "https://www.nonlinearbenchmark.org"
 
 WIENER_HAMMERSTEIN_FILE = "WienerHammerBenchmark.csv"
 WIENER_HAMMERSTEIN_RATE = 51_200  # Hz
@@ -21,6 +10,10 @@ WIENER_HAMMERSTEIN_SPLITS = {  # rows of (train, test)
     "paper": (slice(0, 100_000), slice(100_000, 188_000)),
     "official": (slice(5_200, 105_200), slice(105_200, 184_000)),
 }
+DOWNLOAD = (
+    "Or let the package nonlinear_benchmarks (pip install "
+    '"alssnn[data]") download it: set `download_if_missing=True`.'
+)
 
 
 def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=False):
@@ -90,7 +83,9 @@ def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=
             "For other rows, slice the signals of the 'paper' records."
         )
     try:
-        path = _find_file(data_home, "wiener_hammerstein", WIENER_HAMMERSTEIN_FILE)
+        path = _find_file(
+            data_home, "wiener_hammerstein", WIENER_HAMMERSTEIN_FILE, hint=DOWNLOAD
+        )
     except FileNotFoundError:
         if not download_if_missing:
             raise
@@ -116,57 +111,6 @@ def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=
         )
     )
     return train, test
-
-
-def _data_home(data_home):
-    """Return the folder of the measured records."""
-    if data_home is None:
-        # An empty variable counts as unset: it would mean the current directory.
-        data_home = os.environ.get("ALSSNN_DATA_HOME") or "~/alssnn_data"
-    return Path(data_home).expanduser()
-
-
-def _find_file(data_home, folder, filename):
-    """Return the path of a file in `folder` of the data home, or directly in it."""
-    home = _data_home(data_home)
-    candidates = [home / folder / filename, home / filename]
-    for path in candidates:
-        if path.is_file():
-            return path
-    raise FileNotFoundError(
-        f"The record {filename} was not found, looked for {candidates[0]} and "
-        f"{candidates[1]}. Get it from {WEBSITE} and put it there, or name its folder "
-        "by `data_home` or by the environment variable ALSSNN_DATA_HOME. Or let the "
-        'package nonlinear_benchmarks (pip install "alssnn[data]") download it: set '
-        "`download_if_missing=True`."
-    )
-
-
-def _read_columns(path, names):
-    """Read the leading columns of a CSV file after checking their names."""
-    with open(path, encoding="utf-8", errors="replace") as file:
-        header = file.readline().strip()
-    found = [field.strip().strip('"') for field in header.split(",")]
-    if found[: len(names)] != names:
-        raise ValueError(
-            f"`{path}` must start with the columns {', '.join(names)}, got "
-            f"{header[:60]!r}. Get the file again from {WEBSITE}."
-        )
-    try:
-        columns = np.loadtxt(
-            path,
-            delimiter=",",
-            skiprows=1,
-            usecols=range(len(names)),
-            ndmin=2,
-            encoding="utf-8",
-        )  # (N, n_columns)
-    except ValueError as error:
-        raise ValueError(
-            f"`{path}` must hold numbers below its header, got: {error}. "
-            f"Get the file again from {WEBSITE}."
-        ) from error
-    return np.ascontiguousarray(columns.T)
 
 
 def _download(loader):

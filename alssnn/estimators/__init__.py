@@ -5,12 +5,14 @@
     AlSsnn             x+ = A x + B (u + h(y)) + g(x, u)     g penalized by gamma
     GrSsnn             x+ = A x + B u + f(x, u)              f free
 
-with y = C x for all.  `fit` turns records into scaled deviations, identifies a linear
-model, trains the networks from it and converts the outcome to the user's units;
-everything else delegates downwards.
+with y = C x for all; `Ssnn` is what models of other structures derive from.  `fit`
+turns records into scaled deviations, identifies a linear model, trains the networks
+from it and converts the outcome to the user's units; everything else delegates
+downwards.
 """
 
 from ._linear import LinearStateSpace
 from ._networks import AlSsnn, FlSsnn, GrSsnn
+from ._ssnn import Ssnn
 
-__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace"]
+__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace", "Ssnn"]

@@ -15,7 +15,11 @@ from ._base import POSITIVE, WEIGHT, StateSpaceModel
 
 
 class Ssnn(StateSpaceModel):
-    """Share the training of models with networks."""
+    """Share the training of models with networks.
+
+    A model stores its parameters in ``__init__`` and names its networks in
+    ``_networks``; one of another family declares its structure in ``_declare``.
+    """
 
     _parameter_constraints: ClassVar[dict] = {
         **StateSpaceModel._parameter_constraints,
@@ -41,7 +45,11 @@ class Ssnn(StateSpaceModel):
 
     @abstractmethod
     def _networks(self):
-        """Return the sizes and kinds of networks, for `state_space_structure`."""
+        """Return the sizes and kinds of networks, for `_declare`."""
+
+    def _declare(self, nx, nu, ny, **networks):
+        """Return the structure; models of another family declare their own."""
+        return state_space_structure(nx, nu, ny, **networks)
 
     def _identify(self, experiments, previous):
         report = self._reporter()
@@ -55,7 +63,7 @@ class Ssnn(StateSpaceModel):
                 linear = contractive_basis(linear, phi)
                 self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
-            plain = state_space_structure(nx, nu, ny, C=linear.C, **networks)
+            plain = self._declare(nx, nu, ny, C=linear.C, **networks)
             if plain.nw == 0 and phi is None and self.linear_start is None:
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
@@ -65,7 +73,7 @@ class Ssnn(StateSpaceModel):
                 for seed in seeds
             ]
         nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
-        penalized = state_space_structure(
+        penalized = self._declare(
             nx,
             nu,
             ny,
@@ -106,7 +114,7 @@ class Ssnn(StateSpaceModel):
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]
-        wanted = state_space_structure(nx, nu, ny, C=C, **networks)
+        wanted = self._declare(nx, nu, ny, C=C, **networks)
         return (
             wanted.shapes == structure.shapes
             and wanted.activations == structure.activations
