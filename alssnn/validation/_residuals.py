@@ -363,13 +363,13 @@ def _regress(white, u, powers, n_lags):
     n = sum(int(np.isfinite(block[:, -1]).sum()) for block in _complete(rows()))
     squares = R[:-1, -1] ** 2
     left = np.sum(squares[1:]) + R[-1, -1] ** 2  # what the constant leaves
-    variance, dof, start = left, n - 1, 1
+    variance, dof, start = max(left, np.finfo(float).tiny), n - 1, 1
     p, share = [], []
     for size in sizes:
         block = slice(start, start + size)
         d, explained = int(counts[block].sum()), squares[block][counts[block]].sum()
         left, dof, start = left - squares[block].sum(), dof - size, start + size
-        left = max(left, np.finfo(float).tiny)
+        left = max(left, np.finfo(float).eps * variance)  # all but rounding explained
         p.append(f.sf(explained / d / (left / dof), d, dof) if d else 1.0)
         share.append(explained / variance)
     return p, share

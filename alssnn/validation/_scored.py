@@ -7,6 +7,8 @@ does, and these samples are left out.
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from ..simulation import channels, simulate
+
 
 def scored_experiments(model, u, y, experiment=None):
     """Return inputs, measured and simulated outputs of every experiment.
@@ -37,15 +39,17 @@ def scored_experiments(model, u, y, experiment=None):
     ValueError
         If the data do not fit the model.
     """
-    check_is_fitted(model)
-    u, y, parts = model._test_data(u, y, experiment)
-    scaled = model._experiments(u, y, parts)
+    lure, _ = model._plant()
     experiments, starts = [], []
-    for part, (u_s, _) in zip(parts, scaled, strict=True):
-        measured, y_hat = model.simulate_test(u[part], y[part])
-        start = len(u_s) - len(measured)
-        late = u_s[start : len(u_s)] * model._scaling.u_scale + model.u_offset_
-        experiments.append((late, measured, y_hat))
+    for u_k, y_k, x0 in deviations(model, u, y, experiment):
+        X = simulate(lure, u_k, x0)[:-1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            y_hat = channels(lure, X, u_k)
+        y_hat = np.where(np.isfinite(y_hat), y_hat, np.inf)
+        start = model._window(u_k)
+        u_k, y_k, y_hat = (z[start:] for z in (u_k, y_k, y_hat))
+        offset = model.y_offset_
+        experiments.append((u_k + model.u_offset_, y_k + offset, y_hat + offset))
         starts.append(start)
     return experiments, starts
 
