@@ -13,15 +13,15 @@ OUTSIDE = 0.01  # share of samples outside the training region that is accepted
 MEANING = {
     "independence": (
         "lags of u",
-        "linear dynamics are missing: raise `nx`, or check `input_delay`",
+        "dynamics are missing: raise `nx`, or check `input_delay`",
     ),
     "squares": (
         "squares and products of the signals",
-        "an even nonlinearity is missing: add neurons to h or g",
+        "an even nonlinearity is missing: add networks or neurons",
     ),
     "cubes": (
         "cubes of the signals",
-        "an odd nonlinearity is missing: add neurons to h or g",
+        "an odd nonlinearity is missing: add networks or neurons",
     ),
 }
 
