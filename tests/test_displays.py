@@ -444,7 +444,11 @@ def test_wrong_arguments(model, linear, data):
         ),
         (lambda: B.from_estimator(model, [[1, 2, 3]]), "`amplitudes` must have shape"),
         (lambda: B.from_estimator(model, band=(1, 2)), "`band` must hold frequencies"),
-        (lambda: PoleDisplay.from_estimator(model, K=[[1]]), "`K` must have shape"),
+        (lambda: PoleDisplay.from_estimator(model, K=[[1]]), "`K` must be a finite"),
+        (
+            lambda: C.from_estimator(model, good, *data, K=[[1]]),
+            "`K` must be a finite matrix",
+        ),
         (
             lambda: SingularValuesDisplay.from_estimator(given),
             "`model` must have singular values",

@@ -398,7 +398,7 @@ def test_the_loop_deviates_by_what_g_makes(fl_model):
     assert np.abs(run.Z).max() < 1e-9 * np.abs(run.X).max()
     rng = np.random.default_rng(0)
     y = plant(u, strength=0.02) + 0.01 * rng.standard_normal(u.shape)
-    model = fit(AlSsnn(nx=2, n_h=2, n_g=3, gamma=1e-3, max_iter=10), u, y)
+    model = fit(AlSsnn(nx=2, n_h=2, n_g=3, max_iter=10, random_state=0), u, y)
     K = 0.1 * rng.standard_normal((2, 2))
     certificate = model.iss_certificate(u, y, K=K)
     (run,) = loop_deviation(model, u, y, K=K)

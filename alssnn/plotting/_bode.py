@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..validation import frequency_response, signal_names, sine_response
+from ..validation import column_names, frequency_response, sine_response
 from ._axes import color, finish, frequency_axis, grid_of_axes
 
 N_FREQUENCIES = 300  # of the linear response
@@ -99,7 +99,7 @@ class BodeDisplay:
         """
         sys = model.to_statespace()
         nu = model.B_.shape[1]
-        inputs, outputs = signal_names(model)
+        inputs, outputs = column_names(model)
         amplitudes = np.asarray(amplitudes, dtype=float)
         if amplitudes.size and amplitudes.shape not in [
             (len(amplitudes),),

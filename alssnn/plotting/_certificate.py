@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..validation import loop_deviation, signal_names
+from ..validation import column_names, loop_deviation
 from ._axes import color, finish, grid_of_axes
 
 POINTS = 200  # of an ellipse
@@ -103,8 +103,8 @@ class CertificateDisplay:
         Raises
         ------
         ValueError
-            If the certificate does not hold or `pair` is not two of the states or
-            outputs.
+            If the certificate does not hold, `pair` is not two of the states or
+            outputs, or `K` has the wrong shape.
         """
         if of not in ("states", "outputs"):
             raise ValueError(f"`of` must be 'states' or 'outputs', got {of!r}.")
@@ -116,7 +116,7 @@ class CertificateDisplay:
             )
         names = [f"x{i}" for i in range(model.nx_)]
         if of == "outputs":
-            names = signal_names(model)[1]
+            names = column_names(model)[1]
         runs = loop_deviation(model, u, y, experiment, K=K)
         labels = [f"deviation of {names[i]}" for i in pair]
         trajectories = [run.Z for run in runs]

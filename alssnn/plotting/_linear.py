@@ -146,12 +146,7 @@ class PoleDisplay:
             "model at its operating point": model.to_statespace("local").poles(),
         }
         if K is not None:
-            K = np.asarray(K, dtype=float)
-            if K.shape != model.B_.T.shape:
-                raise ValueError(
-                    f"`K` must have shape {model.B_.T.shape}, got {K.shape}. It acts "
-                    "on the states of `A_`."
-                )
+            K = model._check_gain(K)
             poles["A - B K"] = np.linalg.eigvals(model.A_ - model.B_ @ K)
         return cls(poles).plot(ax, **kwargs)
 

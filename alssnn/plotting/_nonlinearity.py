@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..simulation import simulate
-from ..validation import deviations, scored_experiments, signal_names
+from ..validation import column_names, deviations, scored_experiments
 from ._axes import MEASURED, color, finish, frequency_axis, grid_of_axes
 from ._spectrum import amplitude_spectrum
 
@@ -75,7 +75,7 @@ class NonlinearityDisplay:
                 f"`model` must have a network h, got {type(model).__name__} without "
                 "one. Fit AlSsnn or FlSsnn with n_h > 0."
             )
-        inputs, outputs = signal_names(model)
+        inputs, outputs = column_names(model)
         if "W_s" in model.params_:
             lure, _ = model._plant()
             runs = [simulate(lure, u_k, x0)[:-1] for u_k, _, x0 in experiments]
@@ -206,7 +206,7 @@ class ResidualNonlinearityDisplay:
             np.where(np.isnan(y_k), y_hat, y_k) - model.y_offset_
             for _, y_k, y_hat in experiments
         ]
-        names = signal_names(model)[1]
+        names = column_names(model)[1]
         return cls(e, measured, model.dt, names).plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):

@@ -1,6 +1,6 @@
 """Correlations of the residuals of a free run, with their bands."""
 
-from ..validation import residual_tests, scored_experiments, signal_names
+from ..validation import column_names, residual_tests, scored_experiments
 from ._axes import BAND, color, finish, grid_of_axes
 
 
@@ -74,7 +74,7 @@ class ResidualDisplay:
             range.
         """
         experiments, _ = scored_experiments(model, u, y, experiment)
-        inputs, outputs = signal_names(model)
+        inputs, outputs = column_names(model)
         tests = residual_tests(
             experiments,
             level=level,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..metrics import fit_percent
-from ..validation import scored_experiments, signal_names
+from ..validation import column_names, scored_experiments
 from ._axes import (
     MEASURED,
     check_names,
@@ -102,7 +102,7 @@ class SimulationDisplay:
             y_pred,
             dt=model.dt,
             t0=starts[which] * model.dt,
-            output_names=signal_names(model)[1],
+            output_names=column_names(model)[1],
             name=type(model).__name__ if name is None else name,
             ax=ax,
             **kwargs,

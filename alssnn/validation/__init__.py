@@ -14,7 +14,7 @@ from ._ahead import AheadFit, ahead_fit
 from ._loops import LoopDeviation, frequency_response, loop_deviation, sine_response
 from ._record import Check, Validation
 from ._residuals import ResidualTests, residual_tests
-from ._scored import deviations, scored_experiments, signal_names
+from ._scored import column_names, deviations, scored_experiments
 from ._validate import validate
 
 __all__ = [
@@ -24,12 +24,12 @@ __all__ = [
     "ResidualTests",
     "Validation",
     "ahead_fit",
+    "column_names",
     "deviations",
     "frequency_response",
     "loop_deviation",
     "residual_tests",
     "scored_experiments",
-    "signal_names",
     "sine_response",
     "validate",
 ]

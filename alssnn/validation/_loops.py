@@ -8,6 +8,7 @@ the curves of several amplitudes lie on that of (A, B, C) the loop is linear.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from sklearn.utils.validation import check_is_fitted
 
 from ..certificates import state_feedback
 from ..lure import Lure
@@ -171,12 +172,24 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     -------
     runs : list of LoopDeviation
         One run per experiment.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If `K` has the wrong shape, the data do not fit the model, or the law is
+        ill-posed.
     """
+    from ..feedback import LinearizingLaw  # it imports python-control
+
+    check_is_fitted(model)
+    LinearizingLaw(model)  # says why, where there is no such loop
+    K = model._check_gain(K)
     lure, feedback = model._plant()
     loop = lure.close(*feedback)
     A, B = model.A_, model.B_
     if K is not None:
-        K = np.asarray(K, dtype=float)
         loop, A = state_feedback(loop, K), A - B @ K
     nx, nu = B.shape
     linear = Lure(np.hstack([A, B, np.zeros((nx, 1))]), nx, nu, 0)

@@ -54,7 +54,7 @@ def scored_experiments(model, u, y, experiment=None):
     return experiments, starts
 
 
-def signal_names(model):
+def column_names(model):
     """Return names of the inputs and outputs of a model, as its data have them.
 
     Parameters

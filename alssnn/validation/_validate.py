@@ -6,7 +6,7 @@ from ..metrics import fit_percent
 from ._ahead import ahead_fit
 from ._record import Check, Validation
 from ._residuals import BLOCKS, check_options, residual_tests
-from ._scored import scored_experiments, signal_names
+from ._scored import column_names, scored_experiments
 
 OUTSIDE = 0.01  # share of samples outside the training region that is accepted
 
@@ -82,7 +82,7 @@ def validate(
             "the output."
         )
     experiments, _ = scored_experiments(model, u, y, experiment)
-    inputs, outputs = signal_names(model)
+    inputs, outputs = column_names(model)
     linear = model.linearizability(u, y, experiment)
     residuals = None
     if all(np.isfinite(y_hat).all() for _, _, y_hat in experiments):
