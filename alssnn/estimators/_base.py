@@ -34,6 +34,7 @@ from ..subspace import identify_linear
 from ..training import estimate_x0
 from ._control import ControlMixin
 from ._start import check_bounds, given_model
+from ._validation import ValidationMixin
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
@@ -42,7 +43,12 @@ DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
 
 
 class StateSpaceModel(
-    ControlMixin, MultiOutputMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
+    ControlMixin,
+    ValidationMixin,
+    MultiOutputMixin,
+    RegressorMixin,
+    BaseEstimator,
+    metaclass=ABCMeta,
 ):
     """Share data handling, simulation, scores and exports of all models."""
 

@@ -1,8 +1,4 @@
-"""Figures: the only home of matplotlib.
-
-Functions take records and fitted models by their public attributes, draw on axes that
-the caller may give, and return the axes.  They build figures as objects, without
-pyplot: nothing is registered, shown or closed, and no display is needed.
+"""The ladder: simulated outputs, residuals and spectra of compared models.
 
 An amplitude spectrum here is the square root of a Welch spectrum with a Hann window
 ("spectrum" scaling): a sine of amplitude a shows as a / sqrt(2), in the unit of the
@@ -12,13 +8,12 @@ signal, and two signals of one record compare frequency by frequency.
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
-from scipy import ndimage, signal
+from scipy import ndimage
 
-MEASURED = {"color": "0.65", "linewidth": 4.0}
-# Okabe and Ito's palette: told apart by color-blind readers, too
-COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
+from ._axes import MEASURED, color
+from ._spectrum import amplitude_spectrum
+
 VIEW = 300  # samples of the zoomed window
-SEGMENT = 1024  # samples of a Welch segment
 SMOOTHING = 15  # samples of the moving RMS
 
 
@@ -102,10 +97,6 @@ def plot_ladder(ladder, *, axes=None, output=0, view=VIEW, label=None, unit=None
     return axes
 
 
-def _color(i):
-    return COLORS[i % len(COLORS)]
-
-
 def _residual(ladder, row, output):
     """Return the simulation error of one output, shape (n_scored,)."""
     return ladder.y_test[:, output] - row.y_hat[:, output]
@@ -138,7 +129,7 @@ def _draw_outputs(ax, ladder, window, output):
     ax.plot(t, y, label="measured", **MEASURED)
     for i, row in enumerate(ladder.rows):
         # every other line is dashed: where models agree, the one below shows through
-        style = {"color": _color(i), "lw": 1.6, "ls": (0, (4, 4)) if i % 2 else "-"}
+        style = {"color": color(i), "lw": 1.6, "ls": (0, (4, 4)) if i % 2 else "-"}
         ax.plot(t, row.y_hat[window, output], label=row.name, **style)
     ax.set_ylim(*_limits(y, [row.y_hat[window, output] for row in ladder.rows]))
     ax.set_xlim(t[0], t[-1])
@@ -158,7 +149,7 @@ def _draw_residuals(ax, ladder, window, output):
     t = ladder.dt * np.arange(window.start, window.stop)
     for i, row in enumerate(ladder.rows):
         r = _residual(ladder, row, output)[window]
-        style = {"color": _color(i), "label": f"{row.name}, {_percent(row, output)}"}
+        style = {"color": color(i), "label": f"{row.name}, {_percent(row, output)}"}
         if np.isfinite(r).all() and r.any():
             ax.semilogy(t, _smooth(r), lw=1.4, **style)
         else:  # a line in the legend tells why there is none in the picture
@@ -180,12 +171,12 @@ def _percent(row, output):
 def _draw_spectra(ax, ladder, part, output):
     _draw_spectrum(ax, ladder.y_test[part, output], ladder.dt, "measured", MEASURED)
     for i, row in enumerate(ladder.rows):
-        style = {"color": _color(i), "linewidth": 1.4}
+        style = {"color": color(i), "linewidth": 1.4}
         r = _residual(ladder, row, output)[part]
         _draw_spectrum(ax, r, ladder.dt, f"residual of {row.name}", style)
     for i, row in enumerate(ladder.rows):
         if {"W_h", "W_g"} <= set(row.model.params_):
-            style = {"color": _color(i), "linewidth": 1.4, "linestyle": (0, (4, 1.5))}
+            style = {"color": color(i), "linewidth": 1.4, "linestyle": (0, (4, 1.5))}
             label = f"nonlinear rest e\nof {row.name}"
             _draw_spectrum(ax, row.e[part, output], ladder.dt, label, style)
     ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
@@ -199,10 +190,7 @@ def _draw_spectrum(ax, z, dt, label, style):
     if not np.isfinite(z).all() or not z.any():
         ax.loglog([], [], label=label, **style)
         return
-    f, power = signal.welch(
-        z, fs=1 / dt, nperseg=min(SEGMENT, len(z)), scaling="spectrum"
-    )
-    ax.loglog(f[1:], np.sqrt(power[1:]), label=label, **style)  # no zero on log axes
+    ax.loglog(*amplitude_spectrum(z, dt), label=label, **style)
 
 
 def _finish(ax):

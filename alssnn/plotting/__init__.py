@@ -1,0 +1,36 @@
+"""Figures: the only home of matplotlib.
+
+Displays follow scikit-learn: ``from_estimator`` computes and draws,
+``from_predictions`` draws what was computed, and ``plot`` draws again, on axes that the
+caller may give; a display keeps its numbers, and its axes as ``ax_`` or ``axes_`` and
+``figure_``.
+
+Figures are objects built without pyplot: nothing is registered, shown or closed, and no
+display is needed. Give axes of ``matplotlib.pyplot.subplots`` to see them in a window.
+"""
+
+from ._axes import COLORS
+from ._bode import BodeDisplay
+from ._certificate import CertificateDisplay
+from ._ladder import plot_ladder
+from ._linear import PoleDisplay, SingularValuesDisplay
+from ._loop import LoopDisplay
+from ._nonlinearity import NonlinearityDisplay, ResidualNonlinearityDisplay
+from ._residuals import ResidualDisplay
+from ._simulation import SimulationDisplay
+from ._trade_off import GammaPathDisplay
+
+__all__ = [
+    "COLORS",
+    "BodeDisplay",
+    "CertificateDisplay",
+    "GammaPathDisplay",
+    "LoopDisplay",
+    "NonlinearityDisplay",
+    "PoleDisplay",
+    "ResidualDisplay",
+    "ResidualNonlinearityDisplay",
+    "SimulationDisplay",
+    "SingularValuesDisplay",
+    "plot_ladder",
+]

@@ -1,0 +1,176 @@
+"""Axes, colors and finishing touches that all figures share."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+
+MEASURED = {"color": "0.65", "linewidth": 4.0}
+# Okabe and Ito's palette: told apart by color-blind readers, too
+COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
+BAND = {"color": "0.85", "linewidth": 0.0}
+
+
+def color(i):
+    """Return the color of the i-th of several curves.
+
+    Parameters
+    ----------
+    i : int
+        Number of the curve.
+
+    Returns
+    -------
+    color : str
+        Color, from `COLORS`.
+    """
+    return COLORS[i % len(COLORS)]
+
+
+def grid_of_axes(ax, shape, *, size, **options):
+    """Return axes to draw on, those of the caller or those of a new figure.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes, sequence of them or None
+        Where to draw; None makes a figure, without pyplot.
+    shape : tuple of int
+        Rows and columns.
+    size : tuple of float
+        Width and height of one axes of a new figure, in inches.
+    **options : dict
+        Options of `Figure.subplots`, such as ``sharex``.
+
+    Returns
+    -------
+    axes : ndarray of shape `shape`
+        The axes.
+
+    Raises
+    ------
+    ValueError
+        If the number of axes is wrong, or something else was given.
+    """
+    rows, columns = shape
+    if ax is None:
+        figure = Figure(
+            figsize=(size[0] * columns, size[1] * rows), layout="constrained"
+        )
+        return figure.subplots(rows, columns, squeeze=False, **options)
+    axes = np.array(ax, dtype=object).ravel()
+    if len(axes) != rows * columns or not all(isinstance(a, Axes) for a in axes):
+        raise ValueError(
+            f"`ax` must hold {rows * columns} axes ({rows} x {columns}), got "
+            f"{len(axes)} objects. Make them by figure.subplots({rows}, {columns})."
+        )
+    return axes.reshape(shape)
+
+
+def check_names(name, names, letter, size):
+    """Return one name per signal.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    names : sequence of str or None
+        Names; None means letter and number.
+    letter : str
+        Letter of default names.
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    names : list of str
+        Names.
+
+    Raises
+    ------
+    ValueError
+        If their number is wrong.
+    """
+    if names is None:
+        return [f"{letter}{i}" for i in range(size)]
+    names = [str(z) for z in names]
+    if len(names) != size:
+        raise ValueError(
+            f"`{name}` must have one name per signal ({size}), got {len(names)}. "
+            "Add the unit to a name, such as 'speed [rad/s]'."
+        )
+    return names
+
+
+def columns(name, z):
+    """Return signals as columns.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    z : array_like of shape (N,) or (N, n)
+        Signals.
+
+    Returns
+    -------
+    z : ndarray of shape (N, n)
+        Signals.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape or a single sample.
+    """
+    z = np.asarray(z, dtype=float)
+    if z.ndim not in (1, 2) or len(z) < 2:
+        raise ValueError(
+            f"`{name}` must have shape (N,) or (N, n) with N > 1, got {z.shape}. Time "
+            "runs down the rows."
+        )
+    return z.reshape(len(z), -1)
+
+
+def time_axis(ax, label="time"):
+    """Label the abscissa as time.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        Axes.
+    label : str, default="time"
+        Label; the ticks carry the unit.
+    """
+    ax.xaxis.set_major_formatter(EngFormatter(unit="s"))
+    ax.set_xlabel(label)
+
+
+def frequency_axis(ax, label="frequency"):
+    """Label the abscissa as frequency.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        Axes.
+    label : str, default="frequency"
+        Label; the ticks carry the unit.
+    """
+    ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
+    ax.set_xlabel(label)
+
+
+def finish(ax, legend=True):
+    """Draw grid and legend, in the style of the package.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        Axes.
+    legend : bool, default=True
+        Whether to draw a legend, where there are labels.
+    """
+    ax.grid(True, which="major", color="0.88", linewidth=0.7)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    if legend and ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False, fontsize="small")

@@ -1,0 +1,201 @@
+"""Frequency responses: the linear part, and the model at several amplitudes."""
+
+import numpy as np
+
+from ..validation import column_names, frequency_response, sine_response
+from ._axes import color, finish, frequency_axis, grid_of_axes
+
+N_FREQUENCIES = 300  # of the linear response
+
+
+class BodeDisplay:
+    """Show the frequency response of (A, B, C, D) and of the model at amplitudes.
+
+    The response of the model to sines of one amplitude is its describing function:
+    where it lies on the linear response, the loop is linear at that amplitude.
+
+    Parameters
+    ----------
+    frequencies : ndarray of shape (n,)
+        Frequencies of the linear response, in Hz.
+    G : ndarray of complex, shape (n, ny, nu)
+        Linear response.
+    input_names, output_names : list of str
+        Names of the signals.
+    responses : sequence of tuple, default=()
+        Tuples (label, frequencies, G) of further responses.
+    band : tuple of ndarray or None, default=None
+        Frequencies, lower and upper limits of the magnitude, of shapes (m,) and
+        (m, ny, nu): confidence in the linear response.
+
+    Attributes
+    ----------
+    axes_ : ndarray of shape (2 * ny, nu)
+        Axes: for every output magnitude above phase, one column per input.
+    figure_ : matplotlib.figure.Figure
+        The figure.
+
+    Examples
+    --------
+    >>> from alssnn.plotting import BodeDisplay
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=6, dt=record.dt).fit(*record)
+    >>> BodeDisplay.from_estimator(model, [0.1, 1.0]).axes_.shape
+    (2, 1)
+    """
+
+    def __init__(
+        self, frequencies, G, input_names, output_names, responses=(), band=None
+    ):
+        self.frequencies, self.G = frequencies, G
+        self.input_names, self.output_names = input_names, output_names
+        self.responses, self.band = responses, band
+
+    @classmethod
+    def from_estimator(
+        cls,
+        model,
+        amplitudes=(),
+        *,
+        loop="open",
+        n_frequencies=40,
+        period=1024,
+        band=None,
+        ax=None,
+        **kwargs,
+    ):
+        """Draw the frequency responses of a fitted model.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model.
+        amplitudes : array_like of shape (n,) or (n, nu), default=()
+            Amplitudes of sines at the inputs, in the units of u; a row has one per
+            input. None are simulated by default.
+        loop : {"open", "closed"}, default="open"
+            Whether the sines are u, or v of the linearized loop u = v - h(s).
+        n_frequencies : int, default=40
+            Number of sines per amplitude.
+        period : int, default=1024
+            Samples of the slowest sine.
+        band : tuple of ndarray or None, default=None
+            Confidence band of the linear response: frequencies, lower and upper
+            limits of the magnitude, of shapes (m,) and (m, ny, nu).
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Axes; None makes a figure.
+        **kwargs : dict
+            Options of the linear response.
+
+        Returns
+        -------
+        display : BodeDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If an option is out of range, or the band or the axes do not fit.
+        """
+        sys = model.to_statespace()
+        nu = model.B_.shape[1]
+        inputs, outputs = column_names(model)
+        amplitudes = np.asarray(amplitudes, dtype=float)
+        if amplitudes.size and amplitudes.shape not in [
+            (len(amplitudes),),
+            (len(amplitudes), nu),
+        ]:
+            raise ValueError(
+                f"`amplitudes` must have shape (n,) or (n, {nu}), got "
+                f"{amplitudes.shape}. Give one row per curve."
+            )
+        responses = []
+        for row in amplitudes:
+            row = np.broadcast_to(row, nu)
+            found = [
+                sine_response(
+                    model,
+                    row[j],
+                    loop=loop,
+                    input=j,
+                    n_frequencies=n_frequencies,
+                    period=period,
+                )
+                for j in range(nu)
+            ]
+            label = ", ".join(f"{value:.3g}" for value in np.unique(row))
+            what = "model" if loop == "open" else "loop u = v - h"
+            G = np.stack([G for _, G in found], axis=-1)
+            responses.append((f"{what}, amplitude {label}", found[0][0], G))
+        f = np.geomspace(1 / (period * model.dt), 0.5 / model.dt, N_FREQUENCIES)
+        display = cls(f, frequency_response(sys, f), inputs, outputs, responses, band)
+        return display.plot(ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw magnitudes and phases.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Two axes per output and input, rows first; None makes a figure.
+        **kwargs : dict
+            Options of the linear response, such as ``color``.
+
+        Returns
+        -------
+        display : BodeDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If the band or the axes do not fit.
+        """
+        _, ny, nu = self.G.shape
+        axes = grid_of_axes(ax, (2 * ny, nu), size=(6.0, 2.3), sharex=True)
+        self._check_band(ny, nu)
+        linear = {"color": "k", "linewidth": 1.6, **kwargs}
+        curves = [("(A, B, C, D)", self.frequencies, self.G, linear)]
+        for i, (label, f, G) in enumerate(self.responses):
+            style = {"color": color(i), "linewidth": 1.2, "marker": ".", "ls": "--"}
+            curves.append((label, f, G, style))
+        for i in range(ny):
+            for j in range(nu):
+                magnitude, phase = axes[2 * i : 2 * i + 2, j]
+                if self.band is not None:
+                    f, low, high = self.band
+                    magnitude.fill_between(
+                        f, low[:, i, j], high[:, i, j], color="0.85", label="confidence"
+                    )
+                for label, f, G, style in curves:
+                    response = G[:, i, j]
+                    magnitude.loglog(f, np.abs(response), label=label, **style)
+                    phase.semilogx(f, _degrees(response), **style)
+                names = self.output_names[i], self.input_names[j]
+                magnitude.set_ylabel("|{} / {}|".format(*names))
+                phase.set_ylabel("phase, degrees")
+                finish(magnitude, legend=i == j == 0)
+                finish(phase, legend=False)
+        for one in axes[-1]:
+            frequency_axis(one)
+        self.axes_, self.figure_ = axes, axes[0, 0].figure
+        return self
+
+    def _check_band(self, ny, nu):
+        if self.band is None:
+            return
+        shapes = [np.shape(part) for part in self.band]
+        n = len(self.band[0]) if len(shapes) == 3 else 0
+        if shapes != [(n,), (n, ny, nu), (n, ny, nu)]:
+            raise ValueError(
+                f"`band` must hold frequencies, lower and upper limits of shapes (n,) "
+                f"and (n, {ny}, {nu}), got {shapes}."
+            )
+
+
+def _degrees(response):
+    """Return the phase without jumps; nan where the response is not known."""
+    phase = np.full(len(response), np.nan)
+    known = np.isfinite(response)
+    phase[known] = np.degrees(np.unwrap(np.angle(response[known])))
+    return phase

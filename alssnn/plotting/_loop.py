@@ -1,0 +1,152 @@
+"""Responses of loops side by side."""
+
+import numpy as np
+
+from ._axes import color, finish, grid_of_axes, time_axis
+
+
+class LoopDisplay:
+    """Compare responses, such as open loop, linear design and linearized loop.
+
+    Parameters
+    ----------
+    responses : dict of str to control.TimeResponseData
+        Responses by name, of python-control's ``input_output_response`` or
+        ``forced_response``; each has the outputs to draw.
+    outputs : sequence of str or None, default=None
+        Labels of the outputs to draw; None means those that all responses have.
+    design : str or None, default=None
+        Name of the response that the others are meant to follow: drawn dashed.
+
+    Attributes
+    ----------
+    axes_ : ndarray of shape (n_outputs, 1)
+        Axes, one below the other.
+    figure_ : matplotlib.figure.Figure
+        The figure.
+    distance_ : dict of str to ndarray of shape (n_outputs,)
+        RMS distance from the design of every other response, which the legend shows;
+        empty without a design, nan where sampling times differ.
+
+    Raises
+    ------
+    ValueError
+        If there is no response, an output is missing, or `design` is not among them.
+    """
+
+    def __init__(self, responses, *, outputs=None, design=None):
+        if not responses:
+            raise ValueError("`responses` must hold at least one, got none.")
+        if outputs is None:
+            first, *others = (_labels(response) for response in responses.values())
+            outputs = [name for name in first if all(name in o for o in others)]
+        missing = {
+            f"{output} of {name}"
+            for output in outputs
+            for name, response in responses.items()
+            if output not in _labels(response)
+        }
+        if missing or not outputs:
+            raise ValueError(
+                "`outputs` must be outputs of all responses, got "
+                f"{', '.join(sorted(missing)) or 'none in common'}. Rename them, or "
+                "give those that all have."
+            )
+        if design is not None and design not in responses:
+            raise ValueError(
+                f"`design` must be one of {', '.join(responses)}, got {design!r}."
+            )
+        self.responses, self.outputs, self.design = responses, list(outputs), design
+
+    @classmethod
+    def from_responses(cls, responses, *, outputs=None, design=None, ax=None, **kwargs):
+        """Draw responses.
+
+        Parameters
+        ----------
+        responses : dict of str to control.TimeResponseData
+            Responses by name.
+        outputs : sequence of str or None, default=None
+            Labels of the outputs to draw; None means those that all responses have.
+        design : str or None, default=None
+            Name of the response that the others are meant to follow.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One axes per output; None makes a figure.
+        **kwargs : dict
+            Options of all curves.
+
+        Returns
+        -------
+        display : LoopDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If an output is missing or the number of axes is wrong.
+        """
+        return cls(responses, outputs=outputs, design=design).plot(ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw the outputs against time.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One axes per output; None makes a figure.
+        **kwargs : dict
+            Options of all curves, such as ``linewidth``.
+
+        Returns
+        -------
+        display : LoopDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        n = len(self.outputs)
+        axes = grid_of_axes(ax, (n, 1), size=(7.0, 2.6), sharex=True)
+        self.distance_ = {
+            name: self._distances(response)
+            for name, response in self.responses.items()
+            if self.design is not None and name != self.design
+        }
+        for i, one in enumerate(axes[:, 0]):
+            for j, (name, response) in enumerate(self.responses.items()):
+                label, style = name, {"color": color(j), "linewidth": 1.4}
+                if name == self.design:
+                    style |= {"color": "k", "linestyle": "--", "zorder": 3}
+                elif self.design is not None:
+                    label = f"{name}, RMS from design {self.distance_[name][i]:.3g}"
+                t, y = response.time, _signal(response, self.outputs[i])
+                one.plot(t, y, **{"label": label, **style, **kwargs})
+            one.set_ylabel(self.outputs[i])
+            finish(one)
+        time_axis(axes[-1, 0])
+        self.axes_, self.figure_ = axes, axes[0, 0].figure
+        return self
+
+    def _distances(self, response):
+        design = self.responses[self.design]
+        same = np.array_equal(design.time, response.time)
+        return np.array(
+            [
+                np.sqrt(np.mean((_signal(response, y) - _signal(design, y)) ** 2))
+                if same
+                else np.nan
+                for y in self.outputs
+            ]
+        )
+
+
+def _labels(response):
+    return list(response.output_labels)
+
+
+def _signal(response, label):
+    """Return one output over time; of several traces, the first."""
+    y = response.y[_labels(response).index(label)]
+    return y if y.ndim == 1 else y[0]

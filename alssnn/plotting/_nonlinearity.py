@@ -1,0 +1,256 @@
+"""Nonlinearities: h over its range, and what g leaves at the output."""
+
+import numpy as np
+
+from ..simulation import simulate
+from ..validation import column_names, deviations, scored_experiments
+from ._axes import MEASURED, color, finish, frequency_axis, grid_of_axes
+from ._spectrum import amplitude_spectrum
+
+N_POINTS = 200  # of a curve of h
+BINS = 40
+
+
+class NonlinearityDisplay:
+    """Show h over its input range, with the density of the data.
+
+    With several arguments s the curves are cuts: one argument moves, the others rest
+    at their median. Where the data are thin, h is a guess.
+
+    Parameters
+    ----------
+    h : callable
+        Function ``h(s)`` of samples (N, ns) with values (N, nu).
+    s : ndarray of shape (N, ns)
+        Arguments of h in the data.
+    argument_names, input_names : list of str
+        Names of the arguments, and of the inputs that h adds to.
+
+    Attributes
+    ----------
+    axes_ : ndarray of shape (nu, ns)
+        Axes.
+    figure_ : matplotlib.figure.Figure
+        The figure.
+    """
+
+    def __init__(self, h, s, argument_names, input_names):
+        self.h, self.s = h, s
+        self.argument_names, self.input_names = argument_names, input_names
+
+    @classmethod
+    def from_estimator(cls, model, u, y, experiment=None, *, ax=None, **kwargs):
+        """Draw h of a fitted model.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model with a network h.
+        u : array_like of shape (N, nu), or list of them
+            Inputs.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs: the arguments of h with output feedback. With state feedback the
+            arguments are the simulated states.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One axes per input and argument; None makes a figure.
+        **kwargs : dict
+            Options of the curves.
+
+        Returns
+        -------
+        display : NonlinearityDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If the model has no h, or the number of axes is wrong.
+        """
+        experiments = deviations(model, u, y, experiment)
+        net = model._h()
+        if net is None:
+            raise ValueError(
+                f"`model` must have a network h, got {type(model).__name__} without "
+                "one. Fit AlSsnn or FlSsnn with n_h > 0."
+            )
+        inputs, outputs = column_names(model)
+        if "W_s" in model.params_:
+            lure, _ = model._plant()
+            runs = [simulate(lure, u_k, x0)[:-1] for u_k, _, x0 in experiments]
+            offset, names = np.zeros(model.nx_), [f"x{i}" for i in range(model.nx_)]
+        else:
+            runs = [y_k + model.y_offset_ for _, y_k, _ in experiments]
+            offset, names = model.y_offset_, outputs
+        s = np.vstack(runs)
+        s = s[np.isfinite(s).all(axis=1)]
+        display = cls(lambda s: net(s - offset), s, names, inputs)
+        return display.plot(ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw cuts of h and the density of its arguments.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One axes per input and argument, rows first; None makes a figure.
+        **kwargs : dict
+            Options of the curves.
+
+        Returns
+        -------
+        display : NonlinearityDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        ns, nu = self.s.shape[1], len(self.input_names)
+        axes = grid_of_axes(ax, (nu, ns), size=(4.5, 3.0), sharey="row")
+        style = {"color": color(0), "linewidth": 1.8, **kwargs}
+        cuts = "h" if ns == 1 else "h, other arguments at their median"
+        for j in range(ns):
+            low, high = self.s[:, j].min(), self.s[:, j].max()
+            s = np.tile(np.median(self.s, axis=0), (N_POINTS, 1))
+            s[:, j] = np.linspace(low, high, N_POINTS)
+            h = self.h(s)
+            for i in range(nu):
+                one = axes[i, j]
+                density = one.twinx()
+                density.hist(self.s[:, j], BINS, density=True, color="0.88")
+                density.set_yticks([])
+                density.spines[["top", "right"]].set_visible(False)
+                # the curve lies above the density
+                one.set_zorder(density.get_zorder() + 1)
+                one.patch.set_visible(False)
+                one.plot(s[:, j], h[:, i], label=cuts, **style)
+                one.set_xlabel(f"{self.argument_names[j]} (gray: density of the data)")
+                one.set_ylabel(f"h, in units of {self.input_names[i]}")
+                finish(one, legend=i == j == 0)
+        self.axes_, self.figure_ = axes, axes[0, 0].figure
+        return self
+
+
+class ResidualNonlinearityDisplay:
+    """Show what g adds to the output once h is cancelled (eq. gauge).
+
+    Left the distribution of e, right its amplitude spectrum beside that of the output.
+
+    Parameters
+    ----------
+    e : list of ndarray of shape (N, ny)
+        Output-referred residual of every experiment.
+    y : list of ndarray of shape (N, ny)
+        Outputs as deviations from the operating point.
+    dt : float
+        Sampling time, in seconds.
+    output_names : list of str
+        Names of the outputs.
+
+    Attributes
+    ----------
+    axes_ : ndarray of shape (ny, 2)
+        Axes: histogram and spectrum, one row per output.
+    figure_ : matplotlib.figure.Figure
+        The figure.
+    share_ : ndarray of shape (ny,)
+        Share rms(e) / rms(y), which the legend shows.
+    """
+
+    def __init__(self, e, y, dt, output_names):
+        self.e, self.y, self.dt, self.output_names = e, y, dt, output_names
+
+    @classmethod
+    def from_estimator(cls, model, u, y, experiment=None, *, ax=None, **kwargs):
+        """Draw what g of a fitted model leaves.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model.
+        u : array_like of shape (N, nu), or list of them
+            Inputs.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; where not measured, simulated ones stand in.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Two axes per output; None makes a figure.
+        **kwargs : dict
+            Options of the spectrum of e.
+
+        Returns
+        -------
+        display : ResidualNonlinearityDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If the simulation diverges, or the number of axes is wrong.
+        """
+        experiments, starts = scored_experiments(model, u, y, experiment)
+        every = model.linearizability(u, y, experiment).e
+        if not np.isfinite(every).all():
+            raise ValueError(
+                "`u` must keep the simulation bounded, got a residual that diverges. "
+                "Stay in the range of the training data."
+            )
+        lengths = [n + len(z) for n, (_, z, _) in zip(starts, experiments, strict=True)]
+        parts = np.split(every, np.cumsum(lengths)[:-1])
+        e = [part[n:] for part, n in zip(parts, starts, strict=True)]
+        measured = [
+            np.where(np.isnan(y_k), y_hat, y_k) - model.y_offset_
+            for _, y_k, y_hat in experiments
+        ]
+        names = column_names(model)[1]
+        return cls(e, measured, model.dt, names).plot(ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw histogram and spectrum.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Two axes per output, rows first; None makes a figure.
+        **kwargs : dict
+            Options of the spectrum of e.
+
+        Returns
+        -------
+        display : ResidualNonlinearityDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        ny = len(self.output_names)
+        axes = grid_of_axes(ax, (ny, 2), size=(5.0, 2.8))
+        longest = max(range(len(self.y)), key=lambda i: len(self.y[i]))
+        e, y = np.vstack(self.e), np.vstack(self.y)
+        size = np.sqrt(np.mean(y**2, axis=0))
+        share = np.sqrt(np.mean(e**2, axis=0)) / np.where(size > 0, size, 1.0)
+        self.share_ = share
+        style = {"color": color(0), "linewidth": 1.4, **kwargs}
+        for i, (left, right) in enumerate(axes):
+            name = self.output_names[i]
+            label = f"rms(e) / rms(y) = {100 * share[i]:.3g} %"
+            left.hist(e[:, i], BINS, color=style["color"], label=label)
+            left.set_xlabel(f"e, in units of {name}")
+            left.set_ylabel("samples")
+            outputs = amplitude_spectrum(self.y[longest][:, i], self.dt)
+            right.loglog(*outputs, label=name, **MEASURED)
+            if np.any(self.e[longest][:, i]):
+                residual = amplitude_spectrum(self.e[longest][:, i], self.dt)
+                right.loglog(*residual, **{"label": "e", **style})
+            right.set_ylabel("amplitude, RMS per bin")
+            frequency_axis(right)
+            finish(left)
+            finish(right)
+        self.axes_, self.figure_ = axes, axes[0, 0].figure
+        return self

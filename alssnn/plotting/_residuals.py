@@ -1,0 +1,203 @@
+"""Correlations of the residuals of a free run, with their bands."""
+
+from ..validation import column_names, residual_tests, scored_experiments
+from ._axes import BAND, color, finish, grid_of_axes
+
+
+class ResidualDisplay:
+    """Show whether residuals are noise: autocorrelation, and correlation with u.
+
+    The upper row is the autocorrelation of the residual itself, with the p-value of
+    Ljung and Box: it may well leave its band, for noise has a color. The rows below
+    are correlations of the *whitened* residual with u (eq. residuals), with the
+    p-value of independence: at lags from zero on these should stay inside.
+
+    Parameters
+    ----------
+    tests : ResidualTests
+        What `validation.residual_tests` and ``model.validate`` return.
+
+    Attributes
+    ----------
+    axes_ : ndarray of shape (1 + nu, ny)
+        Axes, one column per output.
+    figure_ : matplotlib.figure.Figure
+        The figure.
+
+    Examples
+    --------
+    >>> from alssnn.plotting import ResidualDisplay
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=6, dt=record.dt).fit(*record)
+    >>> display = ResidualDisplay(model.validate(*record).residuals).plot()
+    >>> display.axes_.shape
+    (2, 1)
+    """
+
+    def __init__(self, tests):
+        self.tests = tests
+
+    @classmethod
+    def from_estimator(
+        cls, model, u, y, experiment=None, *, level=0.01, n_lags=25, ax=None, **kwargs
+    ):
+        """Simulate a fitted model and draw the correlations of its residuals.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model.
+        u : array_like of shape (N, nu), or list of them
+            Inputs.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; nan where not measured.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        level : float, default=0.01
+            Probability to leave the band by chance, at each lag.
+        n_lags : int, default=25
+            Number of lags.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One plus nu axes per output; None makes a figure.
+        **kwargs : dict
+            Options of the stems.
+
+        Returns
+        -------
+        display : ResidualDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If the simulation diverges, the record is too short or an option is out of
+            range.
+        """
+        experiments, _ = scored_experiments(model, u, y, experiment)
+        inputs, outputs = column_names(model)
+        tests = residual_tests(
+            experiments,
+            level=level,
+            n_lags=n_lags,
+            dt=model.dt,
+            input_names=inputs,
+            output_names=outputs,
+        )
+        return cls(tests).plot(ax, **kwargs)
+
+    @classmethod
+    def from_predictions(
+        cls,
+        u,
+        y_true,
+        y_pred,
+        *,
+        dt=1.0,
+        level=0.01,
+        n_lags=25,
+        input_names=None,
+        output_names=None,
+        ax=None,
+        **kwargs,
+    ):
+        """Draw the correlations of the residuals of given outputs.
+
+        Parameters
+        ----------
+        u : array_like of shape (N,) or (N, nu)
+            Inputs.
+        y_true : array_like of shape (N,) or (N, ny)
+            Measured outputs; nan where not measured.
+        y_pred : array_like of shape (N,) or (N, ny)
+            Simulated outputs.
+        dt : float, default=1.0
+            Sampling time, in seconds.
+        level : float, default=0.01
+            Probability to leave the band by chance, at each lag.
+        n_lags : int, default=25
+            Number of lags.
+        input_names, output_names : sequence of str or None, default=None
+            Names of the signals; None means u0, ... and y0, ...
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One plus nu axes per output; None makes a figure.
+        **kwargs : dict
+            Options of the stems.
+
+        Returns
+        -------
+        display : ResidualDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If the record is too short or an option is out of range.
+        """
+        tests = residual_tests(
+            [(u, y_true, y_pred)],
+            level=level,
+            n_lags=n_lags,
+            dt=dt,
+            input_names=input_names,
+            output_names=output_names,
+        )
+        return cls(tests).plot(ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw correlations against the lag.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One plus nu axes per output, rows first; None makes a figure.
+        **kwargs : dict
+            Options of the stems, such as ``color``.
+
+        Returns
+        -------
+        display : ResidualDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        tests = self.tests
+        nu, ny = len(tests.input_names), len(tests.output_names)
+        axes = grid_of_axes(ax, (1 + nu, ny), size=(5.0, 2.1))
+        style = {"color": color(0), "linewidth": 1.4, **kwargs}
+        percent = f"{100 * (1 - tests.level):g} %"
+        for i, column in enumerate(axes.T):
+            name = tests.output_names[i]
+            rows = [
+                (
+                    tests.lags,
+                    tests.autocorrelation[:, i],
+                    tests.autocorrelation_band[:, i],
+                    f"autocorrelation\nof the residual of {name}",
+                    f"whiteness, p = {tests.p_values['whiteness'][i]:.2g}",
+                ),
+                *(
+                    (
+                        tests.cross_lags,
+                        tests.cross_correlation[:, i, j],
+                        tests.cross_band[:, i],
+                        f"whitened residual\nof {name} with {tests.input_names[j]}",
+                        f"independence, p = {tests.p_values['independence'][i]:.2g}",
+                    )
+                    for j in range(nu)
+                ),
+            ]
+            for one, (lags, r, band, label, title) in zip(column, rows, strict=True):
+                one.fill_between(
+                    lags, -band, band, label=f"{percent} at each lag", **BAND
+                )
+                one.vlines(lags, 0.0, r, **style)
+                one.plot(lags, r, ".", color=style["color"], markersize=4)
+                one.set_ylabel(label, fontsize="small")
+                one.set_title(title, loc="left", fontsize="medium")
+                finish(one)
+            column[-1].set_xlabel(f"lag, samples of {tests.dt:g} s")
+        self.axes_, self.figure_ = axes, axes[0, 0].figure
+        return self

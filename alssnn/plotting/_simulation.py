@@ -1,0 +1,204 @@
+"""Measured and simulated outputs, with what lies between them."""
+
+import numpy as np
+
+from ..metrics import fit_percent
+from ..validation import column_names, scored_experiments
+from ._axes import (
+    MEASURED,
+    check_names,
+    color,
+    columns,
+    finish,
+    grid_of_axes,
+    time_axis,
+)
+
+
+class SimulationDisplay:
+    """Show a free-run simulation against the measured output.
+
+    Use `from_estimator` or `from_predictions` to make one.
+
+    Parameters
+    ----------
+    y_true : ndarray of shape (N, ny)
+        Measured outputs; nan where not measured.
+    y_pred : ndarray of shape (N, ny)
+        Simulated outputs.
+    t : ndarray of shape (N,)
+        Time of the samples, in seconds.
+    output_names : list of str
+        Names of the outputs, for the axes.
+    name : str, default="simulated"
+        Name of the model, for the legend.
+
+    Attributes
+    ----------
+    axes_ : ndarray of shape (2, ny)
+        Axes: outputs above their residuals, one column per output.
+    figure_ : matplotlib.figure.Figure
+        The figure.
+    fit_percent_ : ndarray of shape (ny,)
+        Fit of every output, in percent, which the legend shows.
+
+    Examples
+    --------
+    >>> from alssnn.plotting import SimulationDisplay
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=6, dt=record.dt).fit(*record)
+    >>> display = SimulationDisplay.from_estimator(model, *record)
+    >>> display.figure_.savefig("simulation.png")  # doctest: +SKIP
+    """
+
+    def __init__(self, y_true, y_pred, t, output_names, name="simulated"):
+        self.y_true, self.y_pred, self.t = y_true, y_pred, t
+        self.output_names, self.name = output_names, name
+
+    @classmethod
+    def from_estimator(
+        cls, model, u, y, experiment=None, *, which=0, name=None, ax=None, **kwargs
+    ):
+        """Simulate a fitted model and draw one experiment.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model.
+        u : array_like of shape (N, nu), or list of them
+            Inputs.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; their first samples set the initial state and are left out.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        which : int, default=0
+            Number of the experiment to draw, in order of appearance.
+        name : str or None, default=None
+            Name of the model; None means its class.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Two axes per output; None makes a figure.
+        **kwargs : dict
+            Options of the simulated curves.
+
+        Returns
+        -------
+        display : SimulationDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If there is no such experiment or the number of axes is wrong.
+        """
+        experiments, starts = scored_experiments(model, u, y, experiment)
+        if not 0 <= which < len(experiments):
+            raise ValueError(
+                f"`which` must be between 0 and {len(experiments) - 1}, got {which}. "
+                "Experiments count from 0."
+            )
+        _, y_true, y_pred = experiments[which]
+        return cls.from_predictions(
+            y_true,
+            y_pred,
+            dt=model.dt,
+            t0=starts[which] * model.dt,
+            output_names=column_names(model)[1],
+            name=type(model).__name__ if name is None else name,
+            ax=ax,
+            **kwargs,
+        )
+
+    @classmethod
+    def from_predictions(
+        cls,
+        y_true,
+        y_pred,
+        *,
+        dt=1.0,
+        t0=0.0,
+        output_names=None,
+        name="simulated",
+        ax=None,
+        **kwargs,
+    ):
+        """Draw given outputs.
+
+        Parameters
+        ----------
+        y_true : array_like of shape (N,) or (N, ny)
+            Measured outputs; nan where not measured.
+        y_pred : array_like of shape (N,) or (N, ny)
+            Simulated outputs.
+        dt : float, default=1.0
+            Sampling time, in seconds.
+        t0 : float, default=0.0
+            Time of the first sample, in seconds.
+        output_names : sequence of str or None, default=None
+            Names of the outputs, with units if you like; None means y0, y1, ...
+        name : str, default="simulated"
+            Name of the model, for the legend.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Two axes per output; None makes a figure.
+        **kwargs : dict
+            Options of the simulated curves.
+
+        Returns
+        -------
+        display : SimulationDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If shapes differ or the number of axes or names is wrong.
+        """
+        y_true, y_pred = columns("y_true", y_true), columns("y_pred", y_pred)
+        if y_true.shape != y_pred.shape:
+            raise ValueError(
+                "`y_true` and `y_pred` must have the same shape, got "
+                f"{y_true.shape} and {y_pred.shape}. Compare the same samples."
+            )
+        names = check_names("output_names", output_names, "y", y_true.shape[1])
+        t = t0 + dt * np.arange(len(y_true))
+        return cls(y_true, y_pred, t, names, name).plot(ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw outputs above residuals.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            Two axes per output, rows first; None makes a figure.
+        **kwargs : dict
+            Options of the simulated curves, such as ``color``.
+
+        Returns
+        -------
+        display : SimulationDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        ny = self.y_true.shape[1]
+        options = {"sharex": "col", "height_ratios": (2, 1)}
+        axes = grid_of_axes(ax, (2, ny), size=(6.0, 2.2), **options)
+        fit = np.full(ny, -np.inf)
+        if np.isfinite(self.y_pred).all():
+            fit = fit_percent(self.y_true, self.y_pred, multioutput="raw_values")
+        self.fit_percent_ = fit
+        style = {"color": color(0), "linewidth": 1.2, **kwargs}
+        for i, (top, bottom) in enumerate(axes.T):
+            label = f"{self.name}, fit {fit[i]:.3g} %"
+            top.plot(self.t, self.y_true[:, i], label="measured", **MEASURED)
+            top.plot(self.t, self.y_pred[:, i], **{"label": label, **style})
+            bottom.plot(self.t, self.y_true[:, i] - self.y_pred[:, i], **style)
+            top.set_ylabel(self.output_names[i])
+            bottom.set_ylabel("residual")
+            time_axis(bottom)
+            finish(top)
+            finish(bottom, legend=False)
+        self.axes_, self.figure_ = axes, axes[0, 0].figure
+        return self

@@ -1,0 +1,131 @@
+"""How far ahead a model sees: fit of k-step predictions against k.
+
+The observer of the model gives x_hat_k from y up to sample k; from there the model
+runs free over the next samples.  One step ahead nearly every model looks good, because
+the last value is a good guess already: so that guess stands beside it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..metrics import fit_percent
+from ._scored import deviations
+
+OBSERVED = 20_000  # samples on which predictions are compared: the observer is slow
+
+
+@dataclass(frozen=True, eq=False)
+class AheadFit:
+    """Hold the fit of predictions over several horizons.
+
+    Parameters
+    ----------
+    horizons : ndarray of int of shape (n,)
+        Numbers of samples predicted ahead.
+    fit : ndarray of shape (n, ny)
+        Fit of the predictions, in percent; -inf where they diverge.
+    last_value : ndarray of shape (n, ny)
+        Fit of the last measured value as the prediction.
+    """
+
+    horizons: np.ndarray
+    fit: np.ndarray
+    last_value: np.ndarray
+
+
+def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
+    """Measure the fit of k-step predictions.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    horizons : sequence of int, default=(1, 2, 5, 10, 20, 50)
+        Numbers of samples to predict; those that exceed a quarter of the longest
+        experiment are left out.
+
+    Returns
+    -------
+    ahead : AheadFit
+        Fit per horizon and output, over the first 20,000 samples of the record.
+
+    Raises
+    ------
+    ValueError
+        If `horizons` is empty, not positive or too long for the record, or the model
+        has no stable observer.
+    """
+    wanted = np.asarray(horizons)
+    if wanted.ndim != 1 or not len(wanted) or np.any(wanted < 1):
+        raise ValueError(
+            f"`horizons` must be positive integers, got {horizons}. They count samples."
+        )
+    from ..feedback import Observer  # python-control takes a second to import
+
+    observer = Observer(model)
+    experiments = _first(model, u, y, experiment)
+    steps = np.unique(wanted.astype(int))
+    steps = steps[steps <= max(len(y) for _, y, _ in experiments) // 4]
+    if not len(steps):
+        raise ValueError(
+            f"`horizons` must fit into a quarter of the longest experiment, got "
+            f"{horizons}. Take shorter ones."
+        )
+    truths: list[list] = [[] for _ in steps]
+    models: list[list] = [[] for _ in steps]
+    lasts: list[list] = [[] for _ in steps]
+    for u_k, y_k, x0 in experiments:
+        X = observer.filter(u_k, y_k, x0)
+        past = _hold(y_k)
+        for step in range(1, min(steps[-1], len(y_k) - 1) + 1):
+            X = observer.dynamics.step(X[: len(y_k) - step], u_k[step - 1 : -1])
+            if step in steps:
+                i = int(np.searchsorted(steps, step))
+                models[i].append(observer.dynamics.measure(X, u_k[step:]))
+                truths[i].append(y_k[step:])
+                lasts[i].append(past[: len(y_k) - step])
+    return AheadFit(
+        steps,
+        *(
+            np.array([_fit(t, p) for t, p in zip(truths, guesses, strict=True)])
+            for guesses in (models, lasts)
+        ),
+    )
+
+
+def _first(model, u, y, experiment):
+    """Return (u, y, x0) of the first samples of all experiments together."""
+    starts = [x0 for _, _, x0 in deviations(model, u, y, experiment)]
+    u, y, parts = model._test_data(u, y, experiment)
+    y = y.reshape(len(y), -1)
+    # the observer delays late inputs itself; before the first sample they rested
+    late = np.zeros(int(np.sum(model.input_delay_)))
+    out, left = [], OBSERVED
+    for part, x0 in zip(parts, starts, strict=True):
+        if left <= 0:
+            break
+        out.append((u[part][:left], y[part][:left], np.concatenate([x0, late])))
+        left -= part.stop - part.start
+    return out
+
+
+def _hold(y):
+    """Return the last measured value of every output at every sample."""
+    index = np.where(np.isnan(y), 0, np.arange(len(y))[:, None])
+    return np.nan_to_num(
+        np.take_along_axis(y, np.maximum.accumulate(index, axis=0), axis=0)
+    )
+
+
+def _fit(truths, guesses):
+    guess = np.vstack(guesses)
+    if not np.isfinite(guess).all():
+        return np.full(guess.shape[1], -np.inf)
+    return fit_percent(np.vstack(truths), guess, multioutput="raw_values")

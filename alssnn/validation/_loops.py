@@ -1,0 +1,202 @@
+"""What a model does at finite amplitudes: sine responses, and the linearized loop.
+
+A linear system has one frequency response; a nonlinear model has one per amplitude, its
+describing function: the first harmonic of the output over the sine that made it.  Where
+the curves of several amplitudes lie on that of (A, B, C) the loop is linear.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from ..certificates import state_feedback
+from ..lure import Lure
+from ..simulation import simulate
+from ._scored import deviations
+
+SETTLED = 1e-4  # what is left of the transient when the response is measured
+MAX_PERIODS = 8  # of the common period, spent on the transient
+
+
+def frequency_response(sys, frequencies):
+    """Return the frequency response of a linear system.
+
+    Parameters
+    ----------
+    sys : control.StateSpace
+        Discrete-time system (A, B, C, D, dt).
+    frequencies : array_like of shape (n,)
+        Frequencies, in Hz.
+
+    Returns
+    -------
+    G : ndarray of complex, shape (n, ny, nu)
+        C (z I - A)^-1 B + D at z = exp(2 pi j f dt).
+    """
+    z = np.exp(2j * np.pi * np.asarray(frequencies) * sys.dt)
+    pencil = z[:, None, None] * np.eye(len(sys.A)) - sys.A
+    return sys.C @ np.linalg.solve(pencil, sys.B[None]) + sys.D
+
+
+def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, period):
+    """Return the response of a model to sines of one amplitude.
+
+    All frequencies are harmonics of a common period, and are simulated side by side
+    until the transient has settled.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    amplitude : float
+        Amplitude of the sine, in the units of the input.
+    loop : {"open", "closed"}, default="open"
+        Whether the sine is u, or v of the loop u = v - h(s).
+    input : int, default=0
+        Column of the input; the others rest at the operating point.
+    n_frequencies : int, default=40
+        Number of frequencies, spaced evenly on a logarithmic axis.
+    period : int
+        Samples of the common period; the lowest frequency is 1 / (period dt).
+
+    Returns
+    -------
+    frequencies : ndarray of shape (n,)
+        Frequencies, in Hz.
+    G : ndarray of complex, shape (n, ny)
+        First harmonic of the outputs over the sine; nan where it diverges.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or the law is ill-posed.
+
+    Notes
+    -----
+    Costs at most 9 periods of simulation, all frequencies at once.
+    """
+    if not (np.isfinite(amplitude) and amplitude > 0):
+        raise ValueError(
+            f"`amplitude` must be positive, got {amplitude}. Give it in the units of u."
+        )
+    nu = model.B_.shape[1]
+    if not 0 <= input < nu:
+        raise ValueError(
+            f"`input` must be between 0 and {nu - 1}, got {input}. Columns of the "
+            "input count from 0."
+        )
+    dynamics = _loop(model, loop)
+    harmonics = _harmonics(period, n_frequencies)
+    radius = np.abs(np.linalg.eigvals(model.A_)).max()
+    settle = MAX_PERIODS
+    if radius < 1:
+        samples = np.log(SETTLED) / np.log(max(radius, SETTLED))
+        settle = min(int(np.ceil(samples / period)), MAX_PERIODS)
+    X = np.zeros((len(harmonics), dynamics.lure.nx))
+    U = np.tile(model.u_offset_, (len(harmonics), 1))
+    G = np.zeros((len(harmonics), len(dynamics.y_offset)), dtype=complex)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range((settle + 1) * period):
+            turn = 2 * np.pi * harmonics * (k % period) / period
+            U[:, input] = model.u_offset_[input] + amplitude * np.sin(turn)
+            if k >= settle * period:  # y = Im(amplitude G exp(j turn))
+                y = dynamics.measure(X, U) - dynamics.y_offset
+                G += y * np.exp(-1j * turn)[:, None]
+            X = dynamics.step(X, U)
+        G *= 2j / (period * amplitude)
+    G[~np.isfinite(G).all(axis=1)] = np.nan
+    return harmonics / (period * model.dt), G
+
+
+def _loop(model, loop):
+    """Return one step of the model, or of the model under its law."""
+    from ..feedback import Dynamics, LinearizingLaw  # they import python-control
+
+    dynamics = Dynamics.of(model)
+    if loop == "open":
+        return dynamics
+    if loop != "closed":
+        raise ValueError(f"`loop` must be 'open' or 'closed', got {loop!r}.")
+    LinearizingLaw(model)  # says why, where there is no such loop
+    lure, feedback = model._plant()
+    if np.any(feedback[0]) or np.any(feedback[1]):
+        return replace(dynamics, lure=lure.close(*feedback))
+    return dynamics
+
+
+def _harmonics(period, n):
+    """Return harmonics of the period below the Nyquist frequency."""
+    if period < 8 or n < 1:
+        raise ValueError(
+            "`period` must be at least 8 samples and `n_frequencies` at least 1, got "
+            f"{period} and {n}. Enlarge them."
+        )
+    return np.unique(np.geomspace(1, (period - 1) // 2, n).round().astype(int))
+
+
+@dataclass(frozen=True, eq=False)
+class LoopDeviation:
+    """Hold states of the linearized loop and their distance from the linear ones.
+
+    Parameters
+    ----------
+    X : ndarray of shape (N, nx)
+        States of the loop x+ = (A - B K) x + B r + omega; inf where it diverges.
+    Z : ndarray of shape (N, nx)
+        Their deviation zeta from the linear loop with the same r and x0, which obeys
+        zeta+ = (A - B K) zeta + omega from zeta = 0: it stays in the invariant set.
+    """
+
+    X: np.ndarray
+    Z: np.ndarray
+
+
+def loop_deviation(model, u, y, experiment=None, *, K=None):
+    """Simulate the loop u = v - h, with recorded inputs as v or r.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs of the loop.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs; they set the initial states.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    K : array_like of shape (nu, nx) or None, default=None
+        State feedback v = r - K x, in the basis of `A_`.
+
+    Returns
+    -------
+    runs : list of LoopDeviation
+        One run per experiment.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If `K` has the wrong shape, the data do not fit the model, or the law is
+        ill-posed.
+    """
+    from ..feedback import LinearizingLaw  # it imports python-control
+
+    check_is_fitted(model)
+    LinearizingLaw(model)  # says why, where there is no such loop
+    K = model._check_gain(K)
+    lure, feedback = model._plant()
+    loop = lure.close(*feedback)
+    A, B = model.A_, model.B_
+    if K is not None:
+        loop, A = state_feedback(loop, K), A - B @ K
+    nx, nu = B.shape
+    linear = Lure(np.hstack([A, B, np.zeros((nx, 1))]), nx, nu, 0)
+    runs = []
+    for u_k, _, x0 in deviations(model, u, y, experiment):
+        X = simulate(loop, u_k, x0)[:-1]
+        with np.errstate(invalid="ignore"):
+            Z = X - simulate(linear, u_k, x0)[:-1]
+        runs.append(LoopDeviation(X, Z))
+    return runs

@@ -1,0 +1,131 @@
+"""What a validation reports: checks with a number and a sentence each."""
+
+import textwrap
+from dataclasses import dataclass, field
+
+from ..linearizability import Linearizability
+from ._ahead import AheadFit
+from ._residuals import ResidualTests
+
+WIDTH = 88  # of the table
+
+
+@dataclass(frozen=True)
+class Check:
+    """Hold the outcome of one check.
+
+    Parameters
+    ----------
+    name : str
+        Name of the check.
+    passed : bool
+        Whether it passed.
+    value : float
+        The number that it rests on.
+    quantity : str
+        What `value` is, such as "p-value".
+    decides : bool
+        Whether the verdict depends on it; a check that does not is reported only.
+    sentence : str
+        What the outcome means and what to do about it.
+    """
+
+    name: str
+    passed: bool
+    value: float
+    quantity: str
+    decides: bool
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation:
+    """Hold the checks of a model on a record.
+
+    ``validation["independence"]`` is one check, and it iterates over all of them.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+        The checks.
+    residuals : ResidualTests or None
+        Correlations, bands and p-values behind the checks of residuals; None if the
+        simulation diverges.
+    ahead : AheadFit or None
+        Fit of k-step predictions; None if the model has no observer.
+    linearizability : Linearizability
+        How linear the model is on this record.
+    name : str
+        Name of the model.
+    """
+
+    checks: tuple[Check, ...]
+    residuals: ResidualTests | None = field(repr=False)
+    ahead: AheadFit | None = field(repr=False)
+    linearizability: Linearizability = field(repr=False)
+    name: str = "model"
+
+    @property
+    def passed(self):
+        """Return whether all checks passed that decide."""
+        return all(check.passed for check in self.checks if check.decides)
+
+    def __iter__(self):
+        """Yield the checks."""
+        return iter(self.checks)
+
+    def __len__(self):
+        """Return the number of checks."""
+        return len(self.checks)
+
+    def __getitem__(self, name):
+        """Return the check of a name."""
+        for check in self.checks:
+            if check.name == name:
+                return check
+        names = ", ".join(check.name for check in self.checks)
+        raise KeyError(f"`name` must be one of {names}, got {name!r}.")
+
+    def __repr__(self):
+        """Return a table, a sentence below each line, and the verdict."""
+        lines = []
+        for check in self.checks:
+            outcome = "pass" if check.passed else "FAIL" if check.decides else "note"
+            number = f"{check.quantity} {check.value:.3g}"
+            lines.append(f"{outcome}  {check.name:<18s}{number}")
+            lines += textwrap.wrap(
+                check.sentence,
+                WIDTH,
+                initial_indent=" " * 6,
+                subsequent_indent=" " * 6,
+            )
+        failed = [c.name for c in self.checks if c.decides and not c.passed]
+        verdict = "passes" if not failed else f"fails: {', '.join(failed)}"
+        return "\n".join([*lines, f"{self.name} {verdict}."])
+
+    def to_frame(self):
+        """Return the checks as a pandas DataFrame.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+            One row per check, indexed by its name, with the columns `passed`,
+            `value`, `quantity`, `decides` and `sentence`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                "`to_frame` needs pandas, which could not be imported. Install it by "
+                "pip install pandas, or print the record."
+            ) from error
+        columns = ("passed", "value", "quantity", "decides", "sentence")
+        return pandas.DataFrame(
+            {name: [getattr(check, name) for check in self.checks] for name in columns},
+            index=pandas.Index([check.name for check in self.checks], name="check"),
+        )

@@ -1,0 +1,423 @@
+"""Residuals of a free run: whether they are noise, or something is missing.
+
+The residual r = y - y_hat of a simulation is not white where the noise is not: white
+residuals are a surprise, colored ones no fault.  What counts is that r does not depend
+on u.  So r is whitened first, by an autoregressive filter of its own (per output, order
+by Akaike's criterion),
+
+    r_w = r - a_1 r_{k-1} - ... - a_p r_{k-p},
+
+which is noise if r is, whatever the color.  Then r_w is regressed on what it must not
+depend on (eq. residuals), block by block,
+
+    r_w ~ constant | lags of u | lags of squares | lags of cubes,
+
+squares and cubes being those of u and of the *simulated* output (the measured one
+carries the noise), and an F-test asks whether a block explains more of r_w than chance
+does, beyond the blocks before it.  All of it comes out of one QR factorization.
+Regression, unlike one correlation after the other, is right for any color of u.
+
+Experiments are pooled; no lag reaches across a seam, and what was not measured drops
+out.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from scipy.stats import chi2, f, norm
+
+BLOCKS = ("independence", "squares", "cubes")
+POWER_LAGS = 10  # lags of squares and cubes: the simulated output has memory itself
+CHUNK = 20_000  # rows of a regression treated at a time
+RANK_TOL = 1e-8  # share of a column below which the others explain it
+PERFECT = 1e-10  # residual over output that is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTests:
+    """Hold correlations and tests of the residuals of a free run.
+
+    Parameters
+    ----------
+    lags : ndarray of int of shape (n_lags + 1,)
+        Lags of the autocorrelation, in samples.
+    autocorrelation : ndarray of shape (n_lags + 1, ny)
+        Autocorrelation of r, per output; one at lag 0.
+    autocorrelation_band : ndarray of shape (n_lags + 1, ny)
+        Half width of the band that holds it with probability 1 - `level` at every
+        single lag if r is white.
+    cross_lags : ndarray of int of shape (2 * n_lags + 1,)
+        Lags of the cross-correlation; u is earlier than r at positive ones.
+    cross_correlation : ndarray of shape (2 * n_lags + 1, ny, nu)
+        Correlation of the whitened residual with u. At negative lags it tells of
+        feedback while the data were recorded.
+    cross_band : ndarray of shape (2 * n_lags + 1, ny)
+        Half width of its band if r does not depend on u.
+    p_values : dict of str to ndarray of shape (ny,)
+        Of the tests "whiteness" (Ljung and Box), "independence" (of u), "squares" and
+        "cubes" (of u and the simulated output).
+    shares : dict of str to ndarray of shape (ny,)
+        Share of the variance of the whitened residual that each block explains; for
+        "whiteness", the share of r that its own past explains.
+    ar_order : ndarray of int of shape (ny,)
+        Order of the whitening filters.
+    n_samples : ndarray of int of shape (ny,)
+        Number of measured samples.
+    level : float
+        Probability of a false alarm of each test and of the bands at each lag.
+    dt : float
+        Sampling time, in seconds.
+    input_names, output_names : list of str
+        Names of the signals.
+    """
+
+    lags: np.ndarray
+    autocorrelation: np.ndarray
+    autocorrelation_band: np.ndarray
+    cross_lags: np.ndarray
+    cross_correlation: np.ndarray
+    cross_band: np.ndarray
+    p_values: dict
+    shares: dict
+    ar_order: np.ndarray
+    n_samples: np.ndarray
+    level: float
+    dt: float
+    input_names: list
+    output_names: list
+
+
+def residual_tests(
+    experiments,
+    *,
+    level=0.01,
+    n_lags=25,
+    dt=1.0,
+    input_names=None,
+    output_names=None,
+):
+    """Test the residuals of simulated experiments (eq. residuals).
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of ndarray
+        Tuples (u, y, y_hat) of shapes (N, nu), (N, ny), (N, ny): inputs, measured
+        outputs, nan where not measured, and simulated outputs.
+    level : float, default=0.01
+        Probability of a false alarm, of each test and of the bands at each lag.
+    n_lags : int, default=25
+        Number of lags. Choose it to cover the response of the plant.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    input_names, output_names : sequence of str or None, default=None
+        Names of the signals; None means u0, u1, ... and y0, y1, ...
+
+    Returns
+    -------
+    tests : ResidualTests
+        Correlations, bands and p-values.
+
+    Raises
+    ------
+    ValueError
+        If `level` or `n_lags` is out of range, a simulation is not finite, or there
+        are too few samples for the lags.
+
+    Examples
+    --------
+    >>> from alssnn.validation import residual_tests
+    >>> rng = np.random.default_rng(0)
+    >>> u, noise = rng.standard_normal((2, 500, 1))
+    >>> tests = residual_tests([(u, 2 * u + noise, 1.5 * u)])
+    >>> bool(tests.p_values["independence"] < 0.01)
+    True
+    """
+    check_options(level, n_lags)
+    experiments = [tuple(_columns(z) for z in zs) for zs in experiments]
+    if not all(np.isfinite(y_hat).all() for _, _, y_hat in experiments):
+        raise ValueError(
+            "`y_hat` must be finite, got a simulation that diverges. Keep the data in "
+            "the range of the training."
+        )
+    u = [u for u, _, _ in experiments]
+    r = [y - y_hat for _, y, y_hat in experiments]
+    u, powers = _deviations(u), _powers(u, [y_hat for _, _, y_hat in experiments])
+    nu, ny = u[0].shape[1], r[0].shape[1]
+    z = norm.isf(level / 2)
+    columns = []
+    for i in range(ny):
+        r_i = [part[:, i] for part in r]
+        y_i = [y[:, i] for _, y, _ in experiments]
+        columns.append(_test_output(r_i, y_i, u, powers, n_lags, z))
+    stack = {key: np.stack([c[key] for c in columns], axis=-1) for key in columns[0]}
+    names = ("whiteness", *BLOCKS)
+    return ResidualTests(
+        lags=np.arange(n_lags + 1),
+        autocorrelation=stack["auto"],
+        autocorrelation_band=stack["auto_band"],
+        cross_lags=np.arange(-n_lags, n_lags + 1),
+        cross_correlation=np.moveaxis(stack["cross"], -1, 1),
+        cross_band=stack["cross_band"],
+        p_values=dict(zip(names, stack["p"], strict=True)),
+        shares=dict(zip(names, stack["share"], strict=True)),
+        ar_order=stack["order"],
+        n_samples=stack["n"],
+        level=float(level),
+        dt=float(dt),
+        input_names=_names(input_names, "u", nu),
+        output_names=_names(output_names, "y", ny),
+    )
+
+
+def check_options(level, n_lags):
+    """Refuse a level or a number of lags that is out of range.
+
+    Parameters
+    ----------
+    level : float
+        Probability of a false alarm.
+    n_lags : int
+        Number of lags.
+
+    Raises
+    ------
+    ValueError
+        If `level` is not between 0 and 1 or `n_lags` not positive.
+    """
+    if not 0 < level < 1:
+        raise ValueError(
+            f"`level` must be between 0 and 1, got {level}. It is the probability of "
+            "a false alarm, such as 0.01."
+        )
+    if n_lags != int(n_lags) or n_lags < 1:
+        raise ValueError(
+            f"`n_lags` must be a positive integer, got {n_lags}. Give the number of "
+            "samples over which the plant responds."
+        )
+
+
+def _test_output(r, y, u, powers, n_lags, z):
+    """Return correlations and tests of one output."""
+    n = sum(int(np.isfinite(part).sum()) for part in r)
+    nu = u[0].shape[1]
+    n_columns = 1 + nu * (n_lags + 1)
+    n_columns += sum(q[0].shape[1] for q in powers) * (min(n_lags, POWER_LAGS) + 1)
+    rows = sum(int(np.isfinite(part[n_lags:]).sum()) for part in r)
+    if rows < 2 * n_columns:
+        raise ValueError(
+            f"`y` must have at least {2 * n_columns} measured samples behind the "
+            f"first {n_lags} of the experiments, got {rows}. Take fewer `n_lags` or a "
+            "longer record."
+        )
+    mean = sum(np.nansum(part) for part in r) / n
+    r = [part - mean for part in r]
+    size = max(np.nanmax(np.abs(part)) for part in y)
+    if max(np.nanmax(np.abs(part)) for part in r) <= PERFECT * size:
+        return _nothing_left(n, n_lags, nu)
+    auto, auto_pairs = _correlation(r, r, range(n_lags + 1))
+    # Ljung and Box; pairs = n - k without gaps
+    Q = n * (n + 2) * np.sum(auto[1:] ** 2 / np.maximum(auto_pairs[1:], 1))
+    white, order, own_share = whiten(r)
+    lags = range(-n_lags, n_lags + 1)
+    cross = [_correlation(white, [part[:, [j]] for part in u], lags) for j in range(nu)]
+    n_white = sum(int(np.isfinite(part).sum()) for part in white)
+    p, share = _regress(white, u, powers, n_lags)
+    return {
+        "auto": auto,
+        "auto_band": z * np.sqrt(auto_pairs) / n,
+        "cross": np.stack([c for c, _ in cross], axis=-1),
+        "cross_band": z * np.sqrt(cross[0][1]) / n_white,
+        "p": np.array([chi2.sf(Q, n_lags), *p]),
+        "share": np.array([own_share, *share]),
+        "order": np.array(order),
+        "n": np.array(n),
+    }
+
+
+def _nothing_left(n, n_lags, nu):
+    """Return the outcome of a residual that is rounding."""
+    auto = np.zeros(n_lags + 1)
+    auto[0] = 1.0
+    return {
+        "auto": auto,
+        "auto_band": np.zeros(n_lags + 1),
+        "cross": np.zeros((2 * n_lags + 1, nu)),
+        "cross_band": np.zeros(2 * n_lags + 1),
+        "p": np.ones(4),
+        "share": np.zeros(4),
+        "order": np.array(0),
+        "n": np.array(n),
+    }
+
+
+# -- correlations ----------------------------------------------------------------------
+
+
+def _correlation(a, b, lags):
+    """Return the correlation of a_k with b_{k - lag} and the number of pairs.
+
+    Lists of signals, one per experiment, with mean zero; nan does not count.
+    """
+    a = [part.ravel() for part in a]
+    b = [part.ravel() for part in b]
+    total = np.sqrt(
+        sum(np.nansum(part**2) for part in a)
+        * sum(
+            np.sum(part_b[np.isfinite(part_a)] ** 2)
+            for part_a, part_b in zip(a, b, strict=True)
+        )
+    )
+    sums, pairs = np.zeros(len(lags)), np.zeros(len(lags))
+    for part_a, part_b in zip(a, b, strict=True):
+        for i, lag in enumerate(lags):
+            n = len(part_a) - abs(lag)
+            if n <= 0:
+                continue
+            late = part_a[lag:] if lag >= 0 else part_a[:lag]
+            early = part_b[:n] if lag >= 0 else part_b[-lag:]
+            product = late * early
+            sums[i] += np.nansum(product)
+            pairs[i] += np.isfinite(product).sum()
+    return sums / (total if total > 0 else 1.0), pairs
+
+
+# -- whitening -------------------------------------------------------------------------
+
+
+def whiten(r):
+    """Return what is left of a signal when its own past is used.
+
+    Parameters
+    ----------
+    r : list of ndarray of shape (N,)
+        One signal per experiment, of mean zero; nan where it is not known.
+
+    Returns
+    -------
+    white : list of ndarray of shape (N,)
+        Prediction errors of an autoregressive model; nan at the first samples of
+        every experiment and behind unknown ones.
+    order : int
+        Order of the model, by Akaike's criterion, at most 10 log10(N).
+    share : float
+        Share of the variance that the past explains.
+    """
+    n = sum(int(np.isfinite(part).sum()) for part in r)
+    highest = min(int(10 * np.log10(n)), n // 10, min(len(part) for part in r) // 4)
+    while True:
+        lags = range(1, highest + 1)
+        rows = [np.column_stack([lagged(part[:, None], lags), part]) for part in r]
+        if sum(len(block) for block in _complete(rows)) > 4 * highest:
+            break
+        highest //= 2  # gaps leave too few complete rows
+    R = _triangle(rows)
+    target = R[:, -1]
+    rss = np.cumsum(target[::-1] ** 2)[::-1]  # of the orders 0, 1, ..., highest
+    rss = np.maximum(rss, np.finfo(float).tiny)
+    order = int(np.argmin(n * np.log(rss) + 2 * np.arange(highest + 1)))
+    a = np.linalg.lstsq(R[:order, :order], target[:order], rcond=None)[0]
+    white = [part - lagged(part[:, None], range(1, order + 1)) @ a for part in r]
+    return white, order, float(1.0 - rss[order] / rss[0])
+
+
+def lagged(z, lags):
+    """Return the past of signals.
+
+    Parameters
+    ----------
+    z : ndarray of shape (N, n)
+        Signals.
+    lags : sequence of int
+        Lags, not negative.
+
+    Returns
+    -------
+    past : ndarray of shape (N, len(lags) * n)
+        ``z[k - lag]``, lag by lag; nan before the first sample.
+    """
+    past = np.full((len(z), len(lags), z.shape[1]), np.nan)
+    for i, lag in enumerate(lags):
+        past[lag:, i] = z[: len(z) - lag]
+    return past.reshape(len(z), -1)
+
+
+# -- regression ------------------------------------------------------------------------
+
+
+def _regress(white, u, powers, n_lags):
+    """Return p-values and explained shares of the blocks (eq. residuals)."""
+    few = range(min(n_lags, POWER_LAGS) + 1)
+    lags = [range(n_lags + 1), few, few]
+    sizes = [z[0].shape[1] * len(k) for z, k in zip((u, *powers), lags, strict=True)]
+
+    def rows():
+        for i, part in enumerate(white):
+            past = [lagged(z[i], k) for z, k in zip((u, *powers), lags, strict=True)]
+            yield np.column_stack([np.ones(len(part)), *past, part])
+
+    R = _triangle(rows())
+    length = np.linalg.norm(R, axis=0)
+    # a column that others explain leaves a direction of rounding: counts for nothing
+    counts = np.abs(np.diag(R)) > RANK_TOL * length
+    n = sum(int(np.isfinite(block[:, -1]).sum()) for block in _complete(rows()))
+    squares = R[:-1, -1] ** 2
+    left = np.sum(squares[1:]) + R[-1, -1] ** 2  # what the constant leaves
+    variance, dof, start = max(left, np.finfo(float).tiny), n - 1, 1
+    p, share = [], []
+    for size in sizes:
+        block = slice(start, start + size)
+        d, explained = int(counts[block].sum()), squares[block][counts[block]].sum()
+        left, dof, start = left - squares[block].sum(), dof - size, start + size
+        left = max(left, np.finfo(float).eps * variance)  # all but rounding explained
+        p.append(f.sf(explained / d / (left / dof), d, dof) if d else 1.0)
+        share.append(explained / variance)
+    return p, share
+
+
+def _complete(blocks):
+    """Yield the rows of blocks that hold no nan."""
+    for block in blocks:
+        yield block[np.isfinite(block).all(axis=1)]
+
+
+def _triangle(blocks):
+    """Return the factor R of all complete rows of blocks, chunk by chunk."""
+    R = None
+    for block in _complete(blocks):
+        for start in range(0, len(block), CHUNK):
+            part = block[start : start + CHUNK]
+            R = np.linalg.qr(part if R is None else np.vstack([R, part]), mode="r")
+    return R
+
+
+def _powers(u, y_hat):
+    """Return squares, with products, and cubes of the signals, per experiment."""
+    z = [
+        np.hstack(pair) for pair in zip(_deviations(u), _deviations(y_hat), strict=True)
+    ]
+    nu = u[0].shape[1]
+    kinds = (range(nu), range(nu, z[0].shape[1]))
+    pairs = [ij for kind in kinds for ij in combinations_with_replacement(kind, 2)]
+    squares = [
+        np.column_stack([part[:, i] * part[:, j] for i, j in pairs]) for part in z
+    ]
+    return squares, [part**3 for part in z]
+
+
+def _deviations(signals):
+    """Return signals with mean zero and unit variance over all experiments."""
+    every = np.vstack(signals)
+    mean, std = every.mean(axis=0), every.std(axis=0)
+    return [(z - mean) / np.where(std > 0, std, 1.0) for z in signals]
+
+
+def _columns(z):
+    z = np.asarray(z, dtype=float)
+    return z.reshape(len(z), -1)
+
+
+def _names(names, letter, size):
+    if names is None:
+        return [f"{letter}{i}" for i in range(size)]
+    return [str(name) for name in names]

@@ -1,0 +1,115 @@
+"""What a fitted model says about records: the samples that count, one by one.
+
+The initial state of every experiment is estimated from its first samples, as `score`
+does, and these samples are left out.
+"""
+
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from ..simulation import channels, simulate
+
+
+def scored_experiments(model, u, y, experiment=None):
+    """Return inputs, measured and simulated outputs of every experiment.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    experiments : list of tuple of ndarray
+        Tuples (u, y, y_hat) of the scored samples, in the user's units; u is what
+        arrives at the plant, late inputs are late.
+    starts : list of int
+        Number of samples before the first scored one, per experiment.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the data do not fit the model.
+    """
+    lure, _ = model._plant()
+    experiments, starts = [], []
+    for u_k, y_k, x0 in deviations(model, u, y, experiment):
+        X = simulate(lure, u_k, x0)[:-1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            y_hat = channels(lure, X, u_k)
+        y_hat = np.where(np.isfinite(y_hat), y_hat, np.inf)
+        start = model._window(u_k)
+        u_k, y_k, y_hat = (z[start:] for z in (u_k, y_k, y_hat))
+        offset = model.y_offset_
+        experiments.append((u_k + model.u_offset_, y_k + offset, y_hat + offset))
+        starts.append(start)
+    return experiments, starts
+
+
+def column_names(model):
+    """Return names of the inputs and outputs of a model, as its data have them.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    inputs, outputs : list of str
+        Names of the columns of the training data, else u0, u1, ... and y0, y1, ...
+    """
+    ny, nu = model.D_.shape
+    inputs = getattr(model, "feature_names_in_", None)
+    outputs = model.output_names_
+    return (
+        [f"u{i}" for i in range(nu)] if inputs is None else [str(z) for z in inputs],
+        [f"y{i}" for i in range(ny)] if outputs is None else list(outputs),
+    )
+
+
+def deviations(model, u, y, experiment=None):
+    """Return deviations from the operating point and initial states.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    experiments : list of tuple of ndarray
+        Tuples (u, y, x0), in the user's units; late inputs are late.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the data do not fit the model.
+    """
+    check_is_fitted(model)
+    u, y, parts = model._test_data(u, y, experiment)
+    scaling = model._scaling
+    return [
+        (
+            u_s[:] * scaling.u_scale,
+            np.asarray(y_s[:]) * scaling.y_scale,
+            model._initial_state(u_s, y_s, model._window(u_s)),
+        )
+        for u_s, y_s in model._experiments(u, y, parts)
+    ]

@@ -1,0 +1,421 @@
+import warnings
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import binom, chi2, kstest
+from sklearn.exceptions import ConvergenceWarning
+
+from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn.validation import (
+    ahead_fit,
+    frequency_response,
+    loop_deviation,
+    residual_tests,
+    sine_response,
+)
+
+A = np.array([[0.8, 0.3], [-0.2, 0.7]])
+B = np.array([[1.0, 0.2], [0.1, 0.5]])
+C = np.array([[1.0, 0.0], [0.3, 1.0]])
+TESTS = ("independence", "squares", "cubes")
+
+
+def colored(rng, shape, pole):
+    return lfilter([1], [1, -pole], rng.standard_normal(shape), axis=0)
+
+
+def plant(u, strength=0.0):
+    """A linear plant of two inputs and outputs, or one with an even remainder."""
+    x, y = np.zeros(2), np.empty((len(u), 2))
+    for k, u_k in enumerate(u):
+        y[k] = C @ x
+        x = A @ x + B @ u_k + strength * x**2
+    return y
+
+
+def fit(estimator, u, y, experiment=None):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return estimator.fit(u, y, experiment)
+
+
+@pytest.fixture(scope="module")
+def true_model():
+    u = colored(np.random.default_rng(0), (2000, 2), 0.8)
+    model = LinearStateSpace(nx=2, dt=0.1, operating_point="zero").fit(u, plant(u))
+    assert model.score(u, plant(u)) > 1 - 1e-9
+    return model
+
+
+@pytest.fixture(scope="module", params=["output", "state"])
+def fl_model(request):
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal((600, 2))
+    y = plant(np.tanh(u))
+    model = FlSsnn(nx=2, n_h=3, feedback=request.param, max_iter=15, random_state=0)
+    model.set_params(dt=0.1)
+    return fit(model, u, y)
+
+
+# -- statistics ------------------------------------------------------------------------
+
+
+def test_whiteness_is_the_test_of_ljung_and_box():
+    rng = np.random.default_rng(0)
+    r = colored(rng, 300, 0.1)
+    tests = residual_tests([(rng.standard_normal(300), r, 0 * r)], n_lags=10)
+    r = r - r.mean()
+    rho = np.correlate(r, r, "full")[299:310] / (r @ r)
+    Q = 300 * 302 * np.sum(rho[1:] ** 2 / (300 - np.arange(1, 11)))
+    np.testing.assert_allclose(tests.autocorrelation[:, 0], rho, atol=1e-12)
+    assert tests.p_values["whiteness"][0] == pytest.approx(chi2.sf(Q, 10))
+    half = 2.5758293 * np.sqrt(300 - np.arange(11)) / 300  # normal quantile of 0.995
+    np.testing.assert_allclose(tests.autocorrelation_band[:, 0], half)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_p_values_of_true_residuals_are_uniform(pole):
+    n, p = 120, {name: [] for name in TESTS}
+    outside = []
+    for seed in range(n):
+        rng = np.random.default_rng(seed)
+        u = colored(rng, (500, 1), 0.9)
+        y_hat = lfilter([0, 1], [1, -0.7], u, axis=0)
+        tests = residual_tests(
+            [(u, y_hat + colored(rng, (500, 1), pole), y_hat)], n_lags=15
+        )
+        for name in TESTS:
+            p[name].append(tests.p_values[name][0])
+        outside.append(np.abs(tests.cross_correlation[..., 0]) > tests.cross_band)
+    for name in TESTS:
+        # with colored signals, too: nominal at 5 % and over all levels
+        assert np.sum(np.array(p[name]) < 0.05) <= binom.ppf(0.9999, n, 0.05)
+        assert kstest(p[name], "uniform").pvalue > 1e-3
+    # lags of one record are correlated: only the mean over seeds is near 1 %
+    assert 0.002 < np.mean(outside) < 0.025
+
+
+def test_each_block_catches_its_own_remainder():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((3000, 2))
+    y_hat = 0.1 * rng.standard_normal((3000, 1))
+    before = np.vstack([np.zeros((3, 2)), u[:-3]])
+    remainders = {
+        "independence": before[:, 0],
+        "squares": before[:, 0] * before[:, 1],
+        "cubes": before[:, 1] ** 3 - 3 * before[:, 1],  # orthogonal to u
+    }
+    for name, remainder in remainders.items():
+        r = 0.3 * remainder[:, None] + colored(rng, (3000, 1), 0.5)
+        tests = residual_tests([(u, y_hat + r, y_hat)], n_lags=10)
+        assert {k for k in TESTS if tests.p_values[k][0] < 1e-6} == {name}
+        # r_w = 0.3 z + e - 0.15 z_{k-1}: variances 0.1125 var(z) and about 1
+        part = 0.1125 * np.var(remainder)
+        assert tests.shares[name][0] == pytest.approx(part / (1 + part), abs=0.05)
+    k = int(np.argmax(np.abs(tests.cross_correlation[:, 0, 0])))
+    tests = residual_tests([(u, y_hat + before[:, :1], y_hat)], n_lags=10)
+    k = int(np.argmax(np.abs(tests.cross_correlation[:, 0, 0])))
+    assert tests.cross_lags[k] == 3
+
+
+def test_seams_and_gaps_do_not_count():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 1))
+    r = rng.standard_normal((400, 1))
+    r[50:60] = np.nan
+    parts = [(z[:150], z[150:]) for z in (u, r, 0 * u)]
+    tests = residual_tests(list(zip(*parts, strict=True)), n_lags=5)
+    assert tests.n_samples[0] == 390
+    r = r - np.nanmean(r)
+    halves = [r[:150, 0], r[150:, 0]]
+    products = np.concatenate([z[2:] * z[:-2] for z in halves])
+    expected = np.nansum(products) / np.nansum(r**2)
+    assert tests.autocorrelation[2, 0] == pytest.approx(expected)
+    pairs = np.isfinite(products).sum()
+    assert tests.autocorrelation_band[2, 0] == pytest.approx(
+        2.5758293 * np.sqrt(pairs) / 390
+    )
+
+
+def test_short_chunks_give_the_same_tests(monkeypatch):
+    rng = np.random.default_rng(0)
+    u, y, y_hat = rng.standard_normal((3, 900, 1))
+    whole = residual_tests([(u, y, y_hat)])
+    monkeypatch.setattr("alssnn.validation._residuals.CHUNK", 70)
+    parts = residual_tests([(u, y, y_hat)])
+    for name in TESTS:
+        np.testing.assert_allclose(parts.p_values[name], whole.p_values[name])
+
+
+def test_columns_that_others_explain_count_for_nothing():
+    rng = np.random.default_rng(0)
+    u = np.sign(rng.standard_normal((600, 1)))  # its square is one, its cube itself
+    tests = residual_tests([(u, rng.standard_normal((600, 1)), np.zeros((600, 1)))])
+    assert tests.p_values["squares"][0] == 1.0
+    assert tests.p_values["cubes"][0] == 1.0
+    assert 0 < tests.p_values["independence"][0] < 1
+
+
+def test_feedback_shows_at_negative_lags():
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(2000)
+    u = rng.standard_normal(2000)
+    u[2:] -= 0.5 * noise[:-2]
+    tests = residual_tests([(u, noise, 0 * noise)])
+    out = np.abs(tests.cross_correlation[:, 0, 0]) > 2 * tests.cross_band[:, 0]
+    assert tests.cross_lags[out].tolist() == [-2]
+    assert tests.p_values["independence"][0] > 0.01
+
+
+def test_a_residual_of_rounding_passes():
+    u = np.random.default_rng(0).standard_normal((300, 1))
+    tests = residual_tests([(u, u, u * (1 + 1e-15))])
+    assert all(p[0] == 1 for p in tests.p_values.values())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"level": 0}, "`level` must be between 0 and 1, got 0. It is"),
+        ({"n_lags": 0}, "`n_lags` must be a positive integer, got 0. Give"),
+        ({"n_lags": 60}, "`y` must have at least 212 measured samples behind the"),
+    ],
+)
+def test_wrong_options_of_the_tests(options, message):
+    z = np.random.default_rng(0).standard_normal((100, 1))
+    with pytest.raises(ValueError, match=message):
+        residual_tests([(z, z, 0 * z)], **options)
+
+
+def test_a_diverged_simulation_has_no_residual():
+    z = np.ones((100, 1))
+    with pytest.raises(ValueError, match="`y_hat` must be finite"):
+        residual_tests([(z, z, z * np.inf)])
+
+
+# -- validate --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_a_true_model_passes_at_the_nominal_rate(true_model, pole):
+    seeds, failed = 50, dict.fromkeys((*TESTS, "whiteness"), 0)
+    for seed in range(seeds):
+        rng = np.random.default_rng(100 + seed)
+        u = colored(rng, (400, 2), 0.8)
+        noise = 0.5 * colored(rng, (400, 2), pole)
+        found = true_model.validate(u, plant(u) + noise, n_lags=10, horizons=[1])
+        for name in failed:
+            failed[name] += not found[name].passed
+    most = binom.ppf(0.9999, seeds, 0.01)  # 5
+    assert max(failed[name] for name in TESTS) <= most
+    # the color of the noise is seen, and does not decide
+    assert failed["whiteness"] == seeds if pole else failed["whiteness"] <= most
+
+
+def test_a_colored_record_passes_and_says_so(true_model):
+    rng = np.random.default_rng(0)
+    u = colored(rng, (900, 2), 0.5)
+    y = plant(u) + colored(rng, (900, 2), 0.9)
+    found = true_model.validate(u, y)
+    assert found.passed
+    assert not found["whiteness"].passed
+    assert "independence decides" in found["whiteness"].sentence
+    assert str(found).endswith("LinearStateSpace passes.")
+
+
+def test_a_model_of_too_low_order_fails_independence(true_model):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((1500, 2))
+    low = LinearStateSpace(nx=1, dt=0.1).fit(u[:700], plant(u)[:700])
+    y = plant(u)[700:] + 0.1 * rng.standard_normal((800, 2))
+    found = low.validate(u[700:], y)
+    check = found["independence"]
+    assert not check.passed and not found.passed
+    assert check.value < 1e-10
+    assert "raise `nx`" in check.sentence
+    assert true_model.validate(u[700:], y)["independence"].passed
+    assert "fails: independence" in repr(found)
+
+
+def test_a_nonlinear_remainder_is_caught_by_squares():
+    rng = np.random.default_rng(0)
+    u = 0.5 * rng.standard_normal((1600, 2))
+    y = plant(u, strength=0.02)
+    y += 0.05 * rng.standard_normal(y.shape)
+    linear = LinearStateSpace(nx=2, dt=0.1, operating_point="zero").fit(
+        u[:800], y[:800]
+    )
+    found = linear.validate(u[800:], y[800:])
+    assert not found["squares"].passed
+    assert found["squares"].value < 1e-10
+    assert "even nonlinearity" in found["squares"].sentence
+    assert not found.passed
+
+
+def test_experiments_names_and_frames(true_model):
+    pandas = pytest.importorskip("pandas")
+    rng = np.random.default_rng(0)
+    u = pandas.DataFrame(rng.standard_normal((900, 2)), columns=["fan", "heater"])
+    y = plant(u.to_numpy()) + 0.1 * rng.standard_normal((900, 2))
+    y = pandas.DataFrame(y, columns=["flow", "temperature"])
+    label = np.repeat([3, 7], 450)
+    model = LinearStateSpace(nx=2, dt=0.1, operating_point="zero").fit(u, y, label)
+    found = model.validate(u, y, label)
+    assert found.residuals.input_names == ["fan", "heater"]
+    assert found.residuals.output_names == ["flow", "temperature"]
+    frame = found.to_frame()
+    assert frame.index.tolist() == [check.name for check in found]
+    assert frame.loc["independence", "value"] == found["independence"].value
+    assert len(found) == len(frame) == 8
+    as_list = model.validate([u[:450], u[450:]], [y[:450], y[450:]])
+    assert as_list["independence"].value == found["independence"].value
+    with pytest.raises(KeyError, match="`name` must be one of independence, squares"):
+        found["colour"]
+
+
+def test_data_outside_the_training_region_fail(true_model):
+    u = 5 * colored(np.random.default_rng(0), (400, 2), 0.8)
+    found = true_model.validate(u, plant(u), n_lags=10)
+    assert not found["extrapolation"].passed
+    assert found["extrapolation"].value == found.linearizability.outside > 0.5
+    assert found["independence"].value == 1.0  # exact all the same
+
+
+def test_a_diverging_run_fails_with_a_reason(true_model, monkeypatch):
+    u = np.random.default_rng(0).standard_normal((400, 2))
+    monkeypatch.setattr(
+        "alssnn.validation._scored.simulate",
+        lambda lure, u, x0: np.full((len(u) + 1, lure.nx), np.inf),
+    )
+    found = true_model.validate(u, plant(u))
+    assert not found.passed
+    assert found.residuals is None
+    assert "diverges" in found["independence"].sentence
+    assert found["free run"].value == -np.inf
+
+
+def test_what_is_not_linearizable_fails_if_made_for_control():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((900, 2))
+    y = plant(u, strength=0.02) + 0.01 * rng.standard_normal((900, 2))
+    model = fit(
+        AlSsnn(nx=2, n_h=2, n_g=3, gamma=1e-4, max_iter=15, random_state=0), u, y
+    )
+    found = model.validate(u, y, n_lags=10)
+    error = found.linearizability.linearization_error.max()
+    check = found["linearizability"]
+    assert check.value == error > 0.001
+    assert check.decides
+    tight = model.validate(u, y, n_lags=10, linear_within=0.5 * error)
+    loose = model.validate(u, y, n_lags=10, linear_within=2 * error)
+    assert not tight["linearizability"].passed and loose["linearizability"].passed
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"level": 2}, "`level` must be between 0 and 1"),
+        ({"linear_within": 0}, "`linear_within` must be positive"),
+        ({"horizons": [0]}, "`horizons` must be positive integers"),
+        ({"horizons": []}, "`horizons` must be positive integers"),
+        ({"horizons": [300]}, "`horizons` must fit into a quarter"),
+    ],
+)
+def test_wrong_options_of_validate(true_model, options, message):
+    u = np.random.default_rng(0).standard_normal((400, 2))
+    with pytest.raises(ValueError, match=message):
+        true_model.validate(u, plant(u), n_lags=10, **options)
+
+
+# -- predictions -----------------------------------------------------------------------
+
+
+def test_predictions_of_a_true_model_are_exact(true_model):
+    u = colored(np.random.default_rng(5), (400, 2), 0.8)
+    y = plant(u)
+    y[100:110] = np.nan
+    label = np.repeat([0, 1], [250, 150])
+    ahead = ahead_fit(true_model, u, y, label, horizons=[1, 7, 500])
+    assert ahead.horizons.tolist() == [1, 7]
+    np.testing.assert_allclose(ahead.fit, 100, atol=1e-2)
+    parts = [y[:250], y[250:]]
+    truth = np.vstack([z[7:] for z in parts])
+    held = np.vstack([_hold(z)[:-7] for z in parts])
+    ok = np.isfinite(truth[:, 0])
+    error = np.linalg.norm((truth - held)[ok], axis=0)
+    spread = np.linalg.norm((truth - truth[ok].mean(axis=0))[ok], axis=0)
+    np.testing.assert_allclose(ahead.last_value[1], 100 * (1 - error / spread))
+
+
+def _hold(z):
+    out = z.copy()
+    for k in range(1, len(out)):
+        out[k] = np.where(np.isnan(out[k]), out[k - 1], out[k])
+    return out
+
+
+def test_predictions_know_late_inputs():
+    u = np.random.default_rng(0).standard_normal((800, 2))
+    late = np.vstack([np.zeros((4, 2)), u[:-4]])
+    late[:, 1] = u[:, 1]
+    y = plant(late)
+    model = LinearStateSpace(nx=2, input_delay=[4, 0], operating_point="zero").fit(u, y)
+    ahead = ahead_fit(model, u, y, horizons=[1, 10])
+    np.testing.assert_allclose(ahead.fit, 100, atol=1e-2)
+    assert model.validate(u, y)["independence"].passed
+
+
+# -- finite amplitudes -----------------------------------------------------------------
+
+
+def test_sine_response_of_a_linear_model_is_its_frequency_response(true_model):
+    f, G = sine_response(true_model, 3.0, input=1, n_frequencies=12, period=128)
+    expected = frequency_response(true_model.to_statespace(), f)[..., 1]
+    np.testing.assert_allclose(G, expected, atol=1e-3 * np.abs(expected).max())
+    assert f[0] == pytest.approx(1 / 12.8) and f[-1] < 5
+
+
+def test_the_law_makes_the_response_linear_at_any_amplitude(fl_model):
+    G_lin = None
+    spread = {}
+    for loop in ("open", "closed"):
+        curves = [
+            sine_response(fl_model, a, loop=loop, n_frequencies=8, period=64)
+            for a in (0.1, 2.0)
+        ]
+        f = curves[0][0]
+        G_lin = frequency_response(fl_model.to_statespace(), f)[..., 0]
+        size = np.abs(G_lin).max()
+        spread[loop] = max(np.abs(G - G_lin).max() / size for _, G in curves)
+    assert spread["closed"] < 1e-3
+    assert spread["open"] > 10 * spread["closed"]
+
+
+def test_the_loop_deviates_by_what_g_makes(fl_model):
+    u = np.random.default_rng(0).standard_normal((200, 2))
+    (run,) = loop_deviation(fl_model, u, plant(np.tanh(u)))
+    assert np.abs(run.Z).max() < 1e-9 * np.abs(run.X).max()
+    rng = np.random.default_rng(0)
+    y = plant(u, strength=0.02) + 0.01 * rng.standard_normal(u.shape)
+    model = fit(AlSsnn(nx=2, n_h=2, n_g=3, max_iter=10, random_state=0), u, y)
+    K = 0.1 * rng.standard_normal((2, 2))
+    certificate = model.iss_certificate(u, y, K=K)
+    (run,) = loop_deviation(model, u, y, K=K)
+    omega = run.Z[1:] - run.Z[:-1] @ (model.A_ - model.B_ @ K).T
+    assert 0 < np.linalg.norm(omega, axis=1).max() <= certificate.eps * (1 + 1e-9)
+    assert certificate.contains(run.Z).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"amplitude": 0.0}, "`amplitude` must be positive"),
+        ({"input": 2}, "`input` must be between 0 and 1, got 2"),
+        ({"loop": "half"}, "`loop` must be 'open' or 'closed'"),
+        ({"period": 4}, "`period` must be at least 8 samples"),
+    ],
+)
+def test_wrong_options_of_sine_response(true_model, options, message):
+    with pytest.raises(ValueError, match=message):
+        sine_response(true_model, **{"amplitude": 1.0, "period": 64, **options})
