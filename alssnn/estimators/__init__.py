@@ -11,6 +11,7 @@ everything else delegates downwards.
 """
 
 from ._linear import LinearStateSpace
+from ._load import load
 from ._networks import AlSsnn, FlSsnn, GrSsnn
 
-__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace"]
+__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace", "load"]
