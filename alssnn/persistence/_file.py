@@ -13,6 +13,8 @@ another way.  Everything is checked before a model is made of it: the file may c
 elsewhere.
 """
 
+from numbers import Real
+
 import numpy as np
 
 from ..experiments import Scaling
@@ -215,8 +217,9 @@ def _names(names):
 
 
 def _encode_label(label):
-    encoded = encode(label) if np.isscalar(label) or label is None else None
-    if isinstance(encoded, dict) or (encoded is None and label is not None):
+    is_plain = label is None or isinstance(label, str | Real)
+    encoded = encode(label) if is_plain else {}
+    if isinstance(encoded, dict):
         raise ValueError(
             f"Labels in `experiment` must be finite numbers or strings for a file, got "
             f"{label!r}. Fit with such labels."
