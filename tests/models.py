@@ -37,8 +37,8 @@ def fit(model, nu=2, ny=2, **changes):
         return model.fit(*record(nu, ny))
 
 
-def lively(model, size=0.1):
-    """Return a fitted model whose networks have random weights."""
+def lively(model, size=0.1, radius=0.9):
+    """Give the networks of a fitted model random weights, and A at most a radius."""
     rng = np.random.default_rng(1)
     structure, theta = model._structure, model._theta.copy()
     for name, where in structure.slices.items():
@@ -46,6 +46,14 @@ def lively(model, size=0.1):
             outer = name in ("W_h", "W_g", "W_k")
             n = where.stop - where.start
             theta[where] = (size if outer else 1.0) * rng.standard_normal(n)
+    A = structure.split(theta)["A"]
+    A *= min(1.0, radius / np.abs(np.linalg.eigvals(A)).max())
     model._theta = theta
     model._publish_parameters()
     return model
+
+
+def simulate(model, u, **options):
+    """Return what a model that was fitted on named columns predicts, (N, ny)."""
+    u = pd.DataFrame(u, columns=model.feature_names_in_)
+    return model.predict(u, **options).reshape(len(u), -1)

@@ -7,7 +7,6 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from models import fit, lively, record
 from sklearn.exceptions import NotFittedError
 
 import alssnn
@@ -15,6 +14,7 @@ from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.feedback import lqi
 from alssnn.persistence import _archive
+from models import fit, lively, record
 
 DATA = Path(__file__).parent / "data"
 SMALL = {"max_iter": 3, "tol": 1e-2, "random_state": 0, "dt": 0.25}
@@ -122,7 +122,7 @@ def test_nothing_of_a_fit_is_forgotten(model, path):
 
 def test_the_loaded_model_computes_the_same_bits(model, path):
     loaded, data = again(model, path), record(2, 2, seed=3)
-    u, y, experiment = data
+    u, _, experiment = data
     for x0 in ("rest", "training"):
         np.testing.assert_array_equal(
             loaded.predict(u, experiment, x0), model.predict(u, experiment, x0)
