@@ -223,17 +223,16 @@ class _Source:
         return "\n".join([*lines, line.rstrip(","), "};"])
 
     def _number(self, name, value):
-        value = float(value)
         if np.isinf(value) and name in ("u_min", "u_max"):
             return "INFINITY" if value > 0 else "-INFINITY"
         with np.errstate(over="ignore"):
-            fits = np.isfinite(np.float32(value) if self.dtype == "float" else value)
-        if not fits:
+            literal = np.float32(value) if self.dtype == "float" else float(value)
+        if not np.isfinite(literal):
             raise ValueError(
                 f"`{name}` must be in the range of `dtype`, {self.dtype!r}, got "
                 f"{value}. Use 'double', or other units."
             )
-        return f"{value!r}{SUFFIX[self.dtype]}"
+        return f"{literal!s}{SUFFIX[self.dtype]}"
 
     def _functions(self):
         parts, names = self.parts, self.names
