@@ -311,6 +311,24 @@ def test_truncated_and_damaged_files_are_refused(fitted, path):
         alssnn.load(path)
 
 
+def test_wrong_bytes_are_refused_or_mean_nothing(path):
+    data = (DATA / "model_v1_al.npz").read_bytes()
+    theta = alssnn.load(DATA / "model_v1_al.npz")._theta
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(500):
+        altered = bytearray(data)
+        altered[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(altered)
+        try:
+            model = alssnn.load(path)
+        except ValueError as error:
+            refused += 1
+            assert "`path` must be" in str(error)
+        else:  # a date in the archive
+            np.testing.assert_array_equal(model._theta, theta)
+    assert refused > 300
+
+
 def test_other_types_of_files_are_refused(path):
     contents = {
         "another type of file": [b"", b"u,y\n1,2\n", pickle.dumps({"a": 1})],

@@ -18,6 +18,16 @@ import numpy as np
 
 DOCUMENT = "document"
 FORMAT = "alssnn model"
+# What zip archives and arrays raise when single bytes are wrong.
+DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    OSError,
+    EOFError,
+    RuntimeError,  # the archive claims to be encrypted, or a method that is unknown
+    MemoryError,  # an array claims to be huge
+)
 VERSION = 1  # the newest schema, the one that is written
 
 
@@ -86,7 +96,7 @@ def read(path):
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = dict(file)
-    except (zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError) as error:
+    except DAMAGED as error:
         raise ValueError(
             _refusal(path, f"a damaged file ({error}). Copy or save it again")
         ) from error
@@ -96,7 +106,7 @@ def read(path):
         if document["format"] != FORMAT:
             raise ValueError(f"format {document['format']!r}")
         version = document["version"]
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise ValueError(_refusal(path, "another kind of archive")) from error
     if type(version) is not int or not 1 <= version <= VERSION:
         raise ValueError(

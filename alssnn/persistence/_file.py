@@ -27,6 +27,16 @@ PARAMETER = "parameter."
 REGION = ("low", "high", "center", "whiten", "radius")
 SCALING = ("u_offset", "y_offset", "u_scale", "y_scale")
 RESULTS = ("x0_", "input_delay_", "singular_values_")
+# What contradictions in a file raise, besides those that are looked for.
+ALTERED = (
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    ValueError,
+    OverflowError,
+    RecursionError,
+)
 LINEAR = ("A_", "B_", "C_", "D_")
 
 
@@ -110,7 +120,7 @@ def load(path, classes):
         )
     try:
         return _restore(classes[document["class"]], document, arrays)
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+    except ALTERED as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise ValueError(
             f"`path` must be a file as `model.save` wrote it, got an altered one: "
