@@ -358,6 +358,11 @@ def test_a_model_without_law_says_why(fitted, tmp_path):
     fitted["D, k, late"].to_c(tmp_path)
     assert "No law: The law u = v - h(y)" in (tmp_path / "README.md").read_text()
     assert "plant_law" not in (tmp_path / "plant.h").read_text()
+    fitted["D, state"].to_c(tmp_path)
+    readme = (tmp_path / "README.md").read_text()
+    order = ["`plant_law(v, x, u, cut)`", "Measure y", "`plant_correct(x, u, y)`"]
+    places = [readme.index(f"{i}. {step}") for i, step in enumerate(order, start=1)]
+    assert places == sorted(places)
     gain = np.zeros((2, 5))
     with pytest.raises(ValueError, match="algebraic loop"):
         fitted["D, k, late"].to_c(tmp_path, gain=gain)

@@ -400,13 +400,15 @@ class _Source:
         yield ""
         yield "As an observer, and with a controller of your own that computes v:"
         yield ""
-        yield "1. Measure y."
-        yield f"2. `{prefix}_correct(x, {u}, y)`: x is the estimate of this sample."
         s = "x" if self.by_state else "y"
-        if self.has_law:
-            yield f"3. `{prefix}_law(v, {s}, u, cut)`, then apply u."
-        else:
-            yield "3. Compute and apply u."
+        act = f"`{prefix}_law(v, {s}, u, cut)`" if self.has_law else "Compute u"
+        act += ", then apply u."
+        correct = f"`{prefix}_correct(x, {u}, y)`: x is the estimate of this sample."
+        # where y depends on u, u is chosen by the prediction
+        steps = ["Measure y.", correct]
+        steps = [act, *steps] if self.feeds_through else [*steps, act]
+        for i, step in enumerate(steps, start=1):
+            yield f"{i}. {step}"
         yield f"4. `{prefix}_step(x, u)`: x is the prediction for the next sample."
 
     def _notes(self, parts, prefix):
