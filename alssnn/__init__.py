@@ -6,7 +6,7 @@ inputs and outputs. The law u = v - h(y) cancels h, and what g leaves is penaliz
 
 from . import datasets, metrics
 from .activations import Activation
-from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, load
 from .experiments import stack_experiments
 from .ladder import model_ladder
 from .linearizability import Linearizability
@@ -21,6 +21,7 @@ __all__ = [
     "LinearStateSpace",
     "Linearizability",
     "datasets",
+    "load",
     "metrics",
     "model_ladder",
     "stack_experiments",

@@ -210,15 +210,41 @@ class Perceptron:
         h : Perceptron or None
             The network; None for a model without h.
         """
-        if "W_h" not in p:
+        return cls.of("h", p, activation)
+
+    @classmethod
+    def of(cls, net, p, activation):
+        """Return a network.
+
+        Parameters
+        ----------
+        net : {"h", "g", "k"}
+            Network. What g and k see is [x; u].
+        p : dict of str to ndarray
+            Parameters by name.
+        activation : Activation
+            Activation of the network.
+
+        Returns
+        -------
+        network : Perceptron or None
+            The network, tied biases included; None for a model without it.
+        """
+        if f"W_{net}" not in p:
             return None
-        signal = next(s for s, W in INNER["h"].items() if W in p)
-        names = [(INNER["h"][signal], INNER_BIAS["h"][signal])]
-        while f"W_h{len(names) + 1}" in p:
-            names.append((f"W_h{len(names) + 1}", f"b_h{len(names) + 1}"))
-        names.append(("W_h", "b_h"))
-        layers = [(p[W], p.get(b, np.zeros(len(p[W])))) for W, b in names]
-        return cls(layers, activation)
+        signals = [s for s, W in INNER[net].items() if W in p]
+        b = next(INNER_BIAS[net][s] for s in signals if s in INNER_BIAS[net])
+        layers = [(np.hstack([p[INNER[net][s]] for s in signals]), p.get(b))]
+        while f"W_{net}{len(layers) + 1}" in p:
+            i = len(layers) + 1
+            layers.append((p[f"W_{net}{i}"], p.get(f"b_{net}{i}")))
+        layers.append((p[f"W_{net}"], p.get(f"b_{net}")))
+        layers = [(W, np.zeros(len(W)) if b is None else b) for W, b in layers]
+        network = cls(layers, activation)
+        if net != "h" and f"b_{net}" not in p:  # tied: it vanishes at rest
+            W, _ = layers[-1]
+            layers[-1] = W, -network(np.zeros(layers[0][0].shape[1]))
+        return network
 
     def __call__(self, s):
         """Evaluate the network (eq. model).

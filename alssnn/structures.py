@@ -55,6 +55,8 @@ class Structure:
         Names of the parameters that belong to neural networks (weight decay).
     activations : dict of str to Activation
         Activation of the neuron axes; axes that are not named have tanh.
+    options : dict
+        Keyword arguments of `state_space_structure` that declare it again, but for C.
     """
 
     sizes: dict
@@ -67,6 +69,7 @@ class Structure:
     constant_axes: dict = field(default_factory=dict)
     network_parameters: tuple = ()
     activations: dict = field(default_factory=dict)
+    options: dict = field(default_factory=dict)
 
     # -- sizes and places --------------------------------------------------------
 
@@ -476,6 +479,16 @@ def state_space_structure(
         constant_axes=constant_axes,
         network_parameters=tuple(n for n in parameters if n not in linear),
         activations=activations,
+        options={
+            **{f"n_{net}": layers[net] for net in "hgk"},
+            "feedthrough": feedthrough,
+            "feedback": feedback,
+            "penalty": penalty,
+            "penalize_h": penalize_h,
+            "tied_bias": tied_bias,
+            "odd": odd,
+            "activation": sigma,
+        },
     )
 
 
@@ -489,4 +502,4 @@ def _sizes(n):
             "The sizes of hidden layers must be positive integers, such as 10 or "
             f"(10, 5), got {n!r}."
         )
-    return sizes
+    return tuple(int(size) for size in sizes)

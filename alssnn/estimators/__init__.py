@@ -12,7 +12,8 @@ downwards.
 """
 
 from ._linear import LinearStateSpace
+from ._load import load
 from ._networks import AlSsnn, FlSsnn, GrSsnn
 from ._ssnn import Ssnn
 
-__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace", "Ssnn"]
+__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace", "Ssnn", "load"]

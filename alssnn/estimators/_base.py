@@ -33,6 +33,7 @@ from ..simulation import regressors, trajectory
 from ..subspace import identify_linear
 from ..training import estimate_x0
 from ._control import ControlMixin
+from ._files import FilesMixin
 from ._start import check_bounds, given_model
 from ._validation import ValidationMixin
 
@@ -45,6 +46,7 @@ DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
 class StateSpaceModel(
     ControlMixin,
     ValidationMixin,
+    FilesMixin,
     MultiOutputMixin,
     RegressorMixin,
     BaseEstimator,
@@ -218,6 +220,14 @@ class StateSpaceModel(
 
     def _publish(self, result):
         """Set the fitted attributes, in the user's units."""
+        self._publish_parameters()
+        self.x0_ = result.x0 * self._x_scale
+        self.cost_ = float(result.cost)
+        self.n_iter_ = int(result.nfev)
+        self.converged_ = bool(result.success)
+
+    def _publish_parameters(self):
+        """Set the attributes that follow from structure, theta and scales."""
         scaling, structure = self._scaling, self._structure
         p = {**structure.constants, **structure.split(self._theta)}
         p = structure.rescale(p, self._units())
@@ -225,10 +235,6 @@ class StateSpaceModel(
         self.A_, self.B_, self.C_ = p["A"], p["B"], p["C"]
         self.D_ = p.get("D", np.zeros((len(self.C_), self.B_.shape[1])))
         self.nx_ = len(self.A_)
-        self.x0_ = result.x0 * self._x_scale
-        self.cost_ = float(result.cost)
-        self.n_iter_ = int(result.nfev)
-        self.converged_ = bool(result.success)
         self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
 
     def _units(self):

@@ -14,7 +14,7 @@ from .design import lqi, lqr, place
 from .disturbance import DisturbanceObserver
 from .export import Dynamics, late_inputs, signal_names, to_statespace
 from .law import LinearizingLaw
-from .loop import closed_loop, designed_loop
+from .loop import closed_loop, designed_loop, split_gain
 from .observer import Observer
 
 __all__ = [
@@ -29,5 +29,6 @@ __all__ = [
     "lqr",
     "place",
     "signal_names",
+    "split_gain",
     "to_statespace",
 ]

@@ -378,8 +378,28 @@ def check_plant(plant, dynamics):
     return plant
 
 
-def _from_gain(gain, dynamics):
-    """Return the controller of a gain, and whether r is a reference of y."""
+def split_gain(gain, dynamics):
+    """Return the parts of a gain that act on the states and on the integrators.
+
+    Parameters
+    ----------
+    gain : array_like of shape (nu, nx) or (nu, nx + ny)
+        Gain, as for `closed_loop`.
+    dynamics : Dynamics
+        Model that it was designed for.
+
+    Returns
+    -------
+    K_x : ndarray of shape (nu, nx)
+        Gain of the states.
+    K_z : ndarray of shape (nu, ny) or (nu, 0)
+        Gain of the integrators, if there are any.
+
+    Raises
+    ------
+    ValueError
+        If the gain has the wrong shape or is not finite.
+    """
     nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
     K = np.asarray(gain, dtype=float)
     if K.shape not in [(nu, nx), (nu, nx + ny)] or not np.isfinite(K).all():
@@ -387,7 +407,13 @@ def _from_gain(gain, dynamics):
             f"`gain` must be finite and have shape ({nu}, {nx}) or ({nu}, {nx + ny}), "
             f"got shape {K.shape}. Use `lqr`, `place` or `lqi`."
         )
-    K_x, K_z = K[:, :nx], K[:, nx:]
+    return K[:, :nx], K[:, nx:]
+
+
+def _from_gain(gain, dynamics):
+    """Return the controller of a gain, and whether r is a reference of y."""
+    nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
+    K_x, K_z = split_gain(gain, dynamics)
     if not K_z.size:
         D = np.hstack([np.eye(nu), np.zeros((nu, ny)), -K_x])
         offset = np.concatenate([dynamics.u_offset, dynamics.y_offset, np.zeros(nx)])

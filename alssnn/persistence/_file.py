@@ -1,0 +1,270 @@
+"""Save and load fitted models, exactly and without pickle.
+
+A file holds what a fit leaves behind, and nothing that follows from it:
+
+    class, params             the estimator as it was constructed
+    structure                 sizes and options for `state_space_structure`
+    parameter.A, .B, ...      theta by name, and C where it is a constant
+    u_offset ... x_scale      units of the fit
+    x0, input_delay, region   and the other results of `fit`
+
+Names, not places, identify the parameters, so that a later release may order theta in
+another way.  Everything is checked before a model is made of it: the file may come from
+elsewhere.
+"""
+
+from numbers import Real
+
+import numpy as np
+
+from ..experiments import Scaling
+from ..linearizability import Region
+from ..structures import state_space_structure
+from ._archive import decode, encode, read, release, write
+from ._parts import shipped_name
+
+PARAMETER = "parameter."
+REGION = ("low", "high", "center", "whiten", "radius")
+SCALING = ("u_offset", "y_offset", "u_scale", "y_scale")
+RESULTS = ("x0_", "input_delay_", "singular_values_")
+# What contradictions in a file raise, besides those that are looked for.
+ALTERED = (
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    ValueError,
+    OverflowError,
+    RecursionError,
+)
+LINEAR = ("A_", "B_", "C_", "D_")
+
+
+def save(model, path):
+    """Write a fitted model to a file.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    path : str or path-like
+        File; one that exists is replaced.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    ValueError
+        If the model has what no file can hold: an activation of the user's, a
+        `RandomState`, labels that are neither numbers nor strings, or values that
+        are not finite.
+    """
+    structure, scaling = model._structure, model._scaling
+    document = {
+        "alssnn": release(),
+        "class": type(model).__name__,
+        "params": {k: _encode_param(k, v) for k, v in model.get_params(False).items()},
+        "structure": {
+            "sizes": [int(structure.sizes[axis]) for axis in "xuy"],
+            "constants": list(structure.constants),
+            "options": {k: _encode_param(k, v) for k, v in structure.options.items()},
+        },
+        "fit": {
+            "cost": _finite("cost_", model.cost_),
+            "n_iter": model.n_iter_,
+            "converged": model.converged_,
+            "y_ndim": model._y_ndim,
+            "experiments": [_encode_label(label) for label in model.experiments_],
+            "input_names": _names(getattr(model, "feature_names_in_", None)),
+            "output_names": _names(model.output_names_),
+        },
+    }
+    p = {**structure.constants, **structure.split(model._theta)}
+    arrays = {PARAMETER + name: value for name, value in p.items()}
+    arrays |= {name: getattr(scaling, name) for name in SCALING}
+    arrays["x_scale"] = model._x_scale
+    arrays |= {name.rstrip("_"): getattr(model, name) for name in RESULTS}
+    arrays |= {f"region.{k}": np.asarray(getattr(model._region, k)) for k in REGION}
+    for name, value in arrays.items():
+        _finite(name, value)
+    write(path, document, arrays)
+
+
+def load(path, classes):
+    """Read a fitted model from a file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File that `save` wrote.
+    classes : dict of str to type
+        Estimators by name.
+
+    Returns
+    -------
+    model : estimator
+        The fitted model.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    ValueError
+        If the file is of another type or version, damaged, or contradicts itself.
+    """
+    document, arrays = read(path)
+    if document.get("class") not in classes:
+        raise ValueError(
+            f"`path` must hold one of {', '.join(classes)}, got "
+            f"{document.get('class')!r}: {path}. Upgrade alssnn if the model is new."
+        )
+    try:
+        return _restore(classes[document["class"]], document, arrays)
+    except ALTERED as error:
+        reason = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(
+            f"`path` must be a file as `model.save` wrote it, got an altered one: "
+            f"{path}: {reason.rstrip('.')}. Save the model again."
+        ) from error
+
+
+def _restore(cls, document, arrays):
+    """Return the model of a document and its arrays; all sizes are checked."""
+    model = cls(**{k: decode(v) for k, v in document["params"].items()})
+    model._validate_params()
+    nx, nu, ny = document["structure"]["sizes"]
+    options = {k: decode(v) for k, v in document["structure"]["options"].items()}
+    is_fixed = "C" in document["structure"]["constants"]
+    C = arrays[PARAMETER + "C"] if is_fixed else None
+    structure = state_space_structure(nx, nu, ny, C=C, **options)
+    fit = document["fit"]
+    n_experiments = len(fit["experiments"])
+    excited = np.shape(arrays["region.whiten"])[-1]
+    shapes = {
+        **{PARAMETER + name: shape for name, shape in structure.shapes.items()},
+        **{PARAMETER + name: (ny, nx) for name in structure.constants},  # C alone
+        "u_offset": (nu,),
+        "y_offset": (ny,),
+        "u_scale": (nu,),
+        "y_scale": (ny,),
+        "x_scale": ((1,), (nx,)),
+        "x0": (n_experiments, nx),
+        "input_delay": (nu,),
+        "region.low": (nu + ny,),
+        "region.high": (nu + ny,),
+        "region.center": (nx,),
+        "region.whiten": (nx, excited),
+        "region.radius": (),
+        "singular_values": np.shape(arrays["singular_values"])[:1],
+    }
+    _check_arrays(arrays, shapes)
+    model._structure = structure
+    model._theta = structure.join({k: arrays[PARAMETER + k] for k in structure.shapes})
+    model._scaling = Scaling(*(arrays[name] for name in SCALING))
+    model._x_scale = arrays["x_scale"]
+    region = {name: arrays[f"region.{name}"] for name in REGION}
+    model._region = Region(**{**region, "radius": region["radius"][()]})
+    for name in RESULTS:
+        setattr(model, name, arrays[name.rstrip("_")])
+    model._publish_parameters()
+    model.cost_ = float(_finite("cost", fit["cost"]))
+    model.n_iter_, model.converged_ = int(fit["n_iter"]), bool(fit["converged"])
+    model.experiments_ = fit["experiments"]
+    model.n_features_in_ = nu
+    if fit["input_names"] is not None:
+        model.feature_names_in_ = np.array(fit["input_names"], dtype=object)
+    model.output_names_ = fit["output_names"]
+    model._y_ndim = fit["y_ndim"]
+    _check_fit(model, nu, ny)
+    return model
+
+
+def _check_arrays(arrays, shapes):
+    """Refuse arrays that are missing, of another shape or type, or not finite."""
+    if missing := sorted(set(shapes) - set(arrays)):
+        raise ValueError(f"no {', '.join(missing)}")
+    if strange := sorted(set(arrays) - set(shapes)):
+        raise ValueError(f"unknown {', '.join(strange)}")
+    for name, shape in shapes.items():
+        value, choices = arrays[name], shape if name == "x_scale" else (shape,)
+        if value.shape not in choices:
+            raise ValueError(f"{name} has shape {value.shape} instead of {choices[-1]}")
+        if value.dtype != (int if name == "input_delay" else float):
+            raise ValueError(f"{name} is of type {value.dtype}")
+        _finite(name, value)
+        if name.endswith("_scale") and not np.all(value > 0):
+            raise ValueError(f"{name} is not positive")
+    if np.any(arrays["input_delay"] < 0):
+        raise ValueError("input_delay is negative")
+
+
+def _check_fit(model, nu, ny):
+    """Refuse names and labels that do not fit the sizes."""
+    for names, size in (
+        (getattr(model, "feature_names_in_", None), nu),
+        (model.output_names_, ny),
+    ):
+        strings = names is None or all(isinstance(name, str) for name in names)
+        if not strings or (names is not None and len(names) != size):
+            raise ValueError(f"{size} signals are named {names}")
+    if not isinstance(model.experiments_, list) or not model.experiments_:
+        raise ValueError(f"the experiments are labeled {model.experiments_}")
+    if model._y_ndim not in (1, 2) or (model._y_ndim == 1 and ny > 1):
+        raise ValueError(f"{ny} outputs have {model._y_ndim} dimensions")
+
+
+def _finite(name, value):
+    if not np.isfinite(value).all():
+        raise ValueError(
+            f"`{name}` of the model must be finite, got NaN or infinity. Fit it again "
+            "with fewer states or stronger penalties."
+        )
+    return value
+
+
+def _names(names):
+    return None if names is None else [str(name) for name in names]
+
+
+def _encode_label(label):
+    is_plain = label is None or isinstance(label, str | Real)
+    encoded = encode(label) if is_plain else {}
+    if isinstance(encoded, dict):
+        raise ValueError(
+            f"Labels in `experiment` must be finite numbers or strings for a file, got "
+            f"{label!r}. Fit with such labels."
+        )
+    return encoded
+
+
+def _encode_param(name, value):
+    """Return a parameter of an estimator or a structure as JSON knows it."""
+    if name == "activation":
+        if isinstance(value, dict):
+            value = {net: _activation_name(v) for net, v in value.items()}
+        else:
+            value = _activation_name(value)
+    elif name == "linear_start" and value is not None:
+        value = _matrices(value)
+    try:
+        return encode(value)
+    except TypeError as error:
+        remedy = "Give numbers, strings, arrays, or tuples and dicts of them"
+        if name == "random_state":
+            remedy = "Replace it: model.set_params(random_state=0) keeps the fit"
+        raise ValueError(
+            f"`{name}` must be made of numbers and strings for a file, got {error}. "
+            f"{remedy}."
+        ) from error
+
+
+def _activation_name(activation):
+    return activation if isinstance(activation, str) else shipped_name(activation)
+
+
+def _matrices(start):
+    """Return a linear start as the matrices that it stands for."""
+    if isinstance(start, tuple | list):
+        return start if isinstance(start, tuple) else tuple(start)
+    names = LINEAR if hasattr(start, "A_") else "ABCD"
+    return tuple(np.asarray(getattr(start, name), dtype=float) for name in names)

@@ -1,0 +1,450 @@
+"""Saved models come back to the bit, and files that are not models are refused."""
+
+import json
+import pickle
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from sklearn.exceptions import NotFittedError
+
+import alssnn
+from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn.activations import ACTIVATIONS
+from alssnn.feedback import lqi
+from alssnn.persistence import _archive
+from models import fit, lively, record
+
+DATA = Path(__file__).parent / "data"
+SMALL = {"max_iter": 3, "tol": 1e-2, "random_state": 0, "dt": 0.25}
+START = (np.diag([0.8, 0.5]), [[1.0, 0.2], [0.1, 1.0]], np.array([[1, 0], [0, 2.0]]))
+MODELS = {
+    "linear": LinearStateSpace(nx=3),
+    "linear, bounds": LinearStateSpace(
+        nx=np.int64(2),
+        feedthrough=True,
+        bounds={"D": (np.full((2, 2), -np.inf), 5.0)},
+        output_weight=np.array([1.0, 2.0]),
+        operating_point=([10.0, 0.1], np.zeros(2)),
+        max_iter=3,
+    ),
+    "linear start": AlSsnn(n_h=0, n_g=0, linear_start=START, **SMALL),
+    "linear start, system": FlSsnn(
+        n_h=2, linear_start=control.ss(*START, np.zeros((2, 2)), 0.25), **SMALL
+    ),
+    "fl": FlSsnn(nx=2, n_h=(3, 2), odd=True, activation={"h": "sin"}, **SMALL),
+    "al": AlSsnn(nx=2, n_h=3, n_g=2, gamma_h=1e-4, n_init=2, **SMALL),
+    "al, all": AlSsnn(
+        nx=3,
+        n_h=(3, 2),
+        n_g=(2, 2),
+        n_k=2,
+        feedback="state",
+        penalty="output",
+        feedthrough=True,
+        input_delay=(0, 3),
+        activation={"h": "sigmoid", "g": ACTIVATIONS["relu"], "k": "sin"},
+        **SMALL,
+    ),
+    "contractive": AlSsnn(
+        nx=3, n_h=3, n_g=2, stability="contractive", phi=0.05, **SMALL
+    ),
+    "gr": GrSsnn(n_f=3, n_k=2, activation="identity", input_delay="auto", **SMALL),
+    "fl without h": FlSsnn(nx=2, n_h=0, **SMALL),
+}
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return {name: fit(model) for name, model in MODELS.items()}
+
+
+@pytest.fixture(params=MODELS, ids=str)
+def model(request, fitted):
+    return fitted[request.param]
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "model.npz"
+
+
+def again(model, path):
+    model.save(path)
+    return alssnn.load(path)
+
+
+def assert_same(a, b):
+    """Check that two values are equal to the bit, and of the same types."""
+    if hasattr(a, "__dataclass_fields__"):
+        assert type(a) is type(b)
+        a, b = vars(a), vars(b)
+    if isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for key in a:
+            assert_same(a[key], b[key])
+    elif isinstance(a, list | tuple):
+        assert type(a) is type(b) and len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            assert_same(x, y)
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+    else:
+        assert a == b or (a is b)
+
+
+# -- the way there and back ------------------------------------------------------------
+
+
+def test_nothing_of_a_fit_is_forgotten(model, path):
+    loaded = again(model, path)
+    params, kept = model.get_params(), loaded.get_params()
+    start = params.pop("linear_start"), kept.pop("linear_start")
+    activation = params.pop("activation", None), kept.pop("activation", None)
+    assert params.keys() == kept.keys() and type(loaded) is type(model)
+    for name, value in params.items():
+        np.testing.assert_equal(kept[name], value)
+    assert (start[0] is None) == (start[1] is None)
+    if isinstance(activation[0], dict):
+        names = {k: getattr(v, "name", v) for k, v in activation[0].items()}
+        activation = names, activation[1]
+    assert activation[0] == activation[1]
+    fit_state = set(vars(model)) - set(model.get_params())
+    assert set(vars(loaded)) - set(loaded.get_params()) == fit_state
+    for name in fit_state - {"_structure"}:
+        assert_same(getattr(model, name), getattr(loaded, name))
+    # cached properties come and go
+    for name in ("sizes", "parameters", "terms", "constants", "activations", "options"):
+        assert_same(getattr(model._structure, name), getattr(loaded._structure, name))
+
+
+def test_the_loaded_model_computes_the_same_bits(model, path):
+    loaded, data = again(model, path), record(2, 2, seed=3)
+    u, _, experiment = data
+    for x0 in ("rest", "training"):
+        np.testing.assert_array_equal(
+            loaded.predict(u, experiment, x0), model.predict(u, experiment, x0)
+        )
+    assert loaded.score(*data) == model.score(*data)
+    assert_same(loaded.linearizability(*data), model.linearizability(*data))
+    for which in ("linear", "local"):
+        a, b = model.to_statespace(which), loaded.to_statespace(which)
+        assert a.input_labels == b.input_labels and a.output_labels == b.output_labels
+        for name in "ABCD":
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    np.testing.assert_array_equal(loaded.observer().gain, model.observer().gain)
+    if np.abs(np.linalg.eigvals(model.A_)).max() < 0.999:
+        a, b = (m.iss_certificate(*data, phi=1e-3) for m in (model, loaded))
+        np.testing.assert_array_equal(a.P, b.P)
+        assert a.eps == b.eps
+
+
+def test_fits_can_be_continued_after_loading(fitted, path):
+    with pytest.warns(UserWarning, match="stopped before|stopped after"):
+        for name in ("al", "contractive"):
+            model = fitted[name].set_params(warm_start=True, max_iter=2, tol=1e-12)
+            loaded = again(model, path).fit(*record(2, 2))
+            model.fit(*record(2, 2))
+            np.testing.assert_array_equal(loaded._theta, model._theta)
+            assert loaded.cost_ == model.cost_
+
+
+def test_a_single_output_keeps_its_dimension_and_labels_their_type(path):
+    u, y, _ = record(1, 1)
+    labels = np.repeat([7, 3], [100, 200])
+    model = LinearStateSpace(nx=2).fit(u.to_numpy(), y["level"].to_numpy(), labels)
+    loaded = again(model, path)
+    assert loaded.experiments_ == [7, 3] and loaded.output_names_ is None
+    assert not hasattr(loaded, "feature_names_in_")
+    assert loaded.predict(u.to_numpy()).ndim == 1
+
+
+@pytest.mark.parametrize("name", ["al", "gr", "linear"])
+def test_files_of_old_versions_are_read(name):
+    """Kept as version 1 wrote them; their outputs were computed then."""
+    model = alssnn.load(DATA / f"model_v1_{name}.npz")
+    u, _, experiment = (signal[60:180] for signal in record(2, 2, seed=5))
+    with np.load(DATA / "model_v1_outputs.npz") as outputs:
+        expected = outputs[name]
+    np.testing.assert_allclose(
+        model.predict(u, experiment, "training"), expected, rtol=1e-9, atol=1e-9
+    )
+    assert model.experiments_ == ["cold", "warm"]
+    assert list(model.feature_names_in_) == ["valve.a", "p*/"]
+
+
+# -- what cannot be saved --------------------------------------------------------------
+
+
+def test_an_activation_of_the_user_is_refused_with_remedies(path, tmp_path):
+    own = Activation("own", np.arctan, lambda v, w: 1 / (1 + v**2), (0, 1), np.pi / 2)
+    model = fit(FlSsnn(nx=2, n_h=2, activation={"h": own}, **SMALL))
+    for export in (
+        lambda: model.save(path),
+        lambda: model.to_mat(path),
+        lambda: model.to_c(tmp_path / "c"),
+    ):
+        with pytest.raises(ValueError, match=r"got your own 'own'.*Pickle the model"):
+            export()
+    assert not path.exists() and not (tmp_path / "c").exists()
+
+
+def test_a_random_state_is_refused_and_can_be_replaced(path):
+    model = fit(
+        FlSsnn(nx=2, n_h=2, **{**SMALL, "random_state": np.random.RandomState(0)})
+    )
+    with pytest.raises(ValueError, match=r"set_params\(random_state=0\) keeps the fit"):
+        model.save(path)
+    theta = again(model.set_params(random_state=0), path)._theta
+    np.testing.assert_array_equal(theta, model._theta)
+
+
+def test_labels_that_are_no_names_are_refused(path):
+    u, y, _ = record(1, 1)
+    labels = np.empty(len(u), dtype=object)
+    labels[:] = [complex(k > 100, 1) for k in range(len(u))]
+    model = LinearStateSpace(nx=1).fit(u, y, labels)
+    with pytest.raises(ValueError, match="Labels in `experiment` must be"):
+        model.save(path)
+
+
+def test_a_failed_save_keeps_the_old_file(fitted, path):
+    model = pickle.loads(pickle.dumps(fitted["al"]))
+    model.save(path)
+    before = path.read_bytes()
+    model.cost_ = np.inf
+    with pytest.raises(ValueError, match="`cost_` of the model must be finite"):
+        model.save(path)
+    assert path.read_bytes() == before
+
+
+def test_only_fitted_models_are_saved(path):
+    for export in ("save", "to_mat", "to_c"):
+        with pytest.raises(NotFittedError):
+            getattr(AlSsnn(), export)(path)
+
+
+# -- what cannot be loaded -------------------------------------------------------------
+
+
+def alter(path, document=None, arrays=None):
+    """Change a file by functions of its document and its arrays."""
+    content, values = _archive.read(path)
+    for change, of in ((document, content), (arrays, values)):
+        if change is not None:
+            change(of)
+    text = json.dumps(content).encode()
+    with open(path, "wb") as file:
+        np.savez(file, document=np.frombuffer(text, np.uint8), **values)
+
+
+DOCUMENTS = {
+    "version": (lambda d: d.update(version=2), "version 2.*Upgrade alssnn"),
+    "version as text": (lambda d: d.update(version="1"), "got version '1'"),
+    "format": (lambda d: d.update(format="other"), "another kind of archive"),
+    "class": (lambda d: d.update(**{"class": "os.system"}), "'os.system'.*Upgrade"),
+    "no class": (lambda d: d.pop("class"), "one of LinearStateSpace"),
+    "parameter": (lambda d: d["params"].update(secret=1), "unexpected keyword"),
+    "range": (lambda d: d["params"].update(gamma=-1.0), "'gamma' parameter of AlSsnn"),
+    "option": (lambda d: d["structure"]["options"].update(n_q=1), "n_q"),
+    "activation": (
+        lambda d: d["structure"]["options"].update(activation="softmax"),
+        "softmax",
+    ),
+    "sizes": (lambda d: d["structure"].update(sizes=[10**9, 2, 2]), "has shape"),
+    "size": (lambda d: d["structure"].update(sizes=["2", 2, 2]), "altered one"),
+    "no fit": (lambda d: d.pop("fit"), "no 'fit'"),
+    "names": (lambda d: d["fit"].update(output_names=["y"]), "2 signals are named"),
+    "labels": (lambda d: d["fit"].update(experiments=["cold"]), "x0 has shape"),
+    "dimensions": (lambda d: d["fit"].update(y_ndim=3), "3 dimensions"),
+    "cost": (lambda d: d["fit"].update(cost=float("nan")), "`cost` of the model"),
+    "type": (lambda d: d["params"].update(nx={"python": "1"}), "unknown value"),
+}
+ARRAYS = {
+    "shape": (
+        lambda a: a.update({"parameter.B": np.ones((3, 2))}),
+        r"\(3, 2\) instead",
+    ),
+    "missing": (lambda a: a.pop("parameter.W_h"), "no parameter.W_h"),
+    "strange": (lambda a: a.update(theta=np.ones(3)), "unknown theta"),
+    "nan": (lambda a: a["parameter.A"].fill(np.nan), "must be finite"),
+    "inf": (lambda a: a["x0"].fill(np.inf), "must be finite"),
+    "type": (lambda a: a.update(y_offset=np.ones(2, np.float32)), "type float32"),
+    "scale": (lambda a: a["u_scale"].fill(0.0), "u_scale is not positive"),
+    "delay": (lambda a: a["input_delay"].fill(-1), "input_delay is negative"),
+    "constant": (lambda a: a.pop("parameter.C"), "no 'parameter.C'"),
+}
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_altered_documents_are_refused(fitted, path, name):
+    change, message = DOCUMENTS[name]
+    fitted["al"].save(path)
+    alter(path, document=change)
+    with pytest.raises(ValueError, match=message):
+        alssnn.load(path)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_altered_arrays_are_refused(fitted, path, name):
+    change, message = ARRAYS[name]
+    fitted["al"].save(path)
+    alter(path, arrays=change)
+    with pytest.raises(ValueError, match=message):
+        alssnn.load(path)
+
+
+def test_truncated_and_damaged_files_are_refused(fitted, path):
+    fitted["al"].save(path)
+    data = path.read_bytes()
+    for stop in (2, 100, len(data) // 2, len(data) - 1):
+        path.write_bytes(data[:stop])
+        with pytest.raises(ValueError, match=r"a damaged file .*save it again"):
+            alssnn.load(path)
+    # one byte within the numbers of theta
+    p = fitted["al"]._structure.split(fitted["al"]._theta)
+    where = data.index(p["A"].tobytes()) + 7
+    path.write_bytes(data[:where] + bytes([data[where] ^ 1]) + data[where + 1 :])
+    with pytest.raises(ValueError, match="a damaged file"):
+        alssnn.load(path)
+
+
+def test_wrong_bytes_are_refused_or_mean_nothing(path):
+    data = (DATA / "model_v1_al.npz").read_bytes()
+    theta = alssnn.load(DATA / "model_v1_al.npz")._theta
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(500):
+        altered = bytearray(data)
+        altered[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(altered)
+        try:
+            model = alssnn.load(path)
+        except ValueError as error:
+            refused += 1
+            assert "`path` must be" in str(error)
+        else:  # a date in the archive
+            np.testing.assert_array_equal(model._theta, theta)
+    assert refused > 300
+
+
+def test_other_types_of_files_are_refused(path):
+    contents = {
+        "another type of file": [b"", b"u,y\n1,2\n", pickle.dumps({"a": 1})],
+    }
+    for message, files in contents.items():
+        for content in files:
+            path.write_bytes(content)
+            with pytest.raises(ValueError, match=message):
+                alssnn.load(path)
+    np.savez(path, u=np.ones(3))
+    with pytest.raises(ValueError, match="another kind of archive"):
+        alssnn.load(path)
+    np.savez(path, document=np.frombuffer(b"[1, 2]", np.uint8))
+    with pytest.raises(ValueError, match="another kind of archive"):
+        alssnn.load(path)
+    with pytest.raises(FileNotFoundError):
+        alssnn.load(path.with_name("nowhere.npz"))
+
+
+class Touch:
+    """Unpickling it makes a file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+def test_loading_executes_nothing(fitted, path, tmp_path):
+    trace = tmp_path / "trace"
+    fitted["al"].save(path)
+    _, arrays = _archive.read(path)
+    pickle.loads(pickle.dumps(Touch(trace))).close()
+    assert trace.exists()  # the trap works
+    trace.unlink()
+    np.savez(path, **arrays, document=np.array([Touch(trace)], dtype=object))
+    with pytest.raises(ValueError, match="a damaged file"):
+        alssnn.load(path)
+    assert not trace.exists()
+
+
+def test_infinite_bounds_and_tuples_come_back_as_what_they_are():
+    value = {"D": (np.array([[-np.inf, 1]]), 2.5), 3: [None, True, "a", (1,)]}
+    text = json.dumps(_archive.encode(value), allow_nan=False)
+    assert_same(_archive.decode(json.loads(text)), value)
+
+
+# -- MATLAB ----------------------------------------------------------------------------
+
+SIGMA = {
+    "tanh": np.tanh,
+    "sigmoid": lambda v: 1 / (1 + np.exp(-v)),
+    "relu": lambda v: np.maximum(v, 0),
+    "identity": lambda v: v,
+    "sin": np.sin,
+}
+
+
+def simulate_struct(m, u):
+    """Simulate the struct of a MAT-file by plain equations, as the manual does."""
+
+    def net(name, x):
+        if m[name].size == 0:
+            return 0.0
+        layers, sigma = m[name]["layers"][0, 0], m[name]["activation"][0, 0][0]
+        for i in range(layers.shape[1]):
+            x = layers[0, i]["W"] @ x + layers[0, i]["b"]
+            if i < layers.shape[1] - 1:
+                x = SIGMA[sigma](x)
+        return x
+
+    delay = m["input_delay"].astype(int).ravel()
+    x, y = np.zeros((len(m["A"]), 1)), np.empty((len(u), len(m["C"])))
+    for k in range(len(u)):
+        du = np.array([[u[max(k - d, 0), i]] for i, d in enumerate(delay)])
+        du = (du - m["u_offset"]) * (k >= delay)[:, None]
+        dy = m["C"] @ x + m["D"] @ du + net("k", np.vstack([x, du]))
+        y[k] = (dy + m["y_offset"])[:, 0]
+        s = x if m["feedback"][0] == "state" else dy
+        g = net("g", np.vstack([x, du]))
+        x = m["A"] @ x + m["B"] @ (du + net("h", s)) + g
+    return y
+
+
+def load_struct(path):
+    from scipy.io import loadmat
+
+    return loadmat(path)["model"][0, 0]
+
+
+def test_a_mat_file_simulates_as_the_model(fitted, path):
+    u, _, _ = record(2, 2, seed=4)
+    for name in fitted:
+        model = lively(fit(MODELS[name]))
+        model.to_mat(path)
+        m = load_struct(path)
+        y = model.predict(u)
+        np.testing.assert_allclose(
+            simulate_struct(m, u.to_numpy()), y, rtol=1e-11, atol=1e-11 * np.ptp(y)
+        )
+        assert m["dt"] == model.dt
+        assert m["name"][0] == type(model).__name__
+        assert [cell[0][0] for cell in m["outputs"]] == ["level", "flow"]
+        assert [cell[0][0] for cell in m["inputs"]] == ["valve_a", "p*/"]
+        np.testing.assert_array_equal(m["x0"], model.x0_)
+
+
+def test_a_mat_file_holds_law_observer_and_gain(fitted, path):
+    model = fitted["al"]
+    law, K = model.linearizing_law(u_max=[50, np.inf]), lqi(model, np.eye(4), np.eye(2))
+    model.to_mat(path, law=law, gain=K)
+    m = load_struct(path)
+    np.testing.assert_array_equal(m["law"]["u_max"][0, 0].ravel(), [50, np.inf])
+    np.testing.assert_array_equal(m["M"], model.observer().gain)
+    np.testing.assert_array_equal(np.hstack([m["K_x"], m["K_z"]]), K)
+    model.to_mat(path, observer=False)
+    m = load_struct(path)
+    assert m["M"].size == m["K_x"].size == m["K_z"].size == 0
