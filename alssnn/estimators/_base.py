@@ -36,6 +36,7 @@ from ._containers import Container, index_of, part_of
 from ._control import ControlMixin
 from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model
+from ._uncertainty import UncertaintyMixin
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
@@ -44,7 +45,9 @@ DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
 REGION_SAMPLES = 1_000_000  # of a long record, which span the training region
 
 
-class StateSpaceModel(ControlMixin, ScikitLearnMixin, BaseEstimator, metaclass=ABCMeta):
+class StateSpaceModel(
+    ControlMixin, UncertaintyMixin, ScikitLearnMixin, BaseEstimator, metaclass=ABCMeta
+):
     """Share data handling, simulation, scores and exports of all models."""
 
     _container = Container()  # of the y of `fit`: that of the y of `predict`
@@ -212,6 +215,11 @@ class StateSpaceModel(ControlMixin, ScikitLearnMixin, BaseEstimator, metaclass=A
     @abstractmethod
     def _identify(self, experiments, previous):
         """Return structure, theta and result for scaled experiments."""
+
+    def _criterion_terms(self, structure):
+        """Return the structure with its penalized channels, and all weights."""
+        weight = self._output_weight(structure.sizes["y"])
+        return structure, {"output_weight": weight}
 
     def _publish(self, result):
         """Set the fitted attributes, in the user's units."""
