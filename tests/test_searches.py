@@ -205,21 +205,29 @@ def test_a_grid_over_weights_and_sizes(record, network):
 
 
 @pytest.mark.parametrize("resource", ["n_samples", "max_iter"])
-def test_halving_takes_samples_or_iterations(record, network, resource):
-    limits = {"n_samples": {"min_resources": 600}, "max_iter": {"max_resources": 8}}
+def test_halving_takes_iterations_or_whole_experiments(record, network, resource):
+    # scikit-learn draws samples in random order: records, not instants, must be samples
+    parts = [slice(start, start + 150) for start in range(0, 1500, 150)]
+    lists = [record.u[part] for part in parts], [record.y[part] for part in parts]
+    data, cv, limits = {
+        "n_samples": (lists, 2, {"min_resources": 4}),
+        "max_iter": (record, BlockedTimeSeriesSplit(2), {"max_resources": 8}),
+    }[resource]
     search = HalvingGridSearchCV(
         clone(network).set_params(nx=2),
         {"gamma": [1.0, 0.1, 0.01, 0.001]},
         factor=2,
         resource=resource,
-        cv=BlockedTimeSeriesSplit(2),
+        cv=cv,
         scoring=scorers.neg_rmse,
         random_state=0,
         error_score="raise",
-        **limits[resource],
-    ).fit(record.u, record.y)
+        **limits,
+    ).fit(*data)
     assert search.n_iterations_ >= 2
     assert search.n_resources_[0] < search.n_resources_[-1]
+    if resource == "n_samples":
+        assert len(search.best_estimator_.experiments_) == 10
 
 
 # -- containers ----------------------------------------------------------------------

@@ -145,7 +145,8 @@ class BlockedTimeSeriesSplit(_RecordSplit):
         parts, _ = split_experiments(n_samples, labels)
         n_blocks = self.n_splits + (self.train == "past")
         for i in range(n_blocks - self.n_splits, n_blocks):
-            train, test = [], []
+            train: list[int] = []
+            test: list[int] = []
             for part in parts:
                 edges = np.linspace(part.start, part.stop, n_blocks + 1).astype(int)
                 start, stop = int(edges[i]), int(edges[i + 1])
