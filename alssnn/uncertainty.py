@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import eig, eigh
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 from sklearn.utils import check_random_state
 
 from .simulation import regressors, sensitivities, trajectory
@@ -91,7 +91,7 @@ class FrequencyBand:
         ValueError
             If `level` is not between 0 and 1.
         """
-        half = norm.ppf((1 + _check_level(level)) / 2) * self.magnitude_std
+        half = ndtri((1 + _check_level(level)) / 2) * self.magnitude_std
         size = np.abs(self.response)
         return np.maximum(size - half, 0.0), size + half
 
@@ -118,9 +118,9 @@ class FrequencyBand:
         error = np.asarray(response) - self.response
         d = np.stack([error.real, error.imag], -1)
         weighted = np.linalg.pinv(self.covariance, hermitian=True) @ d[..., None]
-        return (d[..., None, :] @ weighted)[..., 0, 0] <= chi2.ppf(
-            _check_level(level), 2
-        )
+        # chi2 of two degrees of freedom
+        square = (d[..., None, :] @ weighted)[..., 0, 0]
+        return square <= chdtri(2, 1 - _check_level(level))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ class PoleRegions:
         values, Q = np.linalg.eigh(self.covariance)
         real = np.abs(self.poles.imag) <= 1e-12 * np.abs(self.poles)
         # one degree of freedom for a real pole, two for a complex one
-        radius = np.sqrt(chi2.ppf(_check_level(level), np.where(real, 1, 2)))
+        radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - _check_level(level)))
         axes = Q * (np.sqrt(np.maximum(values, 0.0)) * radius[:, None])[:, None, :]
         points = axes @ circle
         return self.poles[:, None] + points[:, 0] + 1j * points[:, 1]
