@@ -210,39 +210,109 @@ def split_experiments(n_samples, experiment):
     ----------
     n_samples : int
         Number of samples.
-    experiment : array_like of shape (n_samples,) or None
-        Label of every sample; None means one experiment.
+    experiment : array_like of shape (n_samples,) or (n_samples, 2), or None
+        Label of every sample, or label and sample number, where a number that does
+        not follow the last one starts a new experiment; None means one experiment.
 
     Returns
     -------
     parts : list of slice
         Samples of every experiment, in order of appearance.
     labels : list
-        Their labels; ``[None]`` if `experiment` is None.
+        Their labels; pairs of label and first sample number if there are numbers;
+        ``[None]`` if `experiment` is None.
 
     Raises
     ------
     ValueError
-        If the number of labels differs from the number of samples, or the samples
-        of one experiment are not contiguous.
+        If the number of labels differs from the number of samples, the samples of one
+        experiment are not contiguous, or sample numbers are not integers.
     """
     if experiment is None:
         return [slice(0, n_samples)], [None]
     experiment = np.asarray(experiment)
-    if experiment.shape != (n_samples,):
+    if experiment.shape not in [(n_samples,), (n_samples, 2)]:
         raise ValueError(
             f"`experiment` must have one label per sample, shape ({n_samples},), got "
-            f"{experiment.shape}."
+            f"{experiment.shape}. Labels with sample numbers, as `seam_labels` makes "
+            f"them, have shape ({n_samples}, 2)."
         )
-    starts = np.flatnonzero(np.r_[True, experiment[1:] != experiment[:-1]])
+    label = experiment if experiment.ndim == 1 else experiment[:, 0]
+    jumps = label[1:] != label[:-1]
+    if experiment.ndim == 2:
+        number = _sample_numbers(experiment[:, 1])
+        jumps = jumps | (np.diff(number) != 1)
+    starts = np.flatnonzero(np.r_[True, jumps])
     stops = [*starts[1:], n_samples]
-    labels = experiment[starts].tolist()
+    labels = label[starts].tolist()
+    if experiment.ndim == 2:
+        labels = list(zip(labels, number[starts].tolist(), strict=True))
     if len(set(labels)) < len(labels):
         raise ValueError(
             "`experiment` must label contiguous samples, got a label that returns "
-            "after another one. Give every uninterrupted run a label of its own."
+            "after another one. Give every uninterrupted run a label of its own, or "
+            "sample numbers by `seam_labels`."
         )
     return [slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True)], labels
+
+
+def _sample_numbers(column):
+    try:
+        number = column.astype(float)
+    except (TypeError, ValueError):
+        number = np.array([np.nan])
+    if not np.all(number == np.round(number)):
+        raise ValueError(
+            "`experiment` must have integer sample numbers in its second column, got "
+            f"{column[:3].tolist()}... . Make it by `seam_labels`."
+        )
+    return number.astype(np.int64)
+
+
+def seam_labels(n_samples, experiment=None):
+    """Return labels that show where a record is cut: label and sample number.
+
+    Slice them with the record, as scikit-learn's splitters do, and pass them as
+    `experiment`: samples whose numbers do not follow each other become experiments of
+    their own, so that blocks glued together are never simulated across the seam.
+
+    Parameters
+    ----------
+    n_samples : int
+        Number of samples.
+    experiment : array_like of shape (n_samples,) or None, default=None
+        Label of the experiment of every sample; None means one experiment.
+
+    Returns
+    -------
+    labels : ndarray of shape (n_samples, 2)
+        Label, 0 where there was none, and number of every sample; of integers if the
+        labels are.
+
+    Raises
+    ------
+    ValueError
+        If the number of labels differs from the number of samples.
+
+    Examples
+    --------
+    >>> from alssnn.model_selection import seam_labels
+    >>> labels = seam_labels(6)[[0, 1, 4, 5]]  # without samples 2 and 3
+    >>> labels[:, 1]
+    array([0, 1, 4, 5])
+    """
+    label = np.zeros(n_samples, dtype=int)
+    if experiment is not None:
+        label = np.asarray(experiment)
+    if label.shape != (n_samples,):
+        raise ValueError(
+            f"`experiment` must have one label per sample, shape ({n_samples},), got "
+            f"{label.shape}."
+        )
+    is_integer = np.issubdtype(label.dtype, np.integer)
+    labels = np.empty((n_samples, 2), dtype=np.int64 if is_integer else object)
+    labels[:, 0], labels[:, 1] = label, np.arange(n_samples)
+    return labels
 
 
 def stretch(experiments, n_samples):

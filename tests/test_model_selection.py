@@ -2,10 +2,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from sklearn.base import clone
 
 from alssnn import AlSsnn
 from alssnn.datasets import make_wiener_hammerstein
-from alssnn.model_selection import GammaPath, gamma_path
+from alssnn.experiments import split_experiments
+from alssnn.model_selection import (
+    BlockedTimeSeriesSplit,
+    ExperimentKFold,
+    GammaPath,
+    gamma_path,
+    seam_labels,
+)
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +109,105 @@ def test_table_and_frame(path):
 def test_gammas_must_be_positive(record, gammas):
     with pytest.raises(ValueError, match="at least one positive weight"):
         gamma_path(AlSsnn(), *record, gammas=gammas)
+
+
+# -- splitters and seams --------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_glued_blocks_are_the_two_experiments_that_they_are(record):
+    # seen through a splitter and labels, or given as a list: the same fit
+    u, y = record
+    train, _ = list(BlockedTimeSeriesSplit(3, train="both").split(u))[1]
+    model = AlSsnn(nx=3, n_h=2, n_g=2, max_iter=10, tol=1e-2, random_state=0)
+    glued = clone(model).fit(u[train], y[train], seam_labels(len(u))[train])
+    apart = clone(model).fit([u[:400], u[800:]], [y[:400], y[800:]])
+    assert glued.experiments_ == [(0, 0), (0, 800)]
+    assert glued.cost_ == apart.cost_
+    np.testing.assert_array_equal(glued._theta, apart._theta)
+    np.testing.assert_array_equal(glued.x0_, apart.x0_)
+    blind = clone(model).fit(u[train], y[train])  # across the seam: another problem
+    assert len(blind.x0_) == 1 and blind.cost_ != apart.cost_
+
+
+def test_blocks_leave_the_gap_and_test_everything_once():
+    for mode in ("longest", "past", "both"):
+        split = BlockedTimeSeriesSplit(4, gap=3, train=mode)
+        folds = list(split.split(np.zeros((101, 2))))
+        assert len(folds) == split.get_n_splits() == 4
+        tested = np.concatenate([test for _, test in folds])
+        assert len(set(tested)) == len(tested)
+        assert len(tested) == (81 if mode == "past" else 101)
+        for train, test in folds:
+            distance = np.abs(train[:, None] - test).min()
+            assert distance == 4  # three samples between them
+            jumps = np.sum(np.diff(train) != 1)
+            assert jumps == 0 or mode == "both"
+            if mode == "past":
+                assert train.max() < test.min()
+    _, middle = [train for train, _ in split.split(np.zeros((101, 2)))][:2]
+    assert np.sum(np.diff(middle) != 1) == 1
+
+
+def test_blocks_are_cut_in_every_experiment():
+    labels = np.repeat(["a", "b"], [60, 30])
+    folds = list(BlockedTimeSeriesSplit(3).split(np.zeros((90, 1)), experiment=labels))
+    for train, test in folds:
+        assert np.bincount(labels[test] == "b").tolist() == [20, 10]
+        assert set(labels[train]) == {"a", "b"}
+    by_groups = BlockedTimeSeriesSplit(3).split(np.zeros((90, 1)), groups=labels)
+    for one, other in zip(folds, by_groups, strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+
+
+def test_experiments_stay_whole_and_folds_even(rng):
+    lengths = [100, 80, 60, 50, 40, 30]
+    labels = np.repeat(rng.permutation(6), lengths)
+    numbered = seam_labels(360, labels)
+    u = np.zeros((360, 1))
+    for given in (labels, numbered):
+        folds = list(ExperimentKFold(3).split(u, experiment=given))
+        sizes = [len(test) for _, test in folds]
+        assert sum(sizes) == 360 and max(sizes) - min(sizes) <= 30
+        for train, test in folds:
+            assert not set(labels[train]) & set(labels[test])
+            assert np.all(np.diff(train) > 0)
+
+
+def test_labels_of_any_kind_carry_sample_numbers():
+    labels = seam_labels(6, ["a", "a", "a", "b", "b", "b"])
+    kept = [0, 2, 3, 4]
+    parts, names = split_experiments(4, labels[kept])
+    assert names == [("a", 0), ("a", 2), ("b", 3)]
+    assert [(p.start, p.stop) for p in parts] == [(0, 1), (1, 2), (2, 4)]
+    # an experiment that returns is two runs here, and an error without numbers
+    assert len(split_experiments(4, seam_labels(6, [0, 0, 1, 1, 0, 0])[1:5])[0]) == 3
+    with pytest.raises(ValueError, match="contiguous samples"):
+        split_experiments(3, [0, 1, 0])
+    with pytest.raises(ValueError, match="contiguous samples"):  # the same run twice
+        split_experiments(4, seam_labels(4)[[0, 1, 0, 1]])
+    with pytest.raises(ValueError, match="integer sample numbers"):
+        split_experiments(2, [["a", "b"], ["a", "c"]])
+    with pytest.raises(ValueError, match="one label per sample"):
+        seam_labels(3, [0, 0])
+
+
+@pytest.mark.parametrize(
+    "split, labels, message",
+    [
+        (BlockedTimeSeriesSplit(1), None, "at least 2"),
+        (BlockedTimeSeriesSplit(3, gap=-1), None, "nonnegative integer"),
+        (BlockedTimeSeriesSplit(3, gap=50), None, "leave samples in every fold"),
+        (BlockedTimeSeriesSplit(3, train="left"), None, "must be one of"),
+        (BlockedTimeSeriesSplit(3, train="both"), np.zeros(60), "must show seams"),
+        (ExperimentKFold(3), None, "number of experiments"),
+    ],
+)
+def test_a_wrong_split_is_an_error(split, labels, message):
+    with pytest.raises(ValueError, match=message):
+        list(split.split(np.zeros((60, 1)), experiment=labels))
+
+
+def test_labels_have_one_name_at_a_time():
+    with pytest.raises(ValueError, match="two names of the same labels"):
+        next(ExperimentKFold().split(np.zeros((6, 1)), None, np.zeros(6), np.zeros(6)))

@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, _fit_context
+from sklearn.base import BaseEstimator, _fit_context
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics import r2_score
 from sklearn.utils import Bunch
@@ -18,6 +18,7 @@ from sklearn.utils.validation import (
     validate_data,
 )
 
+from ..containers import Container, index_of, part_of
 from ..delays import estimate_delays
 from ..experiments import (
     Scaling,
@@ -34,7 +35,9 @@ from ..subspace import identify_linear
 from ..training import estimate_x0
 from ._control import ControlMixin
 from ._files import FilesMixin
+from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model
+from ._uncertainty import UncertaintyMixin
 from ._validation import ValidationMixin
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
@@ -46,13 +49,15 @@ DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
 class StateSpaceModel(
     ControlMixin,
     ValidationMixin,
+    UncertaintyMixin,
     FilesMixin,
-    MultiOutputMixin,
-    RegressorMixin,
+    ScikitLearnMixin,
     BaseEstimator,
     metaclass=ABCMeta,
 ):
     """Share data handling, simulation, scores and exports of all models."""
+
+    _container = Container()  # of the y of `fit`: that of the y of `predict`
 
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
@@ -82,9 +87,10 @@ class StateSpaceModel(
             Inputs; time runs down the rows. A list has one array per experiment.
         y : array_like of shape (N,) or (N, ny), or list of them
             Outputs; nan where an output was not measured.
-        experiment : array_like of shape (N,) or None, default=None
+        experiment : array_like of shape (N,) or (N, 2), or None, default=None
             Label of the experiment of every sample; the samples of one experiment
-            are contiguous. None means one experiment.
+            are contiguous. With sample numbers in a second column (`seam_labels`), a
+            jump in them starts an experiment. None means one experiment.
 
         Returns
         -------
@@ -104,9 +110,7 @@ class StateSpaceModel(
                 f"a tuple of {len(self.operating_point)}."
             )
         u, y, experiment = _join(u, y, experiment)
-        y_names = getattr(y, "columns", None)
-        if y_names is None and getattr(y, "name", None) is not None:
-            y_names = [y.name]
+        container = Container.of(y)
         u, y = self._validate(u, y, reset=True)
         warm = getattr(self, "warm_start", False) and hasattr(self, "_theta")
         if not warm:
@@ -117,7 +121,8 @@ class StateSpaceModel(
         self._set_delay(u, y, parts)
         experiments = self._experiments(u, y, parts)
         self._y_ndim = y.ndim
-        self.output_names_ = None if y_names is None else [str(n) for n in y_names]
+        self._container = container
+        self.output_names_ = container.output_names
         previous = (self._structure, self._theta) if warm else None
         self._structure, self._theta, result = self._identify(experiments, previous)
         self._publish(result)
@@ -218,6 +223,11 @@ class StateSpaceModel(
     def _identify(self, experiments, previous):
         """Return structure, theta and result for scaled experiments."""
 
+    def _criterion_terms(self, structure):
+        """Return the structure with its penalized channels, and all weights."""
+        weight = self._output_weight(structure.sizes["y"])
+        return structure, {"output_weight": weight}
+
     def _publish(self, result):
         """Set the fitted attributes, in the user's units."""
         self._publish_parameters()
@@ -299,9 +309,10 @@ class StateSpaceModel(
 
         Returns
         -------
-        y : ndarray of shape (N,) or (N, ny), or list of them
-            Simulated outputs, with as many dimensions as the `y` of `fit`. Not
-            finite where the simulation diverges, with a warning.
+        y : ndarray of shape (N,) or (N, ny), DataFrame or Series, or list of them
+            Simulated outputs, with as many dimensions as the `y` of `fit`, and a
+            DataFrame or Series of the same library and names if that was one, with
+            the index of `u`. Not finite where the simulation diverges, with a warning.
 
         Raises
         ------
@@ -311,6 +322,7 @@ class StateSpaceModel(
         check_is_fitted(self)
         as_list = is_list_of_records(u)
         u, _, experiment = _join(u, u, experiment)
+        index = index_of(u)
         u = validate_data(self, u, reset=False, dtype=[np.float64, np.float32])
         parts, labels = split_experiments(len(u), experiment)
         lure = self._structure.lure(self._theta)
@@ -328,7 +340,10 @@ class StateSpaceModel(
             )
         y = y * self._scaling.y_scale + self._scaling.y_offset
         y = y[:, 0] if self._y_ndim == 1 else y
-        return [y[part] for part in parts] if as_list else y
+        wrap = self._container.wrap
+        if as_list:
+            return [wrap(y[part], part_of(index, part)) for part in parts]
+        return wrap(y, index)
 
     def _check_x0(self, x0, labels):
         """Return one initial state per experiment, in the user's units."""
@@ -566,13 +581,6 @@ class StateSpaceModel(
                     yield X, u * u_scale, y_hat * y_scale, y * y_scale
 
         return Region.of_chunks(chunks)
-
-    def __sklearn_tags__(self):
-        tags = super().__sklearn_tags__()
-        # a strictly proper dynamical system cannot fit shuffled static data
-        tags.regressor_tags.poor_score = True
-        tags.non_deterministic = False
-        return tags
 
 
 def _outputs(lure, u_s, x0):

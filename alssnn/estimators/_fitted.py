@@ -44,3 +44,7 @@ class Fitted:
     _experiments: Callable  # scaled deviations of every experiment
     _initial_state: Callable  # of one scaled experiment, in the user's units
     _window: Callable  # samples of an experiment spent on its initial state
+    _units: Callable  # the user's units over those of the fit, by axis
+    _scaled_bounds: Callable  # bounds of parameters, scaled
+    _criterion_terms: Callable  # structure with its penalties, and all weights
+    _publish: Callable  # sets the public attributes from theta and a result

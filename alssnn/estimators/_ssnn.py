@@ -72,27 +72,12 @@ class Ssnn(StateSpaceModel):
                 initial_theta(plain, linear, experiments, np.random.default_rng(seed))
                 for seed in seeds
             ]
-        nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
-        penalized = self._declare(
-            nx,
-            nu,
-            ny,
-            C=plain.constants["C"],
-            penalty=self.penalty if self.gamma > 0 or self.gamma_k > 0 else None,
-            penalize_h=self.gamma_h > 0,
-            **networks,
-        )
+        penalized, weights = self._criterion_terms(plain)
         result = train(
             penalized,
             experiments,
             starts,
-            weights={
-                "gamma": self.gamma,
-                "gamma_k": self.gamma_k,
-                "gamma_h": self.gamma_h,
-                "alpha": self.alpha,
-                "output_weight": self._output_weight(ny),
-            },
+            weights=weights,
             phi=phi,
             bounds=self._scaled_bounds(plain, contractive=phi is not None),
             continuation=self.continuation,
@@ -105,6 +90,29 @@ class Ssnn(StateSpaceModel):
             report=report,
         )
         return plain, result.theta, result
+
+    def _criterion_terms(self, plain):
+        nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
+        weights = {
+            "gamma": self.gamma,
+            "gamma_k": self.gamma_k,
+            "gamma_h": self.gamma_h,
+            "alpha": self.alpha,
+            "output_weight": self._output_weight(ny),
+        }
+        if plain.nw == 0:  # the linear model
+            return plain, weights
+        penalized = self._declare(
+            nx,
+            nu,
+            ny,
+            C=plain.constants["C"],
+            penalty=self.penalty if self.gamma > 0 or self.gamma_k > 0 else None,
+            penalize_h=self.gamma_h > 0,
+            feedthrough=self.feedthrough,
+            **self._networks(),
+        )
+        return penalized, weights
 
     def _fits(self, structure, networks):
         """Tell whether a fitted structure is the one the parameters ask for."""

@@ -17,6 +17,7 @@ from numbers import Real
 
 import numpy as np
 
+from ..containers import Container
 from ..experiments import Scaling
 from ..linearizability import Region
 from ..structures import state_space_structure
@@ -74,6 +75,11 @@ def save(model, path):
             "n_iter": model.n_iter_,
             "converged": model.converged_,
             "y_ndim": model._y_ndim,
+            "container": {
+                "library": model._container.library,
+                "is_series": model._container.is_series,
+                "names": [_encode_label(name) for name in model._container.names],
+            },
             "experiments": [_encode_label(label) for label in model.experiments_],
             "input_names": _names(getattr(model, "feature_names_in_", None)),
             "output_names": _names(model.output_names_),
@@ -175,6 +181,12 @@ def _restore(cls, document, arrays):
         model.feature_names_in_ = np.array(fit["input_names"], dtype=object)
     model.output_names_ = fit["output_names"]
     model._y_ndim = fit["y_ndim"]
+    container = fit.get("container", {})  # files without it are of arrays
+    model._container = Container(
+        container.get("library"),
+        container.get("is_series", False),
+        tuple(container.get("names", ())),
+    )
     _check_fit(model, nu, ny)
     return model
 
@@ -209,6 +221,11 @@ def _check_fit(model, nu, ny):
             raise ValueError(f"{size} signals are named {names}")
     if not isinstance(model.experiments_, list) or not model.experiments_:
         raise ValueError(f"the experiments are labeled {model.experiments_}")
+    container = model._container
+    if container.library not in (None, "pandas", "polars"):
+        raise ValueError(f"the outputs are of the library {container.library!r}")
+    if len(container.names) != (0 if container.library is None else ny):
+        raise ValueError(f"{ny} outputs are labeled {container.names}")
     if model._y_ndim not in (1, 2) or (model._y_ndim == 1 and ny > 1):
         raise ValueError(f"{ny} outputs have {model._y_ndim} dimensions")
 

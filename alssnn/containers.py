@@ -1,0 +1,113 @@
+"""Containers of users: outputs come back as what they were given as."""
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Container:
+    """Remember the kind of `y` that a model was fitted with.
+
+    Parameters
+    ----------
+    library : {"pandas", "polars"} or None, default=None
+        Library of a DataFrame or Series; None for an array.
+    is_series : bool, default=False
+        Whether it was a Series.
+    names : tuple, default=()
+        Labels of its columns, or the name of the Series.
+    """
+
+    library: str | None = None
+    is_series: bool = False
+    names: tuple[Any, ...] = ()
+
+    @classmethod
+    def of(cls, y):
+        """Return the container of an array, DataFrame or Series.
+
+        Parameters
+        ----------
+        y : array_like, DataFrame or Series
+            Outputs.
+
+        Returns
+        -------
+        container : Container
+            Its kind; that of an array if the library is not known.
+        """
+        library = type(y).__module__.partition(".")[0]
+        if library not in ("pandas", "polars"):
+            return cls()
+        if hasattr(y, "columns"):
+            return cls(library, False, tuple(y.columns))
+        return cls(library, True, (y.name,))
+
+    @property
+    def output_names(self):
+        """Return the names of the outputs as strings, None without names."""
+        named = self.names and not (self.is_series and self.names[0] in (None, ""))
+        return [str(name) for name in self.names] if named else None
+
+    def wrap(self, y, index=None):
+        """Return values in the container.
+
+        Parameters
+        ----------
+        y : ndarray of shape (N,) or (N, ny)
+            Values.
+        index : pandas.Index or None, default=None
+            Labels of the rows, for pandas.
+
+        Returns
+        -------
+        y : ndarray, DataFrame or Series
+            The same values.
+        """
+        if self.library is None:
+            return y
+        library = importlib.import_module(self.library)
+        names = list(self.names)
+        if self.is_series and self.library == "polars":
+            return library.Series(names[0], y)
+        if self.is_series:
+            return library.Series(y, index=index, name=names[0])
+        y = y.reshape(len(y), -1)
+        if self.library == "polars":
+            return library.DataFrame(y, schema=names)
+        return library.DataFrame(y, index=index, columns=names)
+
+
+def index_of(u):
+    """Return the labels of the rows of a pandas DataFrame, None for anything else.
+
+    Parameters
+    ----------
+    u : object
+        Inputs.
+
+    Returns
+    -------
+    index : pandas.Index or None
+        Its index.
+    """
+    return u.index if type(u).__module__.partition(".")[0] == "pandas" else None
+
+
+def part_of(index, part):
+    """Return some of the labels of rows.
+
+    Parameters
+    ----------
+    index : pandas.Index or None
+        Labels.
+    part : slice
+        Rows.
+
+    Returns
+    -------
+    index : pandas.Index or None
+        Labels of these rows.
+    """
+    return None if index is None else index[part]

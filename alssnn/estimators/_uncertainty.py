@@ -1,0 +1,234 @@
+"""What a fitted model knows of its own uncertainty: covariance, criteria, samples."""
+
+import copy
+
+import numpy as np
+from sklearn.utils import Bunch
+from sklearn.utils.validation import check_is_fitted
+
+from ..criterion import Criterion, count_measured
+from ..optimizers import single_threaded
+from ..training import estimate_x0
+from ..uncertainty import (
+    ParameterCovariance,
+    pseudo_inverse,
+    residual_moments,
+    score_covariance,
+)
+from ._fitted import Fitted
+
+
+class UncertaintyMixin(Fitted):
+    """Share what the training data say about the uncertainty of a model.
+
+    All methods take the training data, which a fitted model does not keep.  Initial
+    states are estimated from whole experiments.
+    """
+
+    def parameter_covariance(self, u, y, experiment=None):
+        """Return the uncertainty of the parameters, from the training data.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs of the training.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs of the training.
+        experiment : array_like of shape (N,) or (N, 2), or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        covariance : ParameterCovariance
+            First-order covariance, with frequency response and poles on request.
+
+        Raises
+        ------
+        ValueError
+            If the simulation diverges on the data.
+
+        Notes
+        -----
+        Costs a few passes over the sensitivities. It takes white output noise, an
+        optimum that was reached, and no active bound; entries held by equal bounds
+        are certain. Of a contractive model, A counts as free.
+        """
+        fit = self._gauss_newton(u, y, experiment)
+        n_params = self._structure.n_params
+        freedom = fit.count - fit.n_effective / len(fit.EE)
+        if not np.diag(freedom).min() > 0.5:  # rounded: a whole sample is left
+            raise ValueError(
+                f"`y` must have more samples than parameters ({fit.n_effective:.0f}), "
+                f"got {fit.n_samples}. Fit a smaller model."
+            )
+        Lambda = np.where(fit.count > 0, fit.EE / np.maximum(freedom, 1.0), 0.0)
+        weight = fit.output_weight / fit.n_measured
+        with single_threaded():
+            F = score_covariance(
+                self._structure, self._theta, fit.x0, fit.experiments, weight, Lambda
+            )
+        P = fit.inverse @ F @ fit.inverse
+        scale = self._scaling.y_scale
+        return ParameterCovariance(
+            theta=self._theta.copy(),
+            covariance=P[:n_params, :n_params],
+            noise_covariance=Lambda * np.outer(scale, scale),
+            n_effective=fit.n_effective,
+            rank=fit.rank,
+            n_samples=fit.n_samples,
+            structure=self._structure,
+            units=self._units(),
+            dt=self.dt,
+            input_delay=self.input_delay_,
+        )
+
+    def aic(self, u, y, experiment=None):
+        """Return the information criterion of Akaike, from the training data.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs of the training.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs of the training.
+        experiment : array_like of shape (N,) or (N, 2), or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        aic : float
+            ``-2 log L + 2 n``: L the likelihood of white normal output noise, n the
+            effective number of parameters (eq. effective); the lower the better.
+        """
+        return self._criterion_value(self._gauss_newton(u, y, experiment), 2.0)
+
+    def bic(self, u, y, experiment=None):
+        """Return the Bayesian information criterion, from the training data.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs of the training.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs of the training.
+        experiment : array_like of shape (N,) or (N, 2), or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        bic : float
+            ``-2 log L + n log N``, as `aic` but with a larger price of parameters;
+            the lower the better.
+        """
+        fit = self._gauss_newton(u, y, experiment)
+        return self._criterion_value(fit, np.log(fit.n_samples))
+
+    def sample_models(self, covariance, n_models=10, random_state=None):
+        """Return models drawn from the uncertainty of this one.
+
+        Parameters
+        ----------
+        covariance : ParameterCovariance
+            What `parameter_covariance` returned for this model.
+        n_models : int, default=10
+            Number of models.
+        random_state : int, RandomState instance or None, default=None
+            Source of the draws.
+
+        Returns
+        -------
+        models : list of object
+            Fitted copies that differ in their parameters. The draws are normal: one
+            of them may be unstable where this model almost is.
+
+        Raises
+        ------
+        ValueError
+            If the covariance belongs to another model.
+        """
+        check_is_fitted(self)
+        if not np.array_equal(covariance.theta, self._theta):
+            raise ValueError(
+                "`covariance` must be that of this model, got that of another one. "
+                "Call `parameter_covariance` again after a fit."
+            )
+        result = Bunch(
+            x0=self.x0_ / self._x_scale,
+            cost=self.cost_,
+            nfev=self.n_iter_,
+            success=self.converged_,
+        )
+        models = []
+        for theta in covariance.sample(n_models, random_state):
+            model = copy.deepcopy(self)
+            model._theta = theta
+            model._publish(result)
+            models.append(model)
+        return models
+
+    def _gauss_newton(self, u, y, experiment):
+        """Return the Gauss-Newton matrices of the training and its residuals."""
+        check_is_fitted(self)
+        u, y, parts = self._test_data(u, y, experiment)
+        experiments = self._experiments(u, y, parts)
+        structure, theta = self._structure, self._theta
+        penalized, weights = self._criterion_terms(structure)
+        longest = max(len(u_s) for u_s, _ in experiments)
+        with single_threaded():
+            x0 = estimate_x0(structure, theta, experiments, window=longest, noise=0.0)
+            try:
+                JJ = [
+                    criterion.normal_equations(criterion.join(theta, x0))[0]
+                    for criterion in (
+                        Criterion(penalized, experiments, **weights),
+                        Criterion(
+                            structure,
+                            experiments,
+                            output_weight=weights["output_weight"],
+                        ),
+                    )
+                ]
+            except FloatingPointError:
+                raise ValueError(
+                    "`u` and `y` must be data that the model can simulate, got a "
+                    "simulation that diverges. Pass the training data."
+                ) from None
+            EE, count = residual_moments(structure, theta, x0, experiments)
+        free = self._free_entries(len(JJ[0]))
+        H, H_y = (M[np.ix_(free, free)] for M in JJ)
+        inverse = np.zeros_like(JJ[0])
+        inverse[np.ix_(free, free)], _ = pseudo_inverse(H)
+        return Bunch(
+            experiments=experiments,
+            x0=x0,
+            inverse=inverse,
+            rank=pseudo_inverse(H_y)[1],
+            n_effective=float(np.sum(inverse * JJ[1])),
+            EE=EE,
+            count=count,
+            output_weight=weights["output_weight"],
+            n_samples=sum(len(u_s) for u_s, _ in experiments),
+            n_measured=sum(count_measured(y_s) for _, y_s in experiments) / len(EE),
+        )
+
+    def _free_entries(self, n):
+        """Return which entries of (theta, x0) no equal bounds hold."""
+        free = np.ones(n, dtype=bool)
+        limits = self._scaled_bounds(self._structure) or {}
+        for name, (low, high) in limits.items():
+            where, shape = self._structure.slices[name], self._structure.shapes[name]
+            free[where] = np.broadcast_to(np.not_equal(low, high), shape).ravel()
+        return free
+
+    def _criterion_value(self, fit, price):
+        """Return -2 log L + price n_effective, in the units of y."""
+        scale = self._scaling.y_scale
+        measured = np.diag(fit.count)
+        Lambda = fit.EE / np.maximum(fit.count, 1) * np.outer(scale, scale)
+        with np.errstate(divide="ignore"):
+            if np.all(fit.count == fit.n_samples):
+                deviance = fit.n_samples * np.linalg.slogdet(Lambda)[1]
+            else:  # outputs that were measured apart: as if their noise were, too
+                deviance = float(np.sum(measured * np.log(np.diag(Lambda))))
+        deviance += measured.sum() * (1 + np.log(2 * np.pi))
+        return float(deviance + price * fit.n_effective)

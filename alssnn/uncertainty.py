@@ -1,0 +1,440 @@
+r"""How far the parameters of a fitted model can be trusted: what noise does to them.
+
+To first order, noise e with covariance Lambda, white over time, moves the optimum
+(eq. sandwich) by
+
+    delta = -H^+ F' e,     H = J'J of the cost,     F = d yhat / d(theta, x0), weighted
+
+so that the covariance of (theta, x0) is the sandwich
+
+    P = H^+ (sum_k F_k' Lambda F_k) H^+,       Lambda = E'E / (N - n_effective / ny)
+
+with E the (N, ny) residuals of the training data.  H holds the penalties of the
+training, whose bias P does not tell; without them P is the inverse of the information.
+The state basis is not identifiable: H is singular along changes of it, ^+ is the
+pseudo-inverse, and entries of A, B, C alone have no standard error worth the name.
+What does not depend on the basis has one: the frequency response, by
+
+    dG = C R dA R B + C R dB + dC R B + dD,      R = (z I - A)^-1
+
+and the poles, by d lambda_i = l_i dA r_i / (l_i r_i) with left and right eigenvectors.
+
+The effective number of parameters (eq. effective) is tr(H^+ J_y'J_y), the rank of the
+Gauss-Newton matrix where nothing is penalized.
+
+It takes the noise for white and added to the output, the model structure for right and
+the deviation for small.  Residuals that are still correlated, over time or with u, make
+all of this optimistic.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eig, eigh
+from scipy.special import chdtri, ndtri
+from sklearn.utils import check_random_state
+
+from .simulation import regressors, sensitivities, trajectory
+
+RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
+N_FREQUENCIES = 200  # of a frequency response, by default
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyBand:
+    """Hold a frequency response and its uncertainty.
+
+    Parameters
+    ----------
+    omega : ndarray of shape (n_frequencies,)
+        Frequencies, in rad/s.
+    response : ndarray of complex of shape (n_frequencies, ny, nu)
+        G from every input to every output, in units of y per unit of u.
+    covariance : ndarray of shape (n_frequencies, ny, nu, 2, 2)
+        Covariance of (Re G, Im G).
+    """
+
+    omega: np.ndarray
+    response: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def magnitude_std(self):
+        """Return the standard error of the magnitude, shape (n_frequencies, ny, nu)."""
+        size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
+        along = np.stack([self.response.real, self.response.imag], -1) / size[..., None]
+        return _spread(along, self.covariance)
+
+    @property
+    def phase_std(self):
+        """Return the standard error of the phase in rad, (n_frequencies, ny, nu)."""
+        square = np.maximum(np.abs(self.response) ** 2, np.finfo(float).tiny)
+        across = np.stack([-self.response.imag, self.response.real], -1)
+        return _spread(across / square[..., None], self.covariance)
+
+    def magnitude_band(self, level=0.95):
+        """Return pointwise confidence limits of the magnitude.
+
+        Parameters
+        ----------
+        level : float, default=0.95
+            Probability that the band covers the magnitude at one frequency.
+
+        Returns
+        -------
+        low, high : ndarray of shape (n_frequencies, ny, nu)
+            Limits; none is negative.
+
+        Raises
+        ------
+        ValueError
+            If `level` is not between 0 and 1.
+        """
+        half = ndtri((1 + _check_level(level)) / 2) * self.magnitude_std
+        size = np.abs(self.response)
+        return np.maximum(size - half, 0.0), size + half
+
+    def covers(self, response, level=0.95):
+        """Tell where confidence ellipses in the complex plane cover a response.
+
+        Parameters
+        ----------
+        response : ndarray of complex of shape (n_frequencies, ny, nu)
+            Response at the same frequencies, such as the true one.
+        level : float, default=0.95
+            Probability of every ellipse.
+
+        Returns
+        -------
+        covered : ndarray of bool of shape (n_frequencies, ny, nu)
+            Whether the response is inside.
+
+        Raises
+        ------
+        ValueError
+            If `level` is not between 0 and 1.
+        """
+        error = np.asarray(response) - self.response
+        d = np.stack([error.real, error.imag], -1)
+        weighted = np.linalg.pinv(self.covariance, hermitian=True) @ d[..., None]
+        # chi2 of two degrees of freedom
+        square = (d[..., None, :] @ weighted)[..., 0, 0]
+        return square <= chdtri(2, 1 - _check_level(level))
+
+
+@dataclass(frozen=True, eq=False)
+class PoleRegions:
+    """Hold the poles of the linear part and their uncertainty.
+
+    Parameters
+    ----------
+    poles : ndarray of complex of shape (nx,)
+        Eigenvalues of A.
+    covariance : ndarray of shape (nx, 2, 2)
+        Covariance of (Re, Im) of every pole; that of a real pole is singular. Large
+        for poles that almost coincide, where the first order says little.
+    """
+
+    poles: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def modulus_std(self):
+        """Return the standard error of the modulus of every pole, shape (nx,)."""
+        size = np.maximum(np.abs(self.poles), np.finfo(float).tiny)
+        along = np.stack([self.poles.real, self.poles.imag], -1) / size[:, None]
+        return _spread(along, self.covariance)
+
+    def ellipses(self, level=0.95, n_points=64):
+        """Return the boundaries of the confidence regions.
+
+        Parameters
+        ----------
+        level : float, default=0.95
+            Probability of every region.
+        n_points : int, default=64
+            Points on every boundary.
+
+        Returns
+        -------
+        points : ndarray of complex of shape (nx, n_points)
+            Closed curves in the complex plane; for a real pole an interval.
+
+        Raises
+        ------
+        ValueError
+            If `level` is not between 0 and 1.
+        """
+        angle = np.linspace(0, 2 * np.pi, n_points)
+        circle = np.stack([np.cos(angle), np.sin(angle)])
+        values, Q = np.linalg.eigh(self.covariance)
+        real = np.abs(self.poles.imag) <= 1e-12 * np.abs(self.poles)
+        # one degree of freedom for a real pole, two for a complex one
+        radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - _check_level(level)))
+        axes = Q * (np.sqrt(np.maximum(values, 0.0)) * radius[:, None])[:, None, :]
+        points = axes @ circle
+        return self.poles[:, None] + points[:, 0] + 1j * points[:, 1]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterCovariance:
+    """Hold the first-order uncertainty of a fitted model.
+
+    Parameters
+    ----------
+    theta : ndarray of shape (n_params,)
+        Fitted parameters, of scaled deviations.
+    covariance : ndarray of shape (n_params, n_params)
+        Their covariance: a pseudo-inverse, since the state basis is free. Only what
+        does not depend on the basis has meaning on its own.
+    noise_covariance : ndarray of shape (ny, ny)
+        Covariance of the output noise, in the units of y.
+    n_effective : float
+        Effective number of parameters, initial states included.
+    rank : int
+        Rank of the Gauss-Newton matrix of the simulation error.
+    n_samples : int
+        Number of samples.
+    structure : Structure
+        Structure of the model.
+    units : dict
+        Units of the user over those of the fit, by axis.
+    dt : float
+        Sampling time, in seconds.
+    input_delay : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    noise_covariance: np.ndarray
+    n_effective: float
+    rank: int
+    n_samples: int
+    structure: Any
+    units: dict
+    dt: float
+    input_delay: np.ndarray
+
+    def __repr__(self):
+        """Return the figures in one line."""
+        return (
+            f"ParameterCovariance(n_params={len(self.theta)}, rank={self.rank}, "
+            f"n_effective={self.n_effective:.4g}, n_samples={self.n_samples})"
+        )
+
+    def _linear(self):
+        """Return (A, B, C, D) of scaled deviations."""
+        structure = self.structure
+        p = {**structure.constants, **structure.split(self.theta)}
+        D = p.get("D", np.zeros((len(p["C"]), p["B"].shape[1])))
+        return p["A"], p["B"], p["C"], D
+
+    def frequency_response(self, omega=None):
+        """Return the frequency response of the linear part with its uncertainty.
+
+        Parameters
+        ----------
+        omega : array_like of shape (n_frequencies,) or None, default=None
+            Frequencies, in rad/s; None means 200 from a thousandth of the Nyquist
+            frequency up to it.
+
+        Returns
+        -------
+        band : FrequencyBand
+            Response of (A, B, C, D), which does not depend on the state basis.
+
+        Raises
+        ------
+        ValueError
+            If frequencies are not finite or the response has a pole at one.
+        """
+        nyquist = np.pi / self.dt
+        if omega is None:
+            omega = np.geomspace(1e-3 * nyquist, nyquist, N_FREQUENCIES)
+        omega = np.atleast_1d(np.asarray(omega, dtype=float))
+        A, B, C, D = self._linear()
+        z = np.exp(1j * omega * self.dt)
+        if not np.isfinite(omega).all():
+            raise ValueError("`omega` must be finite, got nan or infinity.")
+        try:
+            R = np.linalg.inv(z[:, None, None] * np.eye(len(A)) - A)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                "`omega` must not hold the frequency of an undamped pole, got "
+                f"{omega.tolist()}. Move it a little."
+            ) from None
+        CR, RB = C @ R, R @ B
+        late = z[:, None] ** -self.input_delay  # (F, nu)
+        su, sy = (np.broadcast_to(self.units[axis], n) for axis, n in _ends(B, C))
+        scale = late[:, None, :] * sy[:, None] / su  # (F, ny, nu)
+        ny, nu = D.shape
+        dG = np.zeros((len(omega), ny, nu, len(self.theta)), dtype=complex)
+        eye_u, eye_y = np.eye(nu), np.eye(ny)
+        # dG_ij / dM_kl = (what is left of M)_ik (what is right of it)_lj
+        parts = {
+            "A": np.einsum("fik,flj->fijkl", CR, RB),
+            "B": np.einsum("fik,lj->fijkl", CR, eye_u),
+            "C": np.einsum("ik,flj->fijkl", eye_y, RB),
+            "D": np.einsum("ik,lj->ijkl", eye_y, eye_u)[None],
+        }
+        for name, where in self.structure.slices.items():
+            if name in parts:
+                part = np.broadcast_to(
+                    parts[name], (len(omega), *parts[name].shape[1:])
+                )
+                dG[..., where] = part.reshape(len(omega), ny, nu, -1)
+        dG *= scale[..., None]
+        jacobian = np.stack([dG.real, dG.imag], axis=-2)
+        covariance = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+        return FrequencyBand(omega, (CR @ B + D) * scale, covariance)
+
+    def poles(self):
+        """Return the poles of the linear part with their uncertainty.
+
+        Returns
+        -------
+        regions : PoleRegions
+            Eigenvalues of A, which do not depend on the state basis.
+        """
+        A, *_ = self._linear()
+        poles, left, right = eig(A, left=True, right=True)
+        left = left.conj() / np.sum(left.conj() * right, axis=0)  # l_i r_i = 1
+        where = self.structure.slices["A"]
+        d = np.einsum("ki,li->ikl", left, right).reshape(len(poles), -1)
+        jacobian = np.stack([d.real, d.imag], axis=1)
+        P = self.covariance[where, where]
+        return PoleRegions(poles, jacobian @ P @ np.swapaxes(jacobian, 1, 2))
+
+    def sample(self, n_models=1, random_state=None):
+        """Draw parameters from their normal approximation.
+
+        Parameters
+        ----------
+        n_models : int, default=1
+            Number of draws.
+        random_state : int, RandomState instance or None, default=None
+            Source of the draws.
+
+        Returns
+        -------
+        theta : ndarray of shape (n_models, n_params)
+            Parameters of scaled deviations, in the basis of the fit.
+        """
+        values, Q = eigh(self.covariance)
+        draws = check_random_state(random_state).standard_normal(
+            (n_models, len(self.theta))
+        )
+        return self.theta + draws * np.sqrt(np.maximum(values, 0.0)) @ Q.T
+
+
+def _ends(B, C):
+    return ("u", B.shape[1]), ("y", len(C))
+
+
+def _spread(gradient, covariance):
+    """Return the standard errors of functions of (Re, Im) with given gradients."""
+    square = gradient[..., None, :] @ covariance @ gradient[..., None]
+    return np.sqrt(np.maximum(square[..., 0, 0], 0.0))
+
+
+def _check_level(level):
+    if not 0 < level < 1:
+        raise ValueError(f"`level` must be between 0 and 1, got {level!r}.")
+    return level
+
+
+def residual_moments(structure, theta, x0, experiments):
+    """Return the outer products of the simulation errors.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model, y its first channel.
+    theta : ndarray of shape (n_params,)
+        Parameters.
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations; nan where an output was not measured.
+
+    Returns
+    -------
+    EE : ndarray of shape (ny, ny)
+        Sums of products of errors where both outputs were measured.
+    count : ndarray of shape (ny, ny)
+        Numbers of these samples.
+    """
+    ny = structure.sizes["y"]
+    EE, count = np.zeros((ny, ny)), np.zeros((ny, ny))
+    for (u, y), start in zip(experiments, x0, strict=True):
+        lure = structure.lure(theta)
+        Theta_y = lure.Theta[lure.nx : lure.nx + ny].T
+        for part, u_part, X in trajectory(lure, u, structure.initial_state(start)):
+            E = regressors(lure, X[:-1], u_part) @ Theta_y - y[part]
+            measured = (~np.isnan(E)).astype(float)
+            E = np.nan_to_num(E)
+            EE += E.T @ E
+            count += measured.T @ measured
+    return EE, count
+
+
+def score_covariance(structure, theta, x0, experiments, output_weight, Lambda):
+    """Return the covariance of half the gradient of the cost.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model, without penalized channels.
+    theta : ndarray of shape (n_params,)
+        Parameters.
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations; nan where an output was not measured.
+    output_weight : ndarray of shape (ny,)
+        Weight of the squared error of every output over the number of samples.
+    Lambda : ndarray of shape (ny, ny)
+        Covariance of the noise, white over time.
+
+    Returns
+    -------
+    covariance : ndarray of shape (n, n)
+        Sum of F_k' W Lambda W F_k, over (theta, x0 of all experiments).
+    """
+    n_params, n_x0 = structure.n_params, structure.n_x0
+    n = n_params + n_x0 * len(experiments)
+    total = np.zeros((n, n))
+    values, Q = eigh(Lambda)
+    root = (Q * np.sqrt(np.maximum(values, 0.0))).T  # root' root = Lambda
+    for i, ((u, y), start) in enumerate(zip(experiments, x0, strict=True)):
+        where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
+        for part, _, J in sensitivities(structure, theta, start, u, output_weight):
+            J[np.isnan(y[part])] = 0.0
+            J = np.matmul(root, J).reshape(-1, J.shape[-1])
+            total[np.ix_(where, where)] += J.T @ J
+    return total
+
+
+def pseudo_inverse(H):
+    """Return the pseudo-inverse of an equilibrated Gauss-Newton matrix, and its rank.
+
+    Parameters
+    ----------
+    H : ndarray of shape (n, n)
+        Symmetric, positive semidefinite up to rounding.
+
+    Returns
+    -------
+    inverse : ndarray of shape (n, n)
+        A generalized inverse; which one does not matter to what H sees.
+    rank : int
+        Number of eigenvalues above the level of rounding.
+    """
+    size = np.sqrt(np.diag(H))
+    size = np.where(size > 0, size, 1.0)
+    values, Q = eigh(H / np.outer(size, size))
+    seen = values > RANK_FLOOR * values[-1]
+    Q = Q[:, seen] / size[:, None]
+    return (Q / values[seen]) @ Q.T, int(seen.sum())

@@ -1,0 +1,251 @@
+"""Uncertainty: rank, derivatives of what is reported, and coverage over many noises."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from alssnn import AlSsnn, LinearStateSpace, stack_experiments
+from alssnn.uncertainty import FrequencyBand, PoleRegions
+from helpers import complex_step, simulate_linear
+
+A = np.array([[0.8, 0.3, 0.0], [-0.3, 0.8, 0.0], [0.0, 0.1, 0.5]])
+B = np.array([[1.0, 0.0], [0.2, 0.5], [0.0, 1.0]])
+C = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 1.0]])
+OMEGA = np.array([0.05, 0.2, 0.37, 0.8, 2.0, 3.0])
+NOISE = 0.3 * np.linalg.cholesky([[1.0, 0.6], [0.6, 1.0]])  # outputs are correlated
+
+
+def response(A, B, C, omega, dt=1.0):
+    z = np.exp(1j * omega * dt)[:, None, None]
+    return C @ np.linalg.solve(
+        z * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))
+    )
+
+
+def mimo(rng, n=600):
+    u = rng.standard_normal((n, 2))
+    return u, simulate_linear(A, B, C, u) + rng.standard_normal((n, 2)) @ NOISE.T
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    u, y = mimo(np.random.default_rng(0))
+    model = LinearStateSpace(nx=3).fit(u, y)
+    return model, model.parameter_covariance(u, y), (u, y)
+
+
+def test_rank_counts_what_the_basis_leaves(fitted):
+    model, covariance, _ = fitted
+    # nx (nu + ny) of an observable canonical form, and nx initial states
+    assert covariance.rank == 3 * (2 + 2) + 3
+    assert covariance.n_effective == pytest.approx(covariance.rank, abs=1e-3)
+    assert model._structure.n_params == 21 > covariance.rank - 3
+    np.testing.assert_allclose(
+        covariance.noise_covariance, NOISE @ NOISE.T, atol=0.02
+    )  # 600 samples: 6 % of 0.09 is one standard error, 0.005
+
+
+def test_every_experiment_adds_its_initial_state(fitted):
+    _, _, (u, y) = fitted
+    stacked = stack_experiments([u[:300], u[300:]], [y[:300], y[300:]])
+    model = LinearStateSpace(nx=3).fit(*stacked)
+    assert model.parameter_covariance(*stacked).rank == 3 * (2 + 2) + 2 * 3
+
+
+def test_frequency_response_is_that_of_the_model(fitted):
+    model, covariance, _ = fitted
+    band = covariance.frequency_response(OMEGA)
+    expected = response(model.A_, model.B_, model.C_, OMEGA)
+    np.testing.assert_allclose(band.response, expected, rtol=1e-10)
+    assert covariance.frequency_response().omega[-1] == pytest.approx(np.pi)
+
+
+def test_standard_errors_are_in_the_units_of_the_user(fitted):
+    _, covariance, (u, y) = fitted
+    su, sy = np.array([10.0, 0.1]), np.array([1e3, 1e-2])
+    scaled = LinearStateSpace(nx=3, dt=0.01, input_delay=0).fit(u * su, y * sy)
+    band = scaled.parameter_covariance(u * su, y * sy).frequency_response(OMEGA / 0.01)
+    reference = covariance.frequency_response(OMEGA)
+    factor = sy[:, None] / su
+    np.testing.assert_allclose(band.response, factor * reference.response, rtol=1e-6)
+    np.testing.assert_allclose(
+        band.magnitude_std, factor * reference.magnitude_std, rtol=1e-5
+    )
+    np.testing.assert_allclose(band.phase_std, reference.phase_std, rtol=1e-5)
+
+
+@pytest.mark.parametrize("feedthrough", [False, True])
+def test_delta_method_uses_the_exact_derivatives(feedthrough, rng):
+    u, y = mimo(rng, 300)
+    model = LinearStateSpace(nx=3, feedthrough=feedthrough).fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    structure, units = covariance.structure, covariance.units
+    scale = units["y"][:, None] / units["u"]
+
+    def stacked(theta):  # Re and Im apart, so that a complex step may go through both
+        p = structure.split(theta)
+        rows = []
+        for w in OMEGA:
+            c, s = np.cos(w), np.sin(w)
+            # (zI - A) X = B in real arithmetic
+            left = np.block(
+                [
+                    [c * np.eye(3) - p["A"], -s * np.eye(3)],
+                    [s * np.eye(3), c * np.eye(3) - p["A"]],
+                ]
+            )
+            X = np.linalg.solve(left, np.vstack([p["B"], 0 * p["B"]]))
+            D = p.get("D", 0)
+            rows += [(p["C"] @ X[:3] + D) * scale, p["C"] @ X[3:] * scale]
+        return np.reshape(rows, -1)
+
+    n = len(covariance.theta)
+    # with the covariance of one parameter at a time, the report is its derivative
+    jacobian = np.zeros((len(OMEGA), 2, 2, 2, n))
+    for i in range(n):
+        unit = np.zeros((n, n))
+        unit[i, i] = 1.0
+        band = replace(covariance, covariance=unit).frequency_response(OMEGA)
+        jacobian[..., i] = np.sqrt(np.einsum("...aa->...a", band.covariance))
+    jacobian = np.moveaxis(jacobian, 3, 1).reshape(-1, n)
+
+    expected = complex_step(stacked, covariance.theta)
+    np.testing.assert_allclose(jacobian, np.abs(expected), atol=1e-9)
+
+
+def test_poles_move_as_the_eigenvalues_do(fitted):
+    model, covariance, _ = fitted
+    regions = covariance.poles()
+    np.testing.assert_allclose(
+        np.sort_complex(regions.poles), np.sort_complex(np.linalg.eigvals(model.A_))
+    )
+    draws = model.sample_models(covariance, 2000, random_state=0)
+    poles = np.sort_complex([np.linalg.eigvals(m.A_) for m in draws])
+    order = np.argsort(regions.poles)
+    spread = np.stack([poles.real.std(0), poles.imag.std(0)], -1)
+    expected = np.sqrt(np.einsum("iaa->ia", regions.covariance))[order]
+    # 2000 draws: 1.6 % is one standard error of a standard deviation
+    np.testing.assert_allclose(spread, expected, rtol=0.08, atol=1e-12)
+
+
+def test_samples_spread_like_the_band_and_leave_the_model_alone(fitted):
+    model, covariance, (u, _) = fitted
+    before = model.A_.copy()
+    models = model.sample_models(covariance, 1000, random_state=1)
+    G = np.array([response(m.A_, m.B_, m.C_, OMEGA) for m in models])
+    band = covariance.frequency_response(OMEGA)
+    np.testing.assert_allclose(np.abs(G).std(0), band.magnitude_std, rtol=0.12)
+    np.testing.assert_array_equal(model.A_, before)
+    assert models[0].predict(u).shape == (600, 2)
+    again = model.sample_models(covariance, 1, random_state=1)[0]
+    np.testing.assert_array_equal(again.A_, models[0].A_)
+
+
+def test_regions_of_known_covariance():
+    regions = PoleRegions(
+        np.array([0.5 + 0.1j, 0.9]),
+        np.array([np.diag([4.0, 1.0]), np.diag([1e-4, 0.0])]),
+    )
+    complex_pole, real_pole = regions.ellipses()
+    # chi2 quantiles of 95 %: sqrt(5.991) for two degrees of freedom, 1.960 for one
+    assert np.max((complex_pole - (0.5 + 0.1j)).real) == pytest.approx(4.895, abs=0.01)
+    assert np.max(np.abs(real_pole - 0.9)) == pytest.approx(0.0196, abs=1e-4)
+    assert regions.modulus_std[1] == pytest.approx(0.01)
+    band = FrequencyBand(
+        np.ones(1), np.full((1, 1, 1), 2.0j), np.diag([1.0, 0.04])[None, None, None]
+    )
+    assert band.magnitude_std[0, 0, 0] == pytest.approx(0.2)  # along the response
+    assert band.phase_std[0, 0, 0] == pytest.approx(0.5)  # across it, over |G|
+    low, high = band.magnitude_band(0.95)
+    assert (high - low)[0, 0, 0] == pytest.approx(2 * 1.96 * 0.2, rel=1e-4)
+    assert band.covers(band.response + 2.4)[0, 0, 0]
+    assert not band.covers(band.response + 2.5)[0, 0, 0]
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        band.magnitude_band(95)
+
+
+def test_criteria_find_the_order(rng):
+    u, y = mimo(rng, 1500)
+    models = [LinearStateSpace(nx=nx).fit(u, y) for nx in (1, 2, 3, 4)]
+    bic = [model.bic(u, y) for model in models]
+    aic = [model.aic(u, y) for model in models]
+    assert int(np.argmin(bic)) == 2  # nx = 3
+    n = models[2].parameter_covariance(u, y).n_effective
+    assert bic[2] - aic[2] == pytest.approx(n * (np.log(1500) - 2))
+    # against the definition, with the residuals of the simulation
+    E = y - models[2].predict(u, x0=models[2].x0_)
+    deviance = 1500 * (
+        np.linalg.slogdet(E.T @ E / 1500)[1] + 2 * (1 + np.log(2 * np.pi))
+    )
+    assert aic[2] == pytest.approx(deviance + 2 * n, abs=0.05)
+
+
+def test_penalties_cost_effective_parameters(rng):
+    u, y = mimo(rng, 400)
+    common = {"nx": 3, "n_h": 2, "n_g": 2, "max_iter": 20, "tol": 1e-3}
+    counts = [
+        AlSsnn(gamma=gamma, random_state=0, **common)
+        .fit(u, y)
+        .parameter_covariance(u, y)
+        .n_effective
+        for gamma in (1.0, 1e6)
+    ]
+    assert counts[1] < counts[0] - 3  # a residual that may not move has no parameters
+
+
+def test_held_entries_are_certain(rng):
+    u, y = mimo(rng, 400)
+    model = LinearStateSpace(linear_start=(A, B, C), bounds={"B": (B, B)}).fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    where = covariance.structure.slices["B"]
+    assert np.all(covariance.covariance[where] == 0)
+    # 9 + 6 entries of A and C and 3 initial states are free; changes of the basis that
+    # keep B, T B = B, have 9 - 6 degrees of freedom
+    assert covariance.rank == 9 + 6 + 3 - (9 - 6)
+    assert np.all(covariance.frequency_response(OMEGA).magnitude_std > 0)
+
+
+def test_outputs_measured_apart(rng):
+    u, y = mimo(rng, 600)
+    y[::2, 0], y[1::2, 1] = np.nan, np.nan
+    model = LinearStateSpace(nx=3).fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    assert covariance.noise_covariance[0, 1] == 0  # never seen together
+    np.testing.assert_allclose(np.diag(covariance.noise_covariance), 0.09, rtol=0.25)
+    assert np.isfinite(model.aic(u, y))
+
+
+def test_a_covariance_belongs_to_its_model(fitted, rng):
+    _, covariance, (u, y) = fitted
+    other = LinearStateSpace(nx=2).fit(u, y)
+    with pytest.raises(ValueError, match="must be that of this model"):
+        other.sample_models(covariance)
+    with pytest.raises(ValueError, match="must be finite"):
+        covariance.frequency_response([np.nan])
+
+
+def test_more_samples_than_parameters_are_needed(rng):
+    u, y = mimo(rng, 40)
+    model = LinearStateSpace(nx=3).fit(u, y)
+    with pytest.raises(ValueError, match="more samples than parameters"):
+        model.parameter_covariance(u[:6], y[:6])
+
+
+@pytest.mark.slow
+def test_the_band_covers_the_truth_as_often_as_it_says():
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal((600, 2))
+    clean, truth = simulate_linear(A, B, C, u), response(A, B, C, OMEGA)
+    inside, ellipse = [], []
+    for _ in range(120):
+        y = clean + rng.standard_normal(clean.shape) @ NOISE.T
+        model = LinearStateSpace(nx=3, operating_point="zero").fit(u, y)
+        band = model.parameter_covariance(u, y).frequency_response(OMEGA)
+        low, high = band.magnitude_band()
+        inside.append((low <= np.abs(truth)) & (np.abs(truth) <= high))
+        ellipse.append(band.covers(truth))
+    # 24 correlated entries of 120 draws: one alone has a standard error of 2 %
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+    assert np.mean(ellipse) == pytest.approx(0.95, abs=0.02)
+    assert np.mean(inside, axis=0).min() > 0.85
