@@ -7,6 +7,7 @@ from alssnn.stability import contractive_basis
 from alssnn.structures import state_space_structure
 from alssnn.subspace import LinearModel
 from alssnn.training import estimate_x0, initial_theta, train
+from alssnn.watch import Watch
 from helpers import random_theta
 
 
@@ -120,7 +121,7 @@ def test_coarse_to_fine_ends_on_all_samples(problem, rng):
         polish_iter=50,
         max_iter=50,
         tol=1e-14,
-        report=lambda label, *_: labels.append(label),
+        watch=Watch(report=lambda label, *_: labels.append(label)),
     )
     assert sorted(set(labels)) == ["all samples", "train"]
     assert result.x0.shape == (2, 2)
@@ -179,7 +180,7 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
         weights={"gamma": 0.1},
         continuation=2,
         max_iter=5,
-        report=lambda *args: calls.append(args),
+        watch=Watch(report=lambda *args: calls.append(args)),
     )
     np.testing.assert_allclose(gammas[:3], [1.0, 0.1 * np.sqrt(10), 0.1])
     assert sum(iteration == 0 for _, iteration, _ in calls) == 3  # three searches

@@ -1,5 +1,6 @@
 """What all estimators share: data, simulation, scores, exports."""
 
+import copy
 import time
 import warnings
 from abc import ABCMeta, abstractmethod
@@ -7,6 +8,7 @@ from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
+from scipy.optimize import OptimizeResult
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, _fit_context
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics import r2_score
@@ -32,6 +34,8 @@ from ..networks import Perceptron
 from ..simulation import regressors, trajectory
 from ..subspace import identify_linear
 from ..training import estimate_x0
+from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
+from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._start import check_bounds, given_model
 
@@ -43,7 +47,12 @@ REGION_SAMPLES = 1_000_000  # of a long record, which span the training region
 
 
 class StateSpaceModel(
-    ControlMixin, MultiOutputMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
+    CallbackSupportMixin,
+    ControlMixin,
+    MultiOutputMixin,
+    RegressorMixin,
+    BaseEstimator,
+    metaclass=ABCMeta,
 ):
     """Share data handling, simulation, scores and exports of all models."""
 
@@ -59,6 +68,7 @@ class StateSpaceModel(
         "bounds": [dict, None],
         "max_iter": [POSITIVE],
         "tol": [Interval(Real, 0, None, closed="neither")],
+        "max_time": [Interval(Real, 0, None, closed="neither"), None],
         "n_init_samples": [POSITIVE],
         "verbose": ["verbose"],
     }
@@ -66,6 +76,7 @@ class StateSpaceModel(
     # -- fit -------------------------------------------------------------------------
 
     @_fit_context(prefer_skip_nested_validation=True)
+    @with_callbacks
     def fit(self, u, y, experiment=None):
         """Identify the model from records.
 
@@ -90,7 +101,15 @@ class StateSpaceModel(
             If lengths differ, values are not finite, an input is constant, an output
             was never measured, labels are not contiguous, or the record is too short
             for the order.
+        KeyboardInterrupt
+            If the user interrupts. From the refinement of the linear start on, the
+            estimator is then fitted with the best parameters so far.
         """
+        return self._fit(u, y, experiment)
+
+    def _fit(self, u, y, experiment, validation=None):
+        """Check and scale the data, then fit."""
+        watch = Watch(max_time=self.max_time, report=self._reporter())
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -108,23 +127,40 @@ class StateSpaceModel(
             self._x_scale = np.ones(1)
         parts, self.experiments_ = split_experiments(len(u), experiment)
         self._set_delay(u, y, parts)
-        experiments = self._experiments(u, y, parts)
         self._y_ndim = y.ndim
         self.output_names_ = None if y_names is None else [str(n) for n in y_names]
+        experiments, held_out = self._hold_out(u, y, parts, validation)
+        watch.observe = Callbacks.of(self, u, y, experiment)
+        self._complete(experiments, watch, held_out, warm)
+        if watch.observe is not None:
+            watch.observe.end()
+        return self
+
+    def _hold_out(self, u, y, parts, validation):
+        """Return scaled experiments to fit, and those that judge the fit, if any."""
+        return self._experiments(u, y, parts), None
+
+    def _complete(self, experiments, watch, held_out, warm):
+        """Identify a model from scaled experiments and set what a fit sets."""
         previous = (self._structure, self._theta) if warm else None
-        self._structure, self._theta, result = self._identify(experiments, previous)
-        self._publish(result)
+        self._structure, self._theta, result = self._identify(
+            experiments, previous, watch, held_out
+        )
+        self._publish(result, watch)
         self._region = self._training_region(experiments)
+        if watch.interrupt is not None:
+            raise watch.interrupt
         self._warn_if_unstable()
-        if not self.converged_:
+        if not self.converged_ and watch.reason != BY_OBSERVER:
+            reason = f"before the cost settled to tol={self.tol}. Increase `max_iter`"
+            if watch.reason == OUT_OF_TIME:
+                reason = "because max_time is over. Increase `max_time`"
             warnings.warn(
                 f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
-                f"before the cost settled to tol={self.tol}. Increase `max_iter` or "
-                "`tol`, or continue with `warm_start=True`.",
+                f"{reason} or `tol`, or continue with `warm_start=True`.",
                 ConvergenceWarning,
-                stacklevel=2,
+                stacklevel=4,
             )
-        return self
 
     def _set_delay(self, u, y, parts):
         """Set `input_delay_`, the delay of every input in samples."""
@@ -164,7 +200,7 @@ class StateSpaceModel(
             )
         return weight
 
-    def _linear_model(self, experiments, report, **options):
+    def _linear_model(self, experiments, watch, **options):
         """Return the linear start, given or identified, and set the state scales."""
         feedthrough = getattr(self, "feedthrough", False)
         if self.linear_start is not None:
@@ -178,7 +214,7 @@ class StateSpaceModel(
                 )
         else:
             model = identify_linear(
-                experiments, self.nx, feedthrough=feedthrough, report=report, **options
+                experiments, self.nx, feedthrough=feedthrough, watch=watch, **options
             )
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
@@ -204,14 +240,30 @@ class StateSpaceModel(
             "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
             "another `nx`, or `AlSsnn` with stability='contractive'.",
             ConvergenceWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
     @abstractmethod
-    def _identify(self, experiments, previous):
+    def _identify(self, experiments, previous, watch, held_out):
         """Return structure, theta and result for scaled experiments."""
 
-    def _publish(self, result):
+    def _snapshot(self, structure, step, point):
+        """Return the attributes of a model fitted with what a search has reached."""
+        shown = copy.copy(self)
+        theta, x0 = np.split(point, [structure.n_params])
+        shown._structure, shown._theta = structure, theta
+        result = OptimizeResult(
+            x0=x0.reshape(-1, structure.n_x0),
+            cost=step.cost,
+            nfev=step.iteration + 1,
+            success=False,
+            message="in training",
+        )
+        shown._publish(result, Watch())
+        ours = vars(self)
+        return {k: v for k, v in vars(shown).items() if ours.get(k) is not v}
+
+    def _publish(self, result, watch):
         """Set the fitted attributes, in the user's units."""
         scaling, structure = self._scaling, self._structure
         p = {**structure.constants, **structure.split(self._theta)}
@@ -224,6 +276,8 @@ class StateSpaceModel(
         self.cost_ = float(result.cost)
         self.n_iter_ = int(result.nfev)
         self.converged_ = bool(result.success)
+        self.message_ = str(result.message)
+        self.history_ = watch.history
         self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
 
     def _units(self):
@@ -257,10 +311,10 @@ class StateSpaceModel(
         """Return the progress callback: every tenth step, or each if verbose > 1."""
         if not self.verbose:
             return None
-        start, name = time.perf_counter(), type(self).__name__
+        start, name, verbose = time.perf_counter(), type(self).__name__, self.verbose
 
         def report(label, iteration, cost):
-            if self.verbose > 1 or iteration % 10 == 0:
+            if verbose > 1 or iteration % 10 == 0:
                 seconds = time.perf_counter() - start
                 print(
                     f"{name:16s} {label:12s} {iteration:5d}  cost {cost:.6e} "
