@@ -15,12 +15,14 @@ at a small gamma at once ends in worse optima, often with an unstable A.
 All arrays here are scaled deviations (`experiments`).
 """
 
+from functools import partial
+
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, Criterion, Restricted
-from .experiments import stretch
+from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
 from .stability import Contractive
@@ -112,17 +114,19 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
     x0 : ndarray of shape (n_experiments, n_x0)
         Initial states; zero where the model diverges within the window.
     """
-    x0 = np.zeros((len(experiments), structure.n_x0))
-    for i, (u, y) in enumerate(experiments):
-        u, y = u[:window], y[:window]
-        criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
-        free = criterion.join(theta, x0[i])
-        mask = np.arange(criterion.n) >= structure.n_params
-        problem = Restricted(criterion, free, mask)
-        if not problem.norm(x0[i]) < DIVERGED_NORM:
-            continue  # nothing to estimate: the caller's simulation will show it
-        x0[i] = minimize(problem, x0[i], max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
-    return x0
+    one = partial(_estimate_one, structure, theta, window, noise)
+    return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
+
+
+def _estimate_one(structure, theta, window, noise, u, y):
+    """Return the estimate of the initial state of one experiment."""
+    u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
+    criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
+    mask = np.arange(criterion.n) >= structure.n_params
+    problem = Restricted(criterion, criterion.join(theta, x0), mask)
+    if not problem.norm(x0) < DIVERGED_NORM:
+        return x0  # nothing to estimate: the caller's simulation will show it
+    return minimize(problem, x0, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
 
 
 def train(
@@ -147,7 +151,7 @@ def train(
     ----------
     structure : Structure
         Structure of the model.
-    experiments : sequence of tuple of array
+    experiments : sequence of tuple of array, Held or Remote
         Pairs (u, y) of scaled deviations.
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
@@ -181,19 +185,21 @@ def train(
     watch = Watch() if watch is None else watch
     options["validation"] = validation
     weights = {} if weights is None else weights
-    total = sum(len(u) for u, _ in experiments)
-    is_coarse = coarse_samples is not None and coarse_samples < total
-    first = stretch(experiments, coarse_samples) if is_coarse else experiments
-    threads = n_jobs if len(starts) == 1 else None
+    experiments = Held.of(experiments, n_jobs)
+    is_coarse = coarse_samples is not None and coarse_samples < experiments.n_samples
+    first = experiments.stretch(coarse_samples) if is_coarse else experiments
+    if len(starts) > 1 and first is experiments and experiments.is_here:
+        first = Held(experiments)  # the starts are parallel, not the experiments
+    first = Held.of(first, n_jobs if len(starts) == 1 else None)
     criteria = [
-        Criterion(structure, first, **_times(weights, factor), n_jobs=threads)
+        Criterion(structure, first, **_times(weights, factor))
         for factor in GAMMA_STEP ** np.arange(continuation, -1, -1)
     ]
     limits = Limits(structure, phi, bounds)
     best = _best_start(criteria, starts, limits, watch, n_jobs, options)
     if is_coarse:
         steps = best.nfev
-        criterion = Criterion(structure, experiments, **weights, n_jobs=n_jobs)
+        criterion = Criterion(structure, experiments, **weights)
         options = {**options, "max_iter": polish_iter}
         best = _stage(
             criterion, best.theta, limits, watch=watch, label="all samples", **options
@@ -212,8 +218,10 @@ def _best_start(criteria, starts, limits, watch, n_jobs, options):
     ]
     results = []
     try:
-        if len(starts) == 1:  # in this process, whatever the backend of the caller
-            results = [_descend(*calls[0])]
+        if len(starts) == 1 or not criteria[0].experiments.is_here:
+            # in this process, whatever the backend of the caller
+            for call in calls:
+                results.append(_descend(*call))
         else:
             for result in _as_they_come(calls, n_jobs):
                 results.append(result)
