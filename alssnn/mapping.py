@@ -63,6 +63,10 @@ class Held:
         """Return the number of experiments."""
         return len(self.experiments)
 
+    def __iter__(self):
+        """Return an iterator over pairs (u, y)."""
+        return iter(self.experiments)
+
     def __getitem__(self, i):
         """Return one experiment, (u, y)."""
         return self.experiments[i]

@@ -26,29 +26,30 @@ from ..experiments import (
     is_list_of_records,
     split_experiments,
     stack_experiments,
-    stretch,
 )
-from ..linearizability import Region, measure
+from ..linearizability import measure
 from ..lure import Lure
+from ..mapping import Held
 from ..networks import Perceptron
 from ..simulation import regressors, trajectory
-from ..subspace import identify_linear
+from ..subspace import TRIAL_SAMPLES, identify_linear
 from ..training import estimate_x0
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
+from ._remote import RemoteMixin
 from ._start import check_bounds, given_model
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
 DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
-REGION_SAMPLES = 1_000_000  # of a long record, which span the training region
 
 
 class StateSpaceModel(
     CallbackSupportMixin,
     ControlMixin,
+    RemoteMixin,
     MultiOutputMixin,
     RegressorMixin,
     BaseEstimator,
@@ -126,7 +127,8 @@ class StateSpaceModel(
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
             self._x_scale = np.ones(1)
         parts, self.experiments_ = split_experiments(len(u), experiment)
-        self._set_delay(u, y, parts)
+        self.input_delay_ = np.zeros(u.shape[1], dtype=int)
+        self._set_delay(Held(self._experiments(u, y, parts)), u.shape[1])
         self._y_ndim = y.ndim
         self.output_names_ = None if y_names is None else [str(n) for n in y_names]
         experiments, held_out = self._hold_out(u, y, parts, validation)
@@ -142,6 +144,7 @@ class StateSpaceModel(
 
     def _complete(self, experiments, watch, held_out, warm):
         """Identify a model from scaled experiments and set what a fit sets."""
+        experiments = Held.of(experiments)
         previous = (self._structure, self._theta) if warm else None
         self._structure, self._theta, result = self._identify(
             experiments, previous, watch, held_out
@@ -162,18 +165,16 @@ class StateSpaceModel(
                 stacklevel=4,
             )
 
-    def _set_delay(self, u, y, parts):
+    def _set_delay(self, experiments, nu):
         """Set `input_delay_`, the delay of every input in samples."""
-        nu = u.shape[1]
         if isinstance(self.input_delay, str):
-            self.input_delay_ = np.zeros(nu, dtype=int)
-            experiments = stretch(self._experiments(u, y, parts), DELAY_SAMPLES)
             self.input_delay_ = estimate_delays(
-                experiments, feedthrough=getattr(self, "feedthrough", False)
+                experiments.stretch(DELAY_SAMPLES),
+                feedthrough=getattr(self, "feedthrough", False),
             )
             return
         delay = np.asarray(self.input_delay)
-        shortest = min(part.stop - part.start for part in parts)
+        shortest = min(experiments.lengths)
         if (
             delay.shape not in [(), (nu,)]
             or not np.issubdtype(delay.dtype, np.integer)
@@ -199,6 +200,13 @@ class StateSpaceModel(
                 "standard deviation of their output."
             )
         return weight
+
+    def _near(self, experiments):
+        """Return experiments from which a linear start is made in this process."""
+        if experiments.is_here:
+            return list(experiments)
+        wanted = getattr(self, "coarse_samples", None) or 0
+        return experiments.stretch(max(wanted, TRIAL_SAMPLES))
 
     def _linear_model(self, experiments, watch, **options):
         """Return the linear start, given or identified, and set the state scales."""
@@ -593,22 +601,6 @@ class StateSpaceModel(
             return None
         axis = self._structure.parameters["W_h"][1]
         return Perceptron.h(self.params_, self._structure.activations[axis])
-
-    def _training_region(self, experiments):
-        """Return the region that simulations of the scaled experiments cover."""
-        lure, nx = self._structure.lure(self._theta), self.nx_
-        every = -(-sum(len(u) for u, _ in experiments) // REGION_SAMPLES)
-        samples = []
-        for (u_s, y_s), x0 in zip(experiments, self.x0_, strict=True):
-            for part, u, X in trajectory(lure, u_s, x0 / self._x_scale):
-                Phi = regressors(lure, X[:-1], u)[::every]
-                y_hat = Phi @ lure.Theta[nx : nx + lure.nz].T
-                y = y_s[part][::every]
-                y = np.where(np.isnan(y), y_hat, y)
-                samples.append((Phi[:, :nx], Phi[:, nx : nx + lure.nu], y_hat, y))
-        X, u, y_hat, y = (np.vstack(signal) for signal in zip(*samples, strict=True))
-        u_scale, y_scale = self._scaling.u_scale, self._scaling.y_scale
-        return Region.of(X * self._x_scale, u * u_scale, y_hat * y_scale, y * y_scale)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -144,11 +144,13 @@ class LinearStateSpace(StateSpaceModel):
         self.verbose = verbose
 
     def _identify(self, experiments, previous, watch, held_out):
-        if self.linear_start is None and not self.bounds and self.output_weight is None:
+        near = self._near(experiments)
+        is_plain = self.linear_start is None and not self.bounds
+        if is_plain and self.output_weight is None and experiments.is_here:
             return self._linear_model(
-                experiments, watch, max_iter=self.max_iter, tol=self.tol
+                near, watch, max_iter=self.max_iter, tol=self.tol
             ).as_fit()
-        linear = self._linear_model(experiments, watch)
+        linear = self._linear_model(near, watch)
         structure, theta, _ = linear.as_fit()
         result = train(
             structure,

@@ -141,19 +141,20 @@ class Ssnn(StateSpaceModel):
         if previous is not None and self._fits(previous[0], networks):
             plain, starts = previous[0], [previous[1]]
         else:
-            linear = self._linear_model(experiments, watch)
+            near = self._near(experiments)
+            linear = self._linear_model(near, watch)
             if phi is not None:
                 linear = contractive_basis(linear, phi)
                 self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
             plain = state_space_structure(nx, nu, ny, C=linear.C, **networks)
             is_linear = plain.nw == 0 and phi is None and self.linear_start is None
-            if is_linear and held_out is None:
+            if is_linear and held_out is None and experiments.is_here:
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
             starts = [
-                initial_theta(plain, linear, experiments, np.random.default_rng(seed))
+                initial_theta(plain, linear, near, np.random.default_rng(seed))
                 for seed in seeds
             ]
         nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
