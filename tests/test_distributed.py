@@ -220,6 +220,7 @@ def search():
     return GridSearchCV(model, {"gamma_h": [0.0, 1e-3]}, cv=TimeSeriesSplit(2))
 
 
+@pytest.mark.slow
 def test_a_grid_search_does_not_depend_on_where_it_runs(client):
     u, y = record(0, 300)
     here = search().fit(u, y)

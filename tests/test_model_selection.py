@@ -101,3 +101,13 @@ def test_table_and_frame(path):
 def test_gammas_must_be_positive(record, gammas):
     with pytest.raises(ValueError, match="at least one positive weight"):
         gamma_path(AlSsnn(), *record, gammas=gammas)
+
+
+def test_measuring_in_parallel_changes_no_figure(path, record):
+    estimator = AlSsnn(nx=2, n_h=1, n_g=1, max_iter=2, random_state=0)
+    one, two = (
+        gamma_path(estimator, *record, gammas=[1.0, 0.1], n_jobs=n_jobs)
+        for n_jobs in (None, 2)
+    )
+    for name in ("rmse_train", "rmse_test", "linearization_error", "spectral_radius"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
