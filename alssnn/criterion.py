@@ -21,18 +21,21 @@ eigenvalues are raised to the level of rounding; left at zero, noise divided by 
 would move the parameters along the directions that the cost does not see.
 
 The free vector is [theta; x0 of experiment 1; x0 of experiment 2; ...].  An
-experiment contributes sums over its samples, taken chunk by chunk from slices of the
-record: it may live on disk, and experiments may be summed in parallel.
+experiment contributes sums over its samples (`contribution`), taken chunk by chunk from
+slices of the record: it may live on disk or on another machine, and experiments may be
+summed in parallel (`mapping`).
 """
 
 from abc import ABC, abstractmethod
+from functools import partial
+from operator import add
 
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.linalg import eigh
-from scipy.linalg.blas import dsyrk
 
-from .simulation import regressors, sensitivities, trajectory
+from .contribution import Arrow, Contribution
+from .mapping import Held
+from .simulation import sensitivities
 
 EIGENVALUE_FLOOR = 1e-12  # relative: below it, J'J is rounding times its conditioning
 DIVERGED_NORM = 1e100  # |r| of a diverged trial: finite, so that lm and trf reject it
@@ -115,7 +118,7 @@ class Criterion(LeastSquares):
     ----------
     structure : Structure
         Map from parameters to the Lur'e form; its first channels are y.
-    experiments : sequence of tuple of array
+    experiments : sequence of tuple of array, Held or Remote
         Pairs (u, y) of shapes (N_i, nu) and (N_i, ny), scaled deviations; only sliced.
         Outputs that were not measured are nan.
     gamma : float, default=0.0
@@ -133,8 +136,8 @@ class Criterion(LeastSquares):
     chunk : int or None, default=None
         Samples per chunk of the sensitivities; None fits the cache.
     n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib. The result does not
-        depend on it.
+        Experiments of a sequence summed in parallel threads, as in joblib. The result
+        does not depend on it.
 
     Attributes
     ----------
@@ -159,11 +162,9 @@ class Criterion(LeastSquares):
         n_jobs=None,
     ):
         self.structure = structure
-        self.experiments = list(experiments)
-        self.chunk = chunk
-        self.n_samples = sum(len(u) for u, _ in self.experiments)
+        self.experiments = Held.of(experiments, n_jobs)
+        self.n_samples = self.experiments.n_samples
         self.n = structure.n_params + len(self.experiments) * structure.n_x0
-        self.n_jobs = n_jobs
         weights = {
             "y": 1.0 if output_weight is None else np.asarray(output_weight),
             "g": gamma,
@@ -178,9 +179,9 @@ class Criterion(LeastSquares):
             ]
         )
         ny = structure.sizes["y"]
-        n_measured = sum(count_measured(y) for _, y in self.experiments) / ny
+        n_measured = self.experiments.n_measured / ny
         N = np.where(np.arange(structure.nz) < ny, max(n_measured, 1), self.n_samples)
-        self.weight = np.sqrt(square / N)
+        self.one = Contribution(structure, np.sqrt(square / N), chunk)
         self.decay = np.zeros(self.n)  # square roots of the L2 weights
         self.decay[structure.n_params :] = np.sqrt(x0_weight)
         for name in structure.network_parameters:
@@ -224,45 +225,7 @@ class Criterion(LeastSquares):
         n_params = self.structure.n_params
         return free[:n_params], free[n_params:].reshape(-1, self.structure.n_x0)
 
-    def _each(self, function, free):
-        """Return the values of a function of (theta, x0, u, y), one per experiment."""
-        theta, x0 = self.split(free)
-        calls = [
-            (theta, start, u, y)
-            for start, (u, y) in zip(x0, self.experiments, strict=True)
-        ]
-        if self.n_jobs in (None, 1) or len(calls) == 1:
-            return [function(*call) for call in calls]
-        # the backend is fixed: a cluster of the caller is for whole fits, not for this
-        threads = Parallel(n_jobs=self.n_jobs, backend="threading")
-        return threads(delayed(function)(*call) for call in calls)
-
     # -- values ----------------------------------------------------------------------
-
-    def _residuals(self, theta, x0, u, y):
-        """Yield the weighted residual of one experiment in chunks, nan if diverged."""
-        lure, nx = self.structure.lure(theta), self.structure.nx
-        Theta_z = lure.Theta[nx : nx + lure.nz].T
-        for part, u_part, X in trajectory(lure, u, self.structure.initial_state(x0)):
-            if not np.isfinite(X[-1]).all():
-                yield np.full(lure.nz, np.nan)
-                return
-            Z = regressors(lure, X[:-1], u_part) @ Theta_z * self.weight
-            yield self._subtract(Z, y[part])[0]
-
-    def _subtract(self, Z, y):
-        """Return Z minus the weighted targets, in place, and what was not measured."""
-        ny = y.shape[1]
-        missing = np.isnan(y)
-        Z[:, :ny] -= y * self.weight[:ny]
-        if missing.any():
-            Z[:, :ny][missing] = 0.0
-            return Z, missing
-        return Z, None
-
-    def _square(self, theta, x0, u, y):
-        """Return |r|^2 of one experiment."""
-        return sum(float(np.vdot(r, r)) for r in self._residuals(theta, x0, u, y))
 
     def norm(self, free):
         """Return |r|, or `DIVERGED_NORM` where the simulation diverges.
@@ -279,7 +242,9 @@ class Criterion(LeastSquares):
         """
         if self._memo[0] is None or not np.array_equal(free, self._memo[0]):
             square = float(np.sum((self.decay * free) ** 2))
-            square += sum(self._each(self._square, free))
+            theta, x0 = self.split(free)
+            value = partial(self.one.square, theta)
+            square += self.experiments.reduce(value, add, x0)
             # "not <": nan means diverged
             norm = np.sqrt(square) if square < DIVERGED_NORM**2 else DIVERGED_NORM
             self._memo = (np.array(free), float(norm))
@@ -310,31 +275,19 @@ class Criterion(LeastSquares):
         n_params, n_x0 = self.structure.n_params, self.structure.n_x0
         JJ, Jr = np.diag(self.decay**2), self.decay**2 * free
         square = float(np.sum((self.decay * free) ** 2))
-        for i, (part_JJ, part_Jr, part) in enumerate(
-            self._each(self._accumulate, free)
-        ):
-            where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
-            JJ[np.ix_(where, where)] += part_JJ
-            Jr[where] += part_Jr
-            square += part
-        return JJ, Jr, float(np.sqrt(square))
-
-    def _accumulate(self, theta, x0, u, y):
-        """Return J'J, J'r by (theta, its own x0) and |r|^2 of one experiment."""
-        n = self.structure.n_params + self.structure.n_x0
-        JJ, Jr, square = np.zeros((n, n), order="F"), np.zeros(n), 0.0
-        for part, Z, J in sensitivities(
-            self.structure, theta, x0, u, self.weight, self.chunk
-        ):
-            r, missing = self._subtract(Z, y[part])
-            if missing is not None:
-                J[:, : missing.shape[1]][missing] = 0.0
-            J = J.reshape(-1, n)
-            # upper triangle of JJ += J'J, in place: J.T is Fortran-ordered
-            JJ = dsyrk(1.0, J.T, beta=1.0, c=JJ, overwrite_c=1)
-            Jr += r.reshape(-1) @ J
-            square += float(np.vdot(r, r))
-        return np.triu(JJ) + np.triu(JJ, 1).T, Jr, square
+        theta, x0 = self.split(free)
+        arrow = self.experiments.reduce(
+            partial(self.one.arrow, theta), Arrow.merge, range(len(x0)), x0
+        )
+        JJ[:n_params, :n_params] += arrow.head
+        Jr[:n_params] += arrow.head_r
+        for i, (rows, rows_r) in arrow.borders.items():
+            own = slice(n_params + i * n_x0, n_params + (i + 1) * n_x0)
+            JJ[own, :n_params] += rows[:, :n_params]
+            JJ[:n_params, own] += rows[:, :n_params].T
+            JJ[own, own] += rows[:, n_params:]
+            Jr[own] += rows_r
+        return JJ, Jr, float(np.sqrt(square + arrow.square))
 
     # -- the uncompressed problem: for tests and small records ---------------------
 
@@ -351,11 +304,11 @@ class Criterion(LeastSquares):
         r : ndarray of shape (n_samples * nz + n,)
             Weighted residuals, those of the weight decay last.
         """
-        parts = [
-            r.ravel()
-            for rs in self._each(lambda *args: list(self._residuals(*args)), free)
-            for r in rs
-        ]
+        theta, x0 = self.split(free)
+        residuals = self.experiments.map(
+            lambda *one: list(self.one.residuals(theta, *one)), x0
+        )
+        parts = [r.ravel() for rs in residuals for r in rs]
         return np.concatenate([*parts, self.decay * free])
 
     def jacobian(self, free):
@@ -377,32 +330,13 @@ class Criterion(LeastSquares):
         for i, ((u, y), start) in enumerate(zip(self.experiments, x0, strict=True)):
             where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
             for part, _, J in sensitivities(
-                self.structure, theta, start, u, self.weight, self.chunk
+                self.structure, theta, start, u, self.one.weight, self.one.chunk
             ):
                 J[:, : y.shape[1]][np.isnan(y[part])] = 0.0
                 block = np.zeros((J.shape[0] * J.shape[1], self.n))
                 block[:, where] = J.reshape(len(block), -1)
                 parts.append(block)
         return np.vstack([*parts, np.diag(self.decay)])
-
-
-def count_measured(y, chunk=100_000):
-    """Return how many entries of the outputs are not nan.
-
-    Parameters
-    ----------
-    y : array of shape (N, ny)
-        Outputs; only sliced.
-    chunk : int, default=100000
-        Samples treated at a time.
-
-    Returns
-    -------
-    count : int
-        Number of measured values.
-    """
-    starts = range(0, len(y), chunk)
-    return sum(int(np.sum(~np.isnan(y[i : i + chunk]))) for i in starts)
 
 
 def compress(JJ, Jr, norm):

@@ -71,8 +71,32 @@ class Scaling:
             If an input is constant, an output was never measured, or the operating
             point has the wrong size.
         """
-        u_low, u_high, u_mean, u_std = _moments(u)
-        _, _, y_mean, y_std = _moments(y)
+        return cls.from_moments(moments(u), moments(y), operating_point)
+
+    @classmethod
+    def from_moments(cls, u, y, operating_point):
+        """Return the scaling of records of which only the moments are known.
+
+        Parameters
+        ----------
+        u, y : tuple of ndarray
+            `moments` of inputs and outputs.
+        operating_point : {"mean", "zero"} or tuple of array_like
+            Origin of the deviations; a pair (u_e, y_e) in the user's units.
+
+        Returns
+        -------
+        scaling : Scaling
+            The scaling.
+
+        Raises
+        ------
+        ValueError
+            As `from_data`.
+        """
+        _, u_low, u_high, u_mean, u_std = u
+        _, _, _, y_mean, y_std = y
+        nu, ny = len(u_mean), len(y_mean)
         if not np.isfinite(y_mean).all():
             columns = ", ".join(str(i) for i in np.flatnonzero(~np.isfinite(y_mean)))
             raise ValueError(
@@ -89,13 +113,13 @@ class Scaling:
             )
         if isinstance(operating_point, str):
             at_mean = operating_point == "mean"
-            u_e = u_mean if at_mean else np.zeros(u.shape[1])
-            y_e = y_mean if at_mean else np.zeros(y.shape[1])
+            u_e = u_mean if at_mean else np.zeros(nu)
+            y_e = y_mean if at_mean else np.zeros(ny)
         else:
             u_e, y_e = (
                 _operating_value(value, size, name)
                 for value, size, name in zip(
-                    operating_point, (u.shape[1], y.shape[1]), "uy", strict=True
+                    operating_point, (nu, ny), "uy", strict=True
                 )
             )
         # a constant output needs no scale: it is predicted by its offset
@@ -176,10 +200,18 @@ class Signal:
         return self[:] if dtype is None else self[:].astype(dtype)
 
 
-def _moments(values):
-    """Return smallest and largest value, mean and standard deviation of columns.
+def moments(values):
+    """Return number, smallest, largest, mean and standard deviation of columns.
 
-    What is nan does not count; a column of nothing else has moments nan.
+    Parameters
+    ----------
+    values : array of shape (N, n)
+        Samples; only sliced. What is nan does not count.
+
+    Returns
+    -------
+    moments : tuple of ndarray of shape (n,)
+        Five rows; those of a column of nothing but nan are nan.
     """
     starts = range(0, len(values), CHUNK)
     chunks = [slice(start, start + CHUNK) for start in starts]
@@ -190,7 +222,29 @@ def _moments(values):
         std = np.sqrt(square / count)
     low = np.fmin.reduce([np.fmin.reduce(values[part], axis=0) for part in chunks])
     high = np.fmax.reduce([np.fmax.reduce(values[part], axis=0) for part in chunks])
-    return low, high, mean, std
+    return count, low, high, mean, std
+
+
+def merge_moments(parts):
+    """Return the moments of several records together.
+
+    Parameters
+    ----------
+    parts : sequence of tuple of ndarray of shape (n,)
+        `moments` of every record.
+
+    Returns
+    -------
+    moments : tuple of ndarray of shape (n,)
+        Moments of all samples.
+    """
+    counts, lows, highs, means, stds = (np.array(z) for z in zip(*parts, strict=True))
+    count = counts.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nansum(counts * means, axis=0) / count
+        square = np.nansum(counts * (stds**2 + (means - mean) ** 2), axis=0)
+        std = np.sqrt(square / count)
+    return count, np.fmin.reduce(lows), np.fmax.reduce(highs), mean, std
 
 
 def _operating_value(value, size, name):

@@ -22,8 +22,10 @@ from scipy.optimize import OptimizeResult, least_squares
 from threadpoolctl import ThreadpoolController
 
 from .criterion import DIVERGED_NORM
+from .watch import INTERRUPTED, NO_PROGRESS, Stop
 
 GRADIENT_TOLERANCE = 1e-12  # cosine between r and its derivatives
+STOPPED = -1  # status of a search that was left (`watch`)
 TERMINATION_MESSAGES = {
     0: "stopped after max_iter trial steps",
     1: "the gradient vanishes",
@@ -59,7 +61,9 @@ def minimize(
     max_iter=100,
     tol=1e-6,
     bounds=None,
-    report=None,
+    watch=None,
+    patience=None,
+    to_point=None,
     label="",
 ):
     """Minimize a least-squares criterion from a given start.
@@ -78,16 +82,22 @@ def minimize(
         Relative change of the cost, and of the parameters, that ends the search.
     bounds : tuple of ndarray or None, default=None
         Lower and upper bounds, for "trf".
-    report : callable or None, default=None
-        Called as ``report(label, iteration, cost)`` at every accepted step.
+    watch : Watch or None, default=None
+        Told of every accepted step; may end the search at any trial step. Without
+        one, an interrupt of the user is not caught.
+    patience : Patience or None, default=None
+        Judges accepted points on other data: that of least error is returned.
+    to_point : callable or None, default=None
+        Map from the free vector of `criterion` to what watch and patience see.
     label : str, default=""
-        Passed to `report`.
+        Name of the search, for `watch`.
 
     Returns
     -------
     result : OptimizeResult
         ``x``, ``cost`` (the squared norm, eq. cost), ``nfev``, ``njev``, ``status``,
-        ``success``, ``message`` and ``seconds``.
+        ``success``, ``message`` and ``seconds``; ``validation_rmse`` is that of ``x``,
+        nan without patience.
 
     Raises
     ------
@@ -100,35 +110,83 @@ def minimize(
             "The model diverges from its initial parameters. Scale the data, shorten "
             "the records, or start from a stable linear model."
         )
-    count = 0
-
-    def jac(x):
-        nonlocal count
-        if report is not None:
-            report(label, count, criterion.norm(x) ** 2)
-        count += 1
-        return criterion.jac(x)
-
-    with single_threaded():
-        result = least_squares(
-            criterion.fun,
-            free,
-            jac=jac,
-            method=method,
-            bounds=(-np.inf, np.inf) if bounds is None else bounds,
-            x_scale="jac",
-            ftol=tol,
-            xtol=tol,
-            gtol=GRADIENT_TOLERANCE,
-            max_nfev=max_iter,
-        )
+    search = _Search(criterion, free, watch, patience, to_point, label)
+    try:
+        with single_threaded():
+            found = least_squares(
+                search.fun,
+                free,
+                jac=search.jac,
+                method=method,
+                bounds=(-np.inf, np.inf) if bounds is None else bounds,
+                x_scale="jac",
+                ftol=tol,
+                xtol=tol,
+                gtol=GRADIENT_TOLERANCE,
+                max_nfev=max_iter,
+            )
+            if search.last is None or np.any(found.x != search.last):
+                search.accept(found.x)  # the step that met a tolerance
+        status, message = found.status, TERMINATION_MESSAGES[found.status]
+    except Stop as stop:
+        status, message = STOPPED, str(stop)
+    except KeyboardInterrupt as interrupt:
+        if watch is None:
+            raise
+        watch.stop(INTERRUPTED, interrupt)
+        status, message = STOPPED, INTERRUPTED
     return OptimizeResult(
-        x=result.x,
-        cost=2.0 * result.cost,
-        nfev=result.nfev,
-        njev=count,
-        status=result.status,
-        success=result.status > 0,
-        message=TERMINATION_MESSAGES[result.status],
+        x=search.best,
+        cost=criterion.norm(search.best) ** 2,
+        nfev=search.nfev,
+        njev=search.njev,
+        status=status,
+        # to have the patience of the user end a search is a kind of convergence
+        success=status > 0 or message == NO_PROGRESS,
+        message=message,
         seconds=time.perf_counter() - start,
+        validation_rmse=np.nan if patience is None else patience.least,
     )
+
+
+class _Search:
+    """Evaluate a criterion for `least_squares`, and remember what it has seen."""
+
+    def __init__(self, criterion, free, watch, patience, to_point, label):
+        self.criterion = criterion
+        self.watch = watch
+        self.patience = patience
+        self.to_point = to_point or (lambda x: x)
+        self.label = label
+        self.last = None  # accepted point
+        self.best = free.copy()
+        self.least = np.inf
+        self.nfev = self.njev = self.n_accepted = 0
+
+    def fun(self, x):
+        if self.watch is not None:
+            self.watch.check()
+        residual = self.criterion.fun(x)
+        self.nfev += 1
+        if self.patience is None and residual[0] < self.least:
+            self.best, self.least = x.copy(), residual[0]
+        return residual
+
+    def jac(self, x):  # both methods ask for it at accepted points only
+        self.accept(x)
+        self.njev += 1
+        return self.criterion.jac(x)
+
+    def accept(self, x):
+        """Tell watch and patience of an accepted point; raise `Stop` at their wish."""
+        self.last, point, rmse = x.copy(), self.to_point(x), np.nan
+        if self.patience is not None:
+            rmse = self.patience.look(point)
+            if self.patience.waited == 0:
+                self.best = x.copy()
+        if self.watch is not None:
+            cost = self.criterion.norm(x) ** 2
+            self.watch.step(self.label, self.n_accepted, cost, rmse, point)
+        self.n_accepted += 1
+        if self.patience is not None and self.patience.is_over:
+            raise Stop(NO_PROGRESS)

@@ -297,7 +297,7 @@ def _candidate_horizons(experiments, nx):
     return sorted({max(lowest, min(horizon, highest)) for horizon in HORIZONS})
 
 
-def refine(experiments, model, *, max_iter, tol, report=None):
+def refine(experiments, model, *, max_iter, tol, watch=None):
     """Refine all matrices of a linear model on its simulation error.
 
     Parameters
@@ -310,8 +310,8 @@ def refine(experiments, model, *, max_iter, tol, report=None):
         Largest number of trial steps.
     tol : float
         Relative tolerance.
-    report : callable or None, default=None
-        Progress callback, see `optimizers.minimize`.
+    watch : Watch or None, default=None
+        Told of every step; may end the search.
 
     Returns
     -------
@@ -320,7 +320,7 @@ def refine(experiments, model, *, max_iter, tol, report=None):
     """
     structure, criterion, free = _problem(experiments, model)
     result = minimize(
-        criterion, free, max_iter=max_iter, tol=tol, report=report, label="linear"
+        criterion, free, max_iter=max_iter, tol=tol, watch=watch, label="linear"
     )
     theta, x0 = criterion.split(result.x)
     refined = replace(model, **structure.split(theta), x0=x0, result=result)
@@ -335,7 +335,7 @@ def refine(experiments, model, *, max_iter, tol, report=None):
 
 
 def identify_linear(
-    experiments, nx, *, feedthrough=False, max_iter=100, tol=1e-8, report=None
+    experiments, nx, *, feedthrough=False, max_iter=100, tol=1e-8, watch=None
 ):
     """Identify a linear model: subspace start, then simulation-error refinement.
 
@@ -351,8 +351,8 @@ def identify_linear(
         Largest number of trial steps of the refinement.
     tol : float, default=1e-8
         Relative tolerance of the refinement.
-    report : callable or None, default=None
-        Progress callback, see `optimizers.minimize`.
+    watch : Watch or None, default=None
+        Told of every step; may end the search.
 
     Returns
     -------
@@ -377,12 +377,10 @@ def identify_linear(
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
     starts = [fit_input(trial, A, C, feedthrough) for A, C in pairs]
     model = min(starts, key=lambda start: _norm(trial, start))
-    model = refine(trial, model, max_iter=max_iter, tol=tol, report=report)
+    model = refine(trial, model, max_iter=max_iter, tol=tol, watch=watch)
     if sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments):
         model = fit_input(experiments, model.A, model.C, feedthrough)
-        model = refine(
-            experiments, model, max_iter=POLISH_STEPS, tol=tol, report=report
-        )
+        model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, watch=watch)
     model, _ = normalize(model, experiments)
     return replace(model, singular_values=singular_values)
 

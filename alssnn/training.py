@@ -15,16 +15,19 @@ at a small gamma at once ends in worse optima, often with an unstable A.
 All arrays here are scaled deviations (`experiments`).
 """
 
+from functools import partial
+
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, Criterion, Restricted
-from .experiments import stretch
+from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
 from .stability import Contractive
 from .subspace import stabilize
+from .watch import INTERRUPTED, Patience, Watch
 
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
@@ -119,17 +122,19 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
     x0 : ndarray of shape (n_experiments, n_x0)
         Initial states; zero where the model diverges within the window.
     """
-    x0 = np.zeros((len(experiments), structure.n_x0))
-    for i, (u, y) in enumerate(experiments):
-        u, y = u[:window], y[:window]
-        criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
-        free = criterion.join(theta, x0[i])
-        mask = np.arange(criterion.n) >= structure.n_params
-        problem = Restricted(criterion, free, mask)
-        if not problem.norm(x0[i]) < DIVERGED_NORM:
-            continue  # nothing to estimate: the caller's simulation will show it
-        x0[i] = minimize(problem, x0[i], max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
-    return x0
+    one = partial(_estimate_one, structure, theta, window, noise)
+    return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
+
+
+def _estimate_one(structure, theta, window, noise, u, y):
+    """Return the estimate of the initial state of one experiment."""
+    u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
+    criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
+    mask = np.arange(criterion.n) >= structure.n_params
+    problem = Restricted(criterion, criterion.join(theta, x0), mask)
+    if not problem.norm(x0) < DIVERGED_NORM:
+        return x0  # nothing to estimate: the caller's simulation will show it
+    return minimize(problem, x0, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
 
 
 def train(
@@ -144,6 +149,8 @@ def train(
     coarse_samples=None,
     polish_iter=20,
     n_jobs=None,
+    watch=None,
+    validation=None,
     **options,
 ):
     """Train networks from several starts, coarse to fine.
@@ -152,7 +159,7 @@ def train(
     ----------
     structure : Structure
         Structure of the model.
-    experiments : sequence of tuple of array
+    experiments : sequence of tuple of array, Held or Remote
         Pairs (u, y) of scaled deviations.
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
@@ -170,8 +177,12 @@ def train(
         Trial steps on all samples after the coarse stages.
     n_jobs : int or None, default=None
         Restarts in parallel, or experiments if there is one start, as in joblib.
+    watch : Watch or None, default=None
+        Told of every step; may end the training.
+    validation : Validation or None, default=None
+        Data that judge the points of every stage and the starts.
     **options : dict
-        ``method``, ``max_iter``, ``tol`` and ``report`` of `optimizers.minimize`.
+        ``method``, ``max_iter`` and ``tol`` of `optimizers.minimize`.
 
     Returns
     -------
@@ -179,30 +190,57 @@ def train(
         That of the last stage, with ``theta`` and ``x0`` of the best start and the
         trial steps of all its stages in ``nfev``.
     """
+    watch = Watch() if watch is None else watch
+    options["validation"] = validation
     weights = {} if weights is None else weights
-    total = sum(len(u) for u, _ in experiments)
-    is_coarse = coarse_samples is not None and coarse_samples < total
-    first = stretch(experiments, coarse_samples) if is_coarse else experiments
-    threads = n_jobs if len(starts) == 1 else None
+    experiments = Held.of(experiments, n_jobs)
+    is_coarse = coarse_samples is not None and coarse_samples < experiments.n_samples
+    first = experiments.stretch(coarse_samples) if is_coarse else experiments
+    if len(starts) > 1 and first is experiments and experiments.is_here:
+        first = Held(experiments)  # the starts are parallel, not the experiments
+    first = Held.of(first, n_jobs if len(starts) == 1 else None)
     criteria = [
-        Criterion(structure, first, **_times(weights, factor), n_jobs=threads)
+        Criterion(structure, first, **_times(weights, factor))
         for factor in GAMMA_STEP ** np.arange(continuation, -1, -1)
     ]
     limits = Limits(structure, phi, bounds)
-    results = Parallel(n_jobs=n_jobs if len(starts) > 1 else 1)(
-        delayed(_descend)(
-            criteria, theta, limits, label=_label(i, len(starts)), **options
-        )
-        for i, theta in enumerate(starts)
-    )
-    best = min(results, key=lambda result: result.cost)
+    best = _best_start(criteria, starts, limits, watch, n_jobs, options)
     if is_coarse:
         steps = best.nfev
-        criterion = Criterion(structure, experiments, **weights, n_jobs=n_jobs)
+        criterion = Criterion(structure, experiments, **weights)
         options = {**options, "max_iter": polish_iter}
-        best = _stage(criterion, best.theta, limits, label="all samples", **options)
+        best = _stage(
+            criterion, best.theta, limits, watch=watch, label="all samples", **options
+        )
         best.nfev += steps
     return best
+
+
+def _best_start(criteria, starts, limits, watch, n_jobs, options):
+    """Descend from all starts, in parallel, and return the best result."""
+    calls = [
+        # in a tuple a start is part of its task; a cluster would place a bare array
+        # on one worker, and lose it with that worker
+        (criteria, (theta,), limits, watch.fork(), _label(i, len(starts)), options)
+        for i, theta in enumerate(starts)
+    ]
+    results = []
+    try:
+        if len(starts) == 1 or not criteria[0].experiments.is_here:
+            # in this process, whatever the backend of the caller
+            for call in calls:
+                results.append(_descend(*call))
+        else:
+            for result in _as_they_come(calls, n_jobs):
+                results.append(result)
+    except KeyboardInterrupt as interrupt:
+        watch.stop(INTERRUPTED, interrupt)
+    if not results:  # interrupted while all worked elsewhere: the start is a model
+        results = [_descend(criteria, (starts[0],), limits, watch, "start", options)]
+    for result in results:
+        watch.history += result.history
+    key = "cost" if options["validation"] is None else "validation_rmse"
+    return min(results, key=lambda result: result[key])
 
 
 def _times(weights, factor):
@@ -217,37 +255,119 @@ def _label(i, n_starts):
     return "train" if n_starts == 1 else f"start {i + 1}/{n_starts}"
 
 
-def _descend(criteria, theta, limits, **options):
+def _as_they_come(calls, n_jobs):
+    """Yield the results of descents in order, as early as the backend allows."""
+    tasks = (delayed(_descend)(*call) for call in calls)
+    try:
+        parallel = Parallel(n_jobs=n_jobs, return_as="generator")
+    except ValueError:  # a backend that only returns everything at once
+        parallel = Parallel(n_jobs=n_jobs)
+    yield from parallel(tasks)
+
+
+def _descend(criteria, start, limits, watch, label, options):
     """Minimize one criterion after the other, each from the optimum of the last."""
-    steps, x0 = 0, None
+    (theta,), x0, steps = start, None, 0
     for criterion in criteria:
-        result = _stage(criterion, theta, limits, x0, **options)
+        result = _stage(
+            criterion, theta, limits, x0, watch=watch, label=label, **options
+        )
         theta, x0 = result.theta, result.x0
         steps += result.nfev
-    result.nfev = steps
+    result.nfev, result.history = steps, watch.history
     return result
 
 
-def _stage(criterion, theta, limits, x0=None, **options):
+def _stage(criterion, theta, limits, x0=None, *, watch, validation=None, **options):
     """Minimize from theta and x0, which is estimated first if it is not known."""
-    structure, experiments = criterion.structure, criterion.experiments
     with single_threaded():
-        theta = limits.clip(theta)
-        if x0 is None:
-            at_rest = criterion.join(
-                theta, np.zeros((len(experiments), structure.n_x0))
-            )
-            noise = Criterion(structure, experiments).norm(at_rest) ** 2
-            x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
-        free = criterion.join(theta, x0)
-        if not criterion.norm(free) < DIVERGED_NORM:
-            # a short stretch did not show that A is unstable, a long record does
-            p = structure.split(theta)
-            theta = limits.clip(structure.join({**p, "A": stabilize(p["A"])}))
-            free = criterion.join(theta, x0)
-        result = limits.minimize(criterion, free, **options)
+        try:
+            free = _start_of_stage(criterion, theta, limits, x0)
+        except KeyboardInterrupt as interrupt:
+            # between two searches: once more, then the next one ends at its start
+            watch.stop(INTERRUPTED, interrupt)
+            free = _start_of_stage(criterion, theta, limits, x0)
+        patience = validation and validation.patience(criterion)
+        result = limits.minimize(
+            criterion, free, watch=watch, patience=patience, **options
+        )
     theta, x0 = criterion.split(result.x)
     return OptimizeResult({**result, "theta": theta, "x0": x0})
+
+
+def _start_of_stage(criterion, theta, limits, x0):
+    """Return the free vector of theta and x0 from which the simulation is finite."""
+    structure, experiments = criterion.structure, criterion.experiments
+    theta = limits.clip(theta)
+    if x0 is None:
+        at_rest = criterion.join(theta, np.zeros((len(experiments), structure.n_x0)))
+        noise = Criterion(structure, experiments).norm(at_rest) ** 2
+        x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
+    free = criterion.join(theta, x0)
+    if not criterion.norm(free) < DIVERGED_NORM:
+        # a short stretch did not show that A is unstable, a long record does
+        p = structure.split(theta)
+        theta = limits.clip(structure.join({**p, "A": stabilize(p["A"])}))
+        free = criterion.join(theta, x0)
+    return free
+
+
+class Validation:
+    """Judge parameters on data that they are not fitted to.
+
+    The initial states are estimated from the first samples of every experiment, which
+    do not count: the policy of ``score``.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    output_weight : ndarray of shape (ny,)
+        Weight of the squared error of every output.
+    n_init_samples : int
+        Samples spent on an initial state, at most a quarter of the experiment.
+    n_iter_no_change : int
+        Accepted steps without a new least error after which a search ends.
+    """
+
+    def __init__(self, experiments, output_weight, n_init_samples, n_iter_no_change):
+        self.output_weight = np.asarray(output_weight) / np.sum(output_weight)
+        self.n_iter_no_change = n_iter_no_change
+        self.heads, self.scored = [], []
+        for u, y in experiments:
+            window = min(n_init_samples, len(u) // 4)
+            u, y, scored = np.array(u), np.array(y), np.array(y)
+            scored[:window] = np.nan  # simulated, but not counted
+            self.heads.append((u[:window], y[:window]))
+            self.scored.append((u, scored))
+
+    def patience(self, criterion):
+        """Return what judges the points of one search.
+
+        Parameters
+        ----------
+        criterion : Criterion
+            Criterion of the search.
+
+        Returns
+        -------
+        patience : Patience
+            Its judge, which has seen nothing yet.
+        """
+        structure = criterion.structure
+        error = Criterion(structure, self.scored, output_weight=self.output_weight)
+        noise = [1.0]  # mean square of the last error: what an estimate may trust
+
+        def rmse(free):
+            theta, _ = criterion.split(free)
+            x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise[0])
+            norm = error.norm(error.join(theta, x0))
+            if not norm < DIVERGED_NORM:
+                return np.inf
+            noise[0] = norm**2
+            return norm
+
+        return Patience(rmse, self.n_iter_no_change)
 
 
 class Limits:
@@ -315,9 +435,15 @@ class Limits:
         held = low == high
         part = Restricted(problem, start, ~held) if held.any() else None
         bounds = low[~held], high[~held]
+
+        def whole(x):
+            x = part.complete(x) if part else x
+            return problem.to_free(x) if self.phi is not None else x
+
         if np.isfinite(bounds).any():
             method, options["bounds"] = "trf", bounds
-        result = minimize(part or problem, start[~held], method=method, **options)
-        x = part.complete(result.x) if part else result.x
-        result.x = problem.to_free(x) if self.phi is not None else x
+        result = minimize(
+            part or problem, start[~held], method=method, to_point=whole, **options
+        )
+        result.x = whole(result.x)
         return result

@@ -28,21 +28,10 @@ class Curve:
 
 def cost_curve(model, u, y):
     """Fit a model and return the curve of its training."""
-    labels, points, start = [], [], time.perf_counter()
-    cls = type(model)
-    reporter = cls._reporter
-
-    def record_points(self):
-        def report(label, iteration, cost):
-            labels.append(label)
-            points.append((time.perf_counter() - start, cost))
-
-        return report
-
-    cls._reporter = record_points
-    try:
-        model.fit(u, y)
-    finally:
-        cls._reporter = reporter
-    times, costs = np.array(points).T
-    return Curve(labels, times, costs, time.perf_counter() - start)
+    start = time.perf_counter()
+    model.fit(u, y)
+    seconds = time.perf_counter() - start
+    labels = [step.label for step in model.history_]
+    times = np.array([step.seconds for step in model.history_])
+    costs = np.array([step.cost for step in model.history_])
+    return Curve(labels, times, costs, seconds)

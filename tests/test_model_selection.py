@@ -211,3 +211,13 @@ def test_a_wrong_split_is_an_error(split, labels, message):
 def test_labels_have_one_name_at_a_time():
     with pytest.raises(ValueError, match="two names of the same labels"):
         next(ExperimentKFold().split(np.zeros((6, 1)), None, np.zeros(6), np.zeros(6)))
+
+
+def test_measuring_in_parallel_changes_no_figure(path, record):
+    estimator = AlSsnn(nx=2, n_h=1, n_g=1, max_iter=2, random_state=0)
+    one, two = (
+        gamma_path(estimator, *record, gammas=[1.0, 0.1], n_jobs=n_jobs)
+        for n_jobs in (None, 2)
+    )
+    for name in ("rmse_train", "rmse_test", "linearization_error", "spectral_radius"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))

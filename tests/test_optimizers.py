@@ -4,6 +4,7 @@ import pytest
 from alssnn.criterion import DIVERGED_NORM, Criterion, LeastSquares
 from alssnn.optimizers import minimize
 from alssnn.structures import state_space_structure
+from alssnn.watch import Watch
 
 
 class Rosenbrock(LeastSquares):
@@ -83,7 +84,7 @@ def test_report_sees_falling_cost(method):
         Rosenbrock(),
         np.array([-1.2, 1.0]),
         method=method,
-        report=lambda *args: calls.append(args),
+        watch=Watch(report=lambda *args: calls.append(args)),
         label="here",
     )
     assert {label for label, _, _ in calls} == {"here"}

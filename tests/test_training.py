@@ -7,6 +7,7 @@ from alssnn.stability import contractive_basis
 from alssnn.structures import state_space_structure
 from alssnn.subspace import LinearModel
 from alssnn.training import estimate_x0, initial_theta, train
+from alssnn.watch import Watch
 from helpers import random_theta
 
 
@@ -120,7 +121,7 @@ def test_coarse_to_fine_ends_on_all_samples(problem, rng):
         polish_iter=50,
         max_iter=50,
         tol=1e-14,
-        report=lambda label, *_: labels.append(label),
+        watch=Watch(report=lambda label, *_: labels.append(label)),
     )
     assert sorted(set(labels)) == ["all samples", "train"]
     assert result.x0.shape == (2, 2)
@@ -179,7 +180,7 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
         weights={"gamma": 0.1},
         continuation=2,
         max_iter=5,
-        report=lambda *args: calls.append(args),
+        watch=Watch(report=lambda *args: calls.append(args)),
     )
     np.testing.assert_allclose(gammas[:3], [1.0, 0.1 * np.sqrt(10), 0.1])
     assert sum(iteration == 0 for _, iteration, _ in calls) == 3  # three searches
@@ -224,3 +225,41 @@ def test_a_start_that_diverges_on_the_whole_record_is_reflected(rng):
     )
     assert result.cost < 1e-6
     assert abs(structure.split(result.theta)["A"][0, 0]) < 1
+
+
+def test_workers_use_one_blas_thread(problem, rng, tmp_path):
+    structure, _, experiments = problem
+    starts = [random_theta(structure, rng) for _ in range(2)]
+
+    def report(label, iteration, cost):
+        import os
+
+        from threadpoolctl import threadpool_info
+
+        threads = [
+            p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"
+        ]
+        with open(tmp_path / str(os.getpid()), "a") as file:
+            print(*threads, sep="\n", file=file)
+
+    train(
+        structure, experiments, starts, max_iter=4, n_jobs=2, watch=Watch(report=report)
+    )
+    lines = [int(n) for path in tmp_path.iterdir() for n in path.read_text().split()]
+    assert lines and set(lines) == {1}
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_threads_over_experiments_change_no_digit(problem, missing):
+    structure, theta, experiments = problem
+    if missing:
+        experiments[0][1][3] = np.nan
+    one, two = (
+        Criterion(structure, experiments, n_jobs=n_jobs) for n_jobs in (None, 2)
+    )
+    free = one.join(theta, np.ones((2, 2)))
+    for a, b in zip(
+        one.normal_equations(free), two.normal_equations(free), strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+    assert one.norm(free) == two.norm(free)

@@ -1,5 +1,6 @@
 """What all estimators share: data, simulation, scores, exports."""
 
+import copy
 import time
 import warnings
 from abc import ABCMeta, abstractmethod
@@ -7,6 +8,7 @@ from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
+from scipy.optimize import OptimizeResult
 from sklearn.base import BaseEstimator, _fit_context
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics import r2_score
@@ -25,16 +27,19 @@ from ..experiments import (
     is_list_of_records,
     split_experiments,
     stack_experiments,
-    stretch,
 )
-from ..linearizability import Region, measure
+from ..linearizability import measure
 from ..lure import Lure
+from ..mapping import Held
 from ..networks import Perceptron
 from ..simulation import regressors, trajectory
-from ..subspace import identify_linear
+from ..subspace import TRIAL_SAMPLES, identify_linear
 from ..training import estimate_x0
+from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
+from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._files import FilesMixin
+from ._remote import RemoteMixin
 from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model
 from ._uncertainty import UncertaintyMixin
@@ -47,10 +52,12 @@ DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
 
 
 class StateSpaceModel(
+    CallbackSupportMixin,
     ControlMixin,
     ValidationMixin,
     UncertaintyMixin,
     FilesMixin,
+    RemoteMixin,
     ScikitLearnMixin,
     BaseEstimator,
     metaclass=ABCMeta,
@@ -71,6 +78,7 @@ class StateSpaceModel(
         "bounds": [dict, None],
         "max_iter": [POSITIVE],
         "tol": [Interval(Real, 0, None, closed="neither")],
+        "max_time": [Interval(Real, 0, None, closed="neither"), None],
         "n_init_samples": [POSITIVE],
         "verbose": ["verbose"],
     }
@@ -78,6 +86,7 @@ class StateSpaceModel(
     # -- fit -------------------------------------------------------------------------
 
     @_fit_context(prefer_skip_nested_validation=True)
+    @with_callbacks
     def fit(self, u, y, experiment=None):
         """Identify the model from records.
 
@@ -103,7 +112,15 @@ class StateSpaceModel(
             If lengths differ, values are not finite, an input is constant, an output
             was never measured, labels are not contiguous, or the record is too short
             for the order.
+        KeyboardInterrupt
+            If the user interrupts. From the refinement of the linear start on, the
+            estimator is then fitted with the best parameters so far.
         """
+        return self._fit(u, y, experiment)
+
+    def _fit(self, u, y, experiment, validation=None):
+        """Check and scale the data, then fit."""
+        watch = Watch(max_time=self.max_time, report=self._reporter())
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -118,38 +135,55 @@ class StateSpaceModel(
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
             self._x_scale = np.ones(1)
         parts, self.experiments_ = split_experiments(len(u), experiment)
-        self._set_delay(u, y, parts)
-        experiments = self._experiments(u, y, parts)
+        self.input_delay_ = np.zeros(u.shape[1], dtype=int)
+        self._set_delay(Held(self._experiments(u, y, parts)), u.shape[1])
         self._y_ndim = y.ndim
         self._container = container
         self.output_names_ = container.output_names
-        previous = (self._structure, self._theta) if warm else None
-        self._structure, self._theta, result = self._identify(experiments, previous)
-        self._publish(result)
-        self._region = self._training_region(experiments)
-        self._warn_if_unstable()
-        if not self.converged_:
-            warnings.warn(
-                f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
-                f"before the cost settled to tol={self.tol}. Increase `max_iter` or "
-                "`tol`, or continue with `warm_start=True`.",
-                ConvergenceWarning,
-                stacklevel=2,
-            )
+        experiments, held_out = self._hold_out(u, y, parts, validation)
+        watch.observe = Callbacks.of(self, u, y, experiment)
+        self._complete(experiments, watch, held_out, warm)
+        if watch.observe is not None:
+            watch.observe.end()
         return self
 
-    def _set_delay(self, u, y, parts):
+    def _hold_out(self, u, y, parts, validation):
+        """Return scaled experiments to fit, and those that judge the fit, if any."""
+        return self._experiments(u, y, parts), None
+
+    def _complete(self, experiments, watch, held_out, warm):
+        """Identify a model from scaled experiments and set what a fit sets."""
+        experiments = Held.of(experiments)
+        previous = (self._structure, self._theta) if warm else None
+        self._structure, self._theta, result = self._identify(
+            experiments, previous, watch, held_out
+        )
+        self._publish(result, watch)
+        self._region = self._training_region(experiments)
+        if watch.interrupt is not None:
+            raise watch.interrupt
+        self._warn_if_unstable()
+        if not self.converged_ and watch.reason != BY_OBSERVER:
+            reason = f"before the cost settled to tol={self.tol}. Increase `max_iter`"
+            if watch.reason == OUT_OF_TIME:
+                reason = "because max_time is over. Increase `max_time`"
+            warnings.warn(
+                f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
+                f"{reason} or `tol`, or continue with `warm_start=True`.",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
+
+    def _set_delay(self, experiments, nu):
         """Set `input_delay_`, the delay of every input in samples."""
-        nu = u.shape[1]
         if isinstance(self.input_delay, str):
-            self.input_delay_ = np.zeros(nu, dtype=int)
-            experiments = stretch(self._experiments(u, y, parts), DELAY_SAMPLES)
             self.input_delay_ = estimate_delays(
-                experiments, feedthrough=getattr(self, "feedthrough", False)
+                experiments.stretch(DELAY_SAMPLES),
+                feedthrough=getattr(self, "feedthrough", False),
             )
             return
         delay = np.asarray(self.input_delay)
-        shortest = min(part.stop - part.start for part in parts)
+        shortest = min(experiments.lengths)
         if (
             delay.shape not in [(), (nu,)]
             or not np.issubdtype(delay.dtype, np.integer)
@@ -176,7 +210,14 @@ class StateSpaceModel(
             )
         return weight
 
-    def _linear_model(self, experiments, report, **options):
+    def _near(self, experiments):
+        """Return experiments from which a linear start is made in this process."""
+        if experiments.is_here:
+            return list(experiments)
+        wanted = getattr(self, "coarse_samples", None) or 0
+        return experiments.stretch(max(wanted, TRIAL_SAMPLES))
+
+    def _linear_model(self, experiments, watch, **options):
         """Return the linear start, given or identified, and set the state scales."""
         feedthrough = getattr(self, "feedthrough", False)
         if self.linear_start is not None:
@@ -190,7 +231,7 @@ class StateSpaceModel(
                 )
         else:
             model = identify_linear(
-                experiments, self.nx, feedthrough=feedthrough, report=report, **options
+                experiments, self.nx, feedthrough=feedthrough, watch=watch, **options
             )
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
@@ -216,11 +257,11 @@ class StateSpaceModel(
             "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
             "another `nx`, or `AlSsnn` with stability='contractive'.",
             ConvergenceWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
     @abstractmethod
-    def _identify(self, experiments, previous):
+    def _identify(self, experiments, previous, watch, held_out):
         """Return structure, theta and result for scaled experiments."""
 
     def _criterion_terms(self, structure):
@@ -228,13 +269,31 @@ class StateSpaceModel(
         weight = self._output_weight(structure.sizes["y"])
         return structure, {"output_weight": weight}
 
-    def _publish(self, result):
+    def _snapshot(self, structure, step, point):
+        """Return the attributes of a model fitted with what a search has reached."""
+        shown = copy.copy(self)
+        theta, x0 = np.split(point, [structure.n_params])
+        shown._structure, shown._theta = structure, theta
+        result = OptimizeResult(
+            x0=x0.reshape(-1, structure.n_x0),
+            cost=step.cost,
+            nfev=step.iteration + 1,
+            success=False,
+            message="in training",
+        )
+        shown._publish(result, Watch())
+        ours = vars(self)
+        return {k: v for k, v in vars(shown).items() if ours.get(k) is not v}
+
+    def _publish(self, result, watch):
         """Set the fitted attributes, in the user's units."""
         self._publish_parameters()
         self.x0_ = result.x0 * self._x_scale
         self.cost_ = float(result.cost)
         self.n_iter_ = int(result.nfev)
         self.converged_ = bool(result.success)
+        self.message_ = str(result.message)
+        self.history_ = watch.history
 
     def _publish_parameters(self):
         """Set the attributes that follow from structure, theta and scales."""
@@ -278,10 +337,10 @@ class StateSpaceModel(
         """Return the progress callback: every tenth step, or each if verbose > 1."""
         if not self.verbose:
             return None
-        start, name = time.perf_counter(), type(self).__name__
+        start, name, verbose = time.perf_counter(), type(self).__name__, self.verbose
 
         def report(label, iteration, cost):
-            if self.verbose > 1 or iteration % 10 == 0:
+            if verbose > 1 or iteration % 10 == 0:
                 seconds = time.perf_counter() - start
                 print(
                     f"{name:16s} {label:12s} {iteration:5d}  cost {cost:.6e} "
@@ -565,22 +624,6 @@ class StateSpaceModel(
             return None
         axis = self._structure.parameters["W_h"][1]
         return Perceptron.h(self.params_, self._structure.activations[axis])
-
-    def _training_region(self, experiments):
-        """Return the region that simulations of the scaled experiments cover."""
-        lure, nx = self._structure.lure(self._theta), self.nx_
-        Theta_y = lure.Theta[nx : nx + lure.nz].T
-        u_scale, y_scale = self._scaling.u_scale, self._scaling.y_scale
-
-        def chunks():
-            for (u_s, y_s), x0 in zip(experiments, self.x0_, strict=True):
-                for part, u, X in trajectory(lure, u_s, x0 / self._x_scale):
-                    y_hat = regressors(lure, X[:-1], u) @ Theta_y
-                    y = np.where(np.isnan(y_s[part]), y_hat, y_s[part])
-                    X = X[:-1] * self._x_scale
-                    yield X, u * u_scale, y_hat * y_scale, y * y_scale
-
-        return Region.of_chunks(chunks)
 
 
 def _outputs(lure, u_s, x0):

@@ -8,6 +8,7 @@ from sklearn.utils import Bunch
 from ..experiments import Scaling
 from ..linearizability import Region
 from ..structures import Structure
+from ..watch import Step
 
 
 class Fitted:
@@ -33,6 +34,8 @@ class Fitted:
     cost_: float
     n_iter_: int
     converged_: bool
+    message_: str
+    history_: list[Step]
     input_delay_: np.ndarray
     output_names_: list | None
     u_offset_: np.ndarray

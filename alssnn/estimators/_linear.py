@@ -27,6 +27,9 @@ class LinearStateSpace(StateSpaceModel):
         Largest number of trial steps of the refinement.
     tol : float, default=1e-8
         Relative change of cost or parameters that ends the refinement.
+    max_time : float or None, default=None
+        Seconds after which the fit stops at its next trial step, with the best
+        parameters so far; None means no limit.
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     input_delay : int, array_like of int of shape (nu,) or "auto", default=0
@@ -66,6 +69,11 @@ class LinearStateSpace(StateSpaceModel):
         Trial steps of the training.
     converged_ : bool
         Whether a tolerance was reached.
+    message_ : str
+        Why the training stopped.
+    history_ : list of Step
+        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
+        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
     u_offset_, y_offset_ : ndarray
         Operating point, in the units of the data.
     experiments_ : list
@@ -112,6 +120,7 @@ class LinearStateSpace(StateSpaceModel):
         dt=1.0,
         max_iter=100,
         tol=1e-8,
+        max_time=None,
         feedthrough=False,
         input_delay=0,
         output_weight=None,
@@ -125,6 +134,7 @@ class LinearStateSpace(StateSpaceModel):
         self.dt = dt
         self.max_iter = max_iter
         self.tol = tol
+        self.max_time = max_time
         self.feedthrough = feedthrough
         self.input_delay = input_delay
         self.output_weight = output_weight
@@ -133,13 +143,14 @@ class LinearStateSpace(StateSpaceModel):
         self.n_init_samples = n_init_samples
         self.verbose = verbose
 
-    def _identify(self, experiments, previous):
-        report = self._reporter()
-        if self.linear_start is None and not self.bounds and self.output_weight is None:
+    def _identify(self, experiments, previous, watch, held_out):
+        near = self._near(experiments)
+        is_plain = self.linear_start is None and not self.bounds
+        if is_plain and self.output_weight is None and experiments.is_here:
             return self._linear_model(
-                experiments, report, max_iter=self.max_iter, tol=self.tol
+                near, watch, max_iter=self.max_iter, tol=self.tol
             ).as_fit()
-        linear = self._linear_model(experiments, report)
+        linear = self._linear_model(near, watch)
         structure, theta, _ = linear.as_fit()
         result = train(
             structure,
@@ -149,6 +160,6 @@ class LinearStateSpace(StateSpaceModel):
             bounds=self._scaled_bounds(structure),
             max_iter=self.max_iter,
             tol=self.tol,
-            report=report,
+            watch=watch,
         )
         return structure, result.theta, result

@@ -93,6 +93,14 @@ class AlSsnn(Ssnn):
         Largest number of trial steps of the coarse stage, or of the only one.
     tol : float, default=1e-6
         Relative change of cost or parameters that ends a stage.
+    max_time : float or None, default=None
+        Seconds after which the fit stops at its next trial step, with the best
+        parameters so far; None means no limit.
+    validation_fraction : float or None, default=None
+        Share of every experiment, its end, that is not fitted but judges the
+        training, see `validation` of `fit`; None fits everything.
+    n_iter_no_change : int, default=10
+        Accepted steps without a new least validation error after which a stage ends.
     coarse_samples : int or None, default=15000
         Longer records are first trained on so many samples, their liveliest
         stretch; None trains on all samples at once.
@@ -106,7 +114,8 @@ class AlSsnn(Ssnn):
     warm_start : bool, default=False
         Whether a repeated `fit` continues from the last parameters and scaling.
     n_jobs : int or None, default=None
-        Random starts trained in parallel, as in joblib.
+        Random starts trained in parallel, or experiments in threads if there is one
+        start, as in joblib. The result does not depend on it.
     random_state : int, RandomState instance or None, default=None
         Source of the initial inner weights.
     verbose : int, default=0
@@ -132,7 +141,12 @@ class AlSsnn(Ssnn):
     n_iter_ : int
         Trial steps of the training, linear start excluded.
     converged_ : bool
-        Whether a tolerance was reached.
+        Whether a tolerance was reached, or validation ended the last stage.
+    message_ : str
+        Why the training stopped.
+    history_ : list of Step
+        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
+        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
     u_offset_, y_offset_ : ndarray
         Operating point, in the units of the data.
     experiments_ : list
@@ -214,6 +228,9 @@ class AlSsnn(Ssnn):
         n_init=1,
         max_iter=300,
         tol=1e-6,
+        max_time=None,
+        validation_fraction=None,
+        n_iter_no_change=10,
         coarse_samples=15_000,
         polish_iter=30,
         method="lm",
@@ -248,6 +265,9 @@ class AlSsnn(Ssnn):
         self.n_init = n_init
         self.max_iter = max_iter
         self.tol = tol
+        self.max_time = max_time
+        self.validation_fraction = validation_fraction
+        self.n_iter_no_change = n_iter_no_change
         self.coarse_samples = coarse_samples
         self.polish_iter = polish_iter
         self.method = method
@@ -320,6 +340,14 @@ class FlSsnn(Ssnn):
         Largest number of trial steps of the coarse stage, or of the only one.
     tol : float, default=1e-6
         Relative change of cost or parameters that ends a stage.
+    max_time : float or None, default=None
+        Seconds after which the fit stops at its next trial step, with the best
+        parameters so far; None means no limit.
+    validation_fraction : float or None, default=None
+        Share of every experiment, its end, that is not fitted but judges the
+        training, see `validation` of `fit`; None fits everything.
+    n_iter_no_change : int, default=10
+        Accepted steps without a new least validation error after which a stage ends.
     coarse_samples : int or None, default=15000
         Longer records are first trained on so many samples, their liveliest
         stretch; None trains on all samples at once.
@@ -333,7 +361,8 @@ class FlSsnn(Ssnn):
     warm_start : bool, default=False
         Whether a repeated `fit` continues from the last parameters and scaling.
     n_jobs : int or None, default=None
-        Random starts trained in parallel, as in joblib.
+        Random starts trained in parallel, or experiments in threads if there is one
+        start, as in joblib. The result does not depend on it.
     random_state : int, RandomState instance or None, default=None
         Source of the initial inner weights.
     verbose : int, default=0
@@ -359,7 +388,12 @@ class FlSsnn(Ssnn):
     n_iter_ : int
         Trial steps of the training, linear start excluded.
     converged_ : bool
-        Whether a tolerance was reached.
+        Whether a tolerance was reached, or validation ended the last stage.
+    message_ : str
+        Why the training stopped.
+    history_ : list of Step
+        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
+        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
     u_offset_, y_offset_ : ndarray
         Operating point, in the units of the data.
     experiments_ : list
@@ -418,6 +452,9 @@ class FlSsnn(Ssnn):
         n_init=1,
         max_iter=300,
         tol=1e-6,
+        max_time=None,
+        validation_fraction=None,
+        n_iter_no_change=10,
         coarse_samples=15_000,
         polish_iter=30,
         method="lm",
@@ -443,6 +480,9 @@ class FlSsnn(Ssnn):
         self.n_init = n_init
         self.max_iter = max_iter
         self.tol = tol
+        self.max_time = max_time
+        self.validation_fraction = validation_fraction
+        self.n_iter_no_change = n_iter_no_change
         self.coarse_samples = coarse_samples
         self.polish_iter = polish_iter
         self.method = method
@@ -508,6 +548,14 @@ class GrSsnn(Ssnn):
         Largest number of trial steps of the coarse stage, or of the only one.
     tol : float, default=1e-6
         Relative change of cost or parameters that ends a stage.
+    max_time : float or None, default=None
+        Seconds after which the fit stops at its next trial step, with the best
+        parameters so far; None means no limit.
+    validation_fraction : float or None, default=None
+        Share of every experiment, its end, that is not fitted but judges the
+        training, see `validation` of `fit`; None fits everything.
+    n_iter_no_change : int, default=10
+        Accepted steps without a new least validation error after which a stage ends.
     coarse_samples : int or None, default=15000
         Longer records are first trained on so many samples, their liveliest
         stretch; None trains on all samples at once.
@@ -521,7 +569,8 @@ class GrSsnn(Ssnn):
     warm_start : bool, default=False
         Whether a repeated `fit` continues from the last parameters and scaling.
     n_jobs : int or None, default=None
-        Random starts trained in parallel, as in joblib.
+        Random starts trained in parallel, or experiments in threads if there is one
+        start, as in joblib. The result does not depend on it.
     random_state : int, RandomState instance or None, default=None
         Source of the initial inner weights.
     verbose : int, default=0
@@ -547,7 +596,12 @@ class GrSsnn(Ssnn):
     n_iter_ : int
         Trial steps of the training, linear start excluded.
     converged_ : bool
-        Whether a tolerance was reached.
+        Whether a tolerance was reached, or validation ended the last stage.
+    message_ : str
+        Why the training stopped.
+    history_ : list of Step
+        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
+        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
     u_offset_, y_offset_ : ndarray
         Operating point, in the units of the data.
     experiments_ : list
@@ -605,6 +659,9 @@ class GrSsnn(Ssnn):
         n_init=1,
         max_iter=300,
         tol=1e-6,
+        max_time=None,
+        validation_fraction=None,
+        n_iter_no_change=10,
         coarse_samples=15_000,
         polish_iter=30,
         method="lm",
@@ -629,6 +686,9 @@ class GrSsnn(Ssnn):
         self.n_init = n_init
         self.max_iter = max_iter
         self.tol = tol
+        self.max_time = max_time
+        self.validation_fraction = validation_fraction
+        self.n_iter_no_change = n_iter_no_change
         self.coarse_samples = coarse_samples
         self.polish_iter = polish_iter
         self.method = method

@@ -1,17 +1,22 @@
 """The training that all estimators with networks share."""
 
 from abc import abstractmethod
-from numbers import Integral
+from functools import partial
+from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
+from sklearn.base import _fit_context
 from sklearn.utils import check_random_state
-from sklearn.utils._param_validation import StrOptions
+from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..stability import contractive_basis
 from ..structures import state_space_structure
-from ..training import initial_theta, train
+from ..training import Validation, initial_theta, train
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
+from ._callbacks import with_callbacks
+
+MIN_VALIDATION = 8  # samples: two for an initial state, six that count
 
 
 class Ssnn(StateSpaceModel):
@@ -31,6 +36,8 @@ class Ssnn(StateSpaceModel):
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
         "warm_start": ["boolean"],
+        "validation_fraction": [Interval(Real, 0, 1, closed="neither"), None],
+        "n_iter_no_change": [POSITIVE],
     }
 
     # What a preset fixes and another lets the user choose.
@@ -51,28 +58,116 @@ class Ssnn(StateSpaceModel):
         """Return the structure; models of another family declare their own."""
         return state_space_structure(nx, nu, ny, **networks)
 
-    def _identify(self, experiments, previous):
-        report = self._reporter()
+    @_fit_context(prefer_skip_nested_validation=True)
+    @with_callbacks
+    def fit(self, u, y, experiment=None, *, validation=None):
+        """Identify the model from records.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs; time runs down the rows. A list has one array per experiment.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; nan where an output was not measured.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample; the samples of one experiment
+            are contiguous. None means one experiment.
+        validation : tuple of array_like or None, default=None
+            Other records (u, y) or (u, y, experiment): the training keeps the
+            parameters of least simulation error on them, and a stage ends after
+            `n_iter_no_change` steps without a new least error. Their initial states
+            are estimated from their first `n_init_samples` samples (at most a
+            quarter of them), which do not count, as in `score`. None takes the share
+            `validation_fraction` from the end of every training experiment, if any.
+
+        Returns
+        -------
+        self : object
+            The fitted model.
+
+        Raises
+        ------
+        ValueError
+            If lengths differ, values are not finite, an input is constant, an output
+            was never measured, labels are not contiguous, or the record is too short
+            for the order.
+        KeyboardInterrupt
+            If the user interrupts. From the refinement of the linear start on, the
+            estimator is then fitted with the best parameters so far;
+            ``warm_start=True`` continues from them.
+        """
+        return self._fit(u, y, experiment, validation)
+
+    def _hold_out(self, u, y, parts, validation):
+        experiments = self._experiments(u, y, parts)
+        if validation is not None:
+            return experiments, self._judge(self._given(validation, y))
+        if self.validation_fraction is None:
+            return experiments, None
+        cuts = [len(u) - int(self.validation_fraction * len(u)) for u, _ in experiments]
+        # slices of the whole: what comes late at the tail was sent before it
+        tails = [(u[c:], y[c:]) for (u, y), c in zip(experiments, cuts, strict=True)]
+        parts = [slice(p.start, p.start + c) for p, c in zip(parts, cuts, strict=True)]
+        return self._experiments(u, y, parts), self._judge(tails)
+
+    def _given(self, validation, y):
+        """Return the scaled experiments that the user holds out."""
+        if not isinstance(validation, tuple | list) or len(validation) not in (2, 3):
+            raise ValueError(
+                "`validation` must be a tuple (u, y) or (u, y, experiment), got "
+                f"{type(validation).__name__}."
+            )
+        u_v, y_v, *labels = validation
+        u_v, y_v, parts = self._test_data(u_v, y_v, labels[0] if labels else None)
+        ny, ny_v = (np.size(z[0]) for z in (y, y_v))
+        if ny != ny_v:
+            raise ValueError(
+                f"`validation` must have the outputs of `y`, {ny}, got {ny_v}."
+            )
+        return self._experiments(u_v, y_v, parts)
+
+    def _judge(self, experiments):
+        """Return what judges the training by scaled experiments held out of it."""
+        shortest = min(len(u) for u, _ in experiments)
+        if shortest < MIN_VALIDATION:
+            raise ValueError(
+                f"Validation needs at least {MIN_VALIDATION} samples of every "
+                f"experiment, got {shortest}. Increase `validation_fraction`, or pass "
+                "longer records as `validation`."
+            )
+        ny = experiments[0][1].shape[1]
+        return Validation(
+            experiments,
+            self._output_weight(ny),
+            self.n_init_samples,
+            self.n_iter_no_change,
+        )
+
+    def _identify(self, experiments, previous, watch, held_out):
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
         if previous is not None and self._fits(previous[0], networks):
             plain, starts = previous[0], [previous[1]]
         else:
-            linear = self._linear_model(experiments, report)
+            near = self._near(experiments)
+            linear = self._linear_model(near, watch)
             if phi is not None:
                 linear = contractive_basis(linear, phi)
                 self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
             plain = self._declare(nx, nu, ny, C=linear.C, **networks)
-            if plain.nw == 0 and phi is None and self.linear_start is None:
+            is_linear = plain.nw == 0 and phi is None and self.linear_start is None
+            if is_linear and held_out is None and experiments.is_here:
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
             starts = [
-                initial_theta(plain, linear, experiments, np.random.default_rng(seed))
+                initial_theta(plain, linear, near, np.random.default_rng(seed))
                 for seed in seeds
             ]
         penalized, weights = self._criterion_terms(plain)
+        if watch.observe is not None:
+            watch.observe.attributes = partial(self._snapshot, plain)
         result = train(
             penalized,
             experiments,
@@ -87,7 +182,8 @@ class Ssnn(StateSpaceModel):
             method=self.method,
             max_iter=self.max_iter,
             tol=self.tol,
-            report=report,
+            watch=watch,
+            validation=held_out,
         )
         return plain, result.theta, result
 

@@ -6,7 +6,8 @@ import numpy as np
 from sklearn.utils import Bunch
 from sklearn.utils.validation import check_is_fitted
 
-from ..criterion import Criterion, count_measured
+from ..criterion import Criterion
+from ..mapping import count_measured
 from ..optimizers import single_threaded
 from ..training import estimate_x0
 from ..uncertainty import (
@@ -152,17 +153,11 @@ class UncertaintyMixin(Fitted):
                 "`covariance` must be that of this model, got that of another one. "
                 "Call `parameter_covariance` again after a fit."
             )
-        result = Bunch(
-            x0=self.x0_ / self._x_scale,
-            cost=self.cost_,
-            nfev=self.n_iter_,
-            success=self.converged_,
-        )
         models = []
         for theta in covariance.sample(n_models, random_state):
             model = copy.deepcopy(self)
             model._theta = theta
-            model._publish(result)
+            model._publish_parameters()
             models.append(model)
         return models
 

@@ -15,6 +15,7 @@ plant leaves: simulated in free run, it does not see what happens.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -64,45 +65,34 @@ class Region:
         region : Region
             The region, enlarged by `MARGIN`.
         """
-        return cls.of_chunks(lambda: [(X, u, y, y if measured is None else measured)])
+        chunk = X, u, y, y if measured is None else measured
+        return cls.of_parts(lambda function: [function([chunk])])
 
     @classmethod
-    def of_chunks(cls, chunks):
+    def of_parts(cls, each):
         """Return the region of training trajectories that are made chunk by chunk.
 
         Parameters
         ----------
-        chunks : callable
-            Returns an iterable of tuples (X, u, y, measured), as `of` takes them. It is
-            called twice: nothing is kept of a chunk.
+        each : callable
+            ``each(function)`` returns a list of ``function(chunks)``, one per
+            experiment, with an iterable of tuples (X, u, y, measured) as `of` takes
+            them. It is called twice: nothing is kept of a chunk.
 
         Returns
         -------
         region : Region
             The region, enlarged by `MARGIN`.
         """
-        low, high, total = np.array(np.inf), np.array(-np.inf), np.array(0.0)
-        R, count = np.empty((0, 0)), 0
-        for X, u, y, measured in chunks():
-            low = np.minimum(
-                low, np.hstack([u.min(0), np.vstack([y, measured]).min(0)])
-            )
-            high = np.maximum(
-                high, np.hstack([u.max(0), np.vstack([y, measured]).max(0)])
-            )
-            total, count = total + X.sum(axis=0), count + len(X)
-            # R'R is the sum of [X, 1]'[X, 1], without squaring its condition
-            rows = np.hstack([np.ones((len(X), 1)), X])
-            above = R if R.size else rows[:0]
-            R = np.asarray(np.linalg.qr(np.vstack([above, rows]), mode="r"))
-        center = total / count
-        # below its first row, R has what is left of X without the mean
+        lows, highs, triangles = zip(*each(_extent), strict=True)
+        low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+        R = np.asarray(np.linalg.qr(np.vstack(triangles), mode="r"))
+        # R'R sums [1, X]'[1, X]: its first row has the mean, the others what is left
+        center = R[0, 1:] / R[0, 0]
         _, spread, Vt = np.linalg.svd(R[1:, 1:], full_matrices=False)
         excited = spread > RANK_TOL * spread.max(initial=0.0)
         whiten = Vt[excited].T / spread[excited]
-        radius = max(
-            np.linalg.norm((X - center) @ whiten, axis=1).max() for X, *_ in chunks()
-        )
+        radius = np.max(each(partial(_farthest, center=center, whiten=whiten)))
         slack = MARGIN * (high - low)
         return cls(low - slack, high + slack, center, whiten, (1 + MARGIN) * radius)
 
@@ -133,3 +123,21 @@ class Region:
             # nan compares false
             inside &= np.all((uy >= self.low) & (uy <= self.high), axis=1)
         return ~inside
+
+
+def _extent(chunks):
+    """Return the box of [u; y] and a triangle R, where R'R sums [1, X]'[1, X]."""
+    low, high, R = np.array(np.inf), np.array(-np.inf), np.empty((0, 0))
+    for X, u, y, measured in chunks:
+        outputs = np.vstack([y, measured])
+        low = np.minimum(low, np.hstack([u.min(axis=0), outputs.min(axis=0)]))
+        high = np.maximum(high, np.hstack([u.max(axis=0), outputs.max(axis=0)]))
+        rows = np.hstack([np.ones((len(X), 1)), X])
+        rows = np.vstack([R, rows]) if R.size else rows
+        R = np.asarray(np.linalg.qr(rows, mode="r"))
+    return low, high, R
+
+
+def _farthest(chunks, center, whiten):
+    """Return the largest whitened distance from the center."""
+    return max(np.linalg.norm((X - center) @ whiten, axis=1).max() for X, *_ in chunks)

@@ -17,10 +17,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 from ..metrics import rmse
+from ..optimizers import single_threaded
 
 DEFAULT_GAMMAS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 
@@ -138,6 +140,7 @@ def gamma_path(
     experiment=None,
     test=None,
     callback=None,
+    n_jobs=None,
 ):
     """Fit along falling gamma, each fit the start of the next.
 
@@ -157,6 +160,10 @@ def gamma_path(
         Test data (u, y) or (u, y, experiment); None measures on the training data.
     callback : callable or None, default=None
         Called as ``callback(gamma, model)`` after every fit.
+    n_jobs : int or None, default=None
+        Models measured in parallel, as in joblib. The fits follow each other; their
+        restarts and experiments take the `n_jobs` of the estimator. The result does
+        not depend on it.
 
     Returns
     -------
@@ -209,16 +216,26 @@ def gamma_path(
         models.append(copy.deepcopy(model).set_params(warm_start=False))
         if callback is not None:
             callback(float(gamma), models[-1])
-    records = [fitted.linearizability(*test) for fitted in models]
+    measured = Parallel(n_jobs=n_jobs)(
+        delayed(_measure)(fitted, (u, y, experiment), test) for fitted in models
+    )
+    records, rmse_train, rmse_test = zip(*measured, strict=True)
     return GammaPath(
         gammas=gammas,
         models=tuple(models),
-        rmse_train=np.array([_error(m, (u, y, experiment)) for m in models]),
-        rmse_test=np.array([_error(m, test) for m in models]),
+        rmse_train=np.array(rmse_train),
+        rmse_test=np.array(rmse_test),
         linearization_error=np.array([r.linearization_error.mean() for r in records]),
         spectral_radius=np.array([r.spectral_radius for r in records]),
         seconds=np.array(seconds),
     )
+
+
+def _measure(model, train, test):
+    """Return the linearity of a model on test data, and its errors on both."""
+    with single_threaded():
+        record = model.linearizability(*test)
+        return record, _error(model, train), _error(model, test)
 
 
 def _error(model, data):

@@ -21,6 +21,7 @@ from ..containers import Container
 from ..experiments import Scaling
 from ..linearizability import Region
 from ..structures import state_space_structure
+from ..watch import Step
 from ._archive import decode, encode, read, release, write
 from ._parts import shipped_name
 
@@ -74,6 +75,8 @@ def save(model, path):
             "cost": _finite("cost_", model.cost_),
             "n_iter": model.n_iter_,
             "converged": model.converged_,
+            "message": model.message_,
+            "history": [_encode_step(step) for step in model.history_],
             "y_ndim": model._y_ndim,
             "container": {
                 "library": model._container.library,
@@ -175,6 +178,8 @@ def _restore(cls, document, arrays):
     model._publish_parameters()
     model.cost_ = float(_finite("cost", fit["cost"]))
     model.n_iter_, model.converged_ = int(fit["n_iter"]), bool(fit["converged"])
+    model.message_ = str(fit.get("message", ""))
+    model.history_ = [_decode_step(step) for step in fit.get("history", ())]
     model.experiments_ = fit["experiments"]
     model.n_features_in_ = nu
     if fit["input_names"] is not None:
@@ -237,6 +242,17 @@ def _finite(name, value):
             "with fewer states or stronger penalties."
         )
     return value
+
+
+def _encode_step(step):
+    # JSON has no nan: no error on validation data
+    return [None if value != value else value for value in step]
+
+
+def _decode_step(values):
+    label, iteration, *numbers = values
+    numbers = [np.nan if value is None else float(value) for value in numbers]
+    return Step(str(label), int(iteration), *numbers)
 
 
 def _names(names):

@@ -1,0 +1,187 @@
+"""What one experiment contributes to the sums of the cost and its derivatives.
+
+`Contribution` is what a worker has to know: the structure and the weights of the
+channels, no data.  By theta, the initial state and (u, y) it returns |r|^2, or with it
+the blocks of J'J and J'r.  The initial state of an experiment touches nothing but that
+experiment, so that J'J over all of them is an arrow,
+
+    [ sum J_t'J_t      J_t'J_1   J_t'J_2   ... ]
+    [    J_1'J_t       J_1'J_1                 ]
+    [    J_2'J_t                 J_2'J_2       ]
+
+whose head is one sum of size n_params^2 whatever the number of experiments.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.blas import dsyrk
+
+from .simulation import regressors, sensitivities, trajectory
+from .structures import Structure
+
+
+class Arrow(NamedTuple):
+    """Hold J'J, J'r and |r|^2 over some experiments.
+
+    Parameters
+    ----------
+    head : ndarray of shape (n_params, n_params)
+        J'J by theta.
+    head_r : ndarray of shape (n_params,)
+        J'r by theta.
+    square : float
+        |r|^2.
+    borders : dict of int to tuple of ndarray
+        By number of the experiment: the rows of J'J of its initial state, of shape
+        (n_x0, n_params + n_x0), and of J'r, of shape (n_x0,).
+    """
+
+    head: np.ndarray
+    head_r: np.ndarray
+    square: float
+    borders: dict
+
+    def merge(self, other):
+        """Return the sums over the experiments of both.
+
+        Parameters
+        ----------
+        other : Arrow
+            Sums over other experiments.
+
+        Returns
+        -------
+        arrow : Arrow
+            Sums over all.
+        """
+        return Arrow(
+            self.head + other.head,
+            self.head_r + other.head_r,
+            self.square + other.square,
+            {**self.borders, **other.borders},
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Contribution:
+    """Evaluate one experiment.
+
+    Parameters
+    ----------
+    structure : Structure
+        Map from parameters to the Lur'e form; its first channels are y.
+    weight : ndarray of shape (nz,)
+        Factors of the residual.
+    chunk : int or None
+        Samples per chunk of the sensitivities; None fits the cache.
+    """
+
+    structure: Structure
+    weight: np.ndarray
+    chunk: int | None = None
+
+    def residuals(self, theta, x0, u, y):
+        """Yield the weighted residual in chunks, nan if diverged.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        x0 : ndarray of shape (n_x0,)
+            Initial state.
+        u : array of shape (N, nu)
+            Inputs.
+        y : array of shape (N, ny)
+            Outputs.
+
+        Yields
+        ------
+        r : ndarray of shape (L, nz)
+            Residual of a chunk; one row of nan ends a diverged experiment.
+        """
+        lure, nx = self.structure.lure(theta), self.structure.nx
+        Theta_z = lure.Theta[nx : nx + lure.nz].T
+        for part, u_part, X in trajectory(lure, u, self.structure.initial_state(x0)):
+            if not np.isfinite(X[-1]).all():
+                yield np.full(lure.nz, np.nan)
+                return
+            Z = regressors(lure, X[:-1], u_part) @ Theta_z * self.weight
+            yield self._subtract(Z, y[part])[0]
+
+    def _subtract(self, Z, y):
+        """Return Z minus the weighted targets, in place, and what was not measured."""
+        ny = y.shape[1]
+        missing = np.isnan(y)
+        Z[:, :ny] -= y * self.weight[:ny]
+        if missing.any():
+            Z[:, :ny][missing] = 0.0
+            return Z, missing
+        return Z, None
+
+    def square(self, theta, x0, u, y):
+        """Return |r|^2.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        x0 : ndarray of shape (n_x0,)
+            Initial state.
+        u : array of shape (N, nu)
+            Inputs.
+        y : array of shape (N, ny)
+            Outputs.
+
+        Returns
+        -------
+        square : float
+            Its squared norm; nan if diverged.
+        """
+        return sum(float(np.vdot(r, r)) for r in self.residuals(theta, x0, u, y))
+
+    def arrow(self, theta, i, x0, u, y):
+        """Return J'J, J'r and |r|^2, accumulated chunk by chunk.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        i : int
+            Number of the experiment.
+        x0 : ndarray of shape (n_x0,)
+            Initial state.
+        u : array of shape (N, nu)
+            Inputs.
+        y : array of shape (N, ny)
+            Outputs.
+
+        Returns
+        -------
+        arrow : Arrow
+            The sums over this experiment.
+
+        Raises
+        ------
+        FloatingPointError
+            If the simulation diverges.
+        """
+        n_params = self.structure.n_params
+        n = n_params + self.structure.n_x0
+        JJ, Jr, square = np.zeros((n, n), order="F"), np.zeros(n), 0.0
+        for part, Z, J in sensitivities(
+            self.structure, theta, x0, u, self.weight, self.chunk
+        ):
+            r, missing = self._subtract(Z, y[part])
+            if missing is not None:
+                J[:, : missing.shape[1]][missing] = 0.0
+            J = J.reshape(-1, n)
+            # upper triangle of JJ += J'J, in place: J.T is Fortran-ordered
+            JJ = dsyrk(1.0, J.T, beta=1.0, c=JJ, overwrite_c=1)
+            Jr += r.reshape(-1) @ J
+            square += float(np.vdot(r, r))
+        JJ = np.triu(JJ) + np.triu(JJ, 1).T
+        border = JJ[n_params:].copy(), Jr[n_params:].copy()
+        head = JJ[:n_params, :n_params].copy()
+        return Arrow(head, Jr[:n_params].copy(), square, {i: border})

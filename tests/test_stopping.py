@@ -1,0 +1,344 @@
+"""What ends a fit before its time, and what is left of it."""
+
+import pickle
+import time
+import warnings
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+
+from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn.criterion import Criterion
+from alssnn.optimizers import minimize
+from alssnn.training import Validation
+from alssnn.watch import Patience, Step, Watch
+
+
+@pytest.fixture(autouse=True)
+def _short_fits():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        yield
+
+
+def plant(rng, n, noise=0.0):
+    """Return a record of a plant with 2 inputs and 2 outputs that h can linearize."""
+    A = np.array([[0.7, 0.2], [-0.2, 0.6]])
+    B = np.array([[0.4, 0.1], [0.0, 0.5]])
+    u, x, y = rng.standard_normal((n, 2)), rng.standard_normal(2), np.empty((n, 2))
+    for k in range(n):
+        y[k] = x
+        x = A @ x + B @ (u[k] + 0.8 * np.tanh(x[::-1]))
+    return 3.0 * u + 10.0, 50.0 * (y + noise * rng.standard_normal(y.shape))
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Two experiments, stacked."""
+    rng = np.random.default_rng(0)
+    (u1, y1), (u2, y2) = (plant(rng, n, noise=0.02) for n in (300, 200))
+    return np.vstack([u1, u2]), np.vstack([y1, y2]), np.repeat([0, 1], [300, 200])
+
+
+@pytest.fixture
+def interrupt(monkeypatch):
+    """Return a function that sends an interrupt at a call of `normal_equations`."""
+    calls = {"count": 0, "at": None}
+    original = Criterion.normal_equations
+
+    def interruptible(self, free):
+        calls["count"] += 1
+        if calls["count"] == calls["at"]:
+            raise KeyboardInterrupt
+        return original(self, free)
+
+    def at(call):
+        calls.update(count=0, at=call)
+        return calls
+
+    monkeypatch.setattr(Criterion, "normal_equations", interruptible)
+    return at
+
+
+# -- interrupts ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("coarse_samples", [None, 200])
+def test_an_interrupted_fit_goes_on_to_the_same_cost(
+    two, interrupt, seed, coarse_samples
+):
+    model = FlSsnn(
+        2,
+        3,
+        gamma_h=1e-3,  # without it the valley is flat, and where a fit ends is chance
+        max_iter=100,
+        polish_iter=100,
+        tol=1e-8,
+        coarse_samples=coarse_samples,
+        warm_start=True,
+        random_state=0,
+    )
+    calls = interrupt(None)
+    whole = clone(model).fit(*two)
+    total, linear_cost = calls["count"], whole.history_[0].cost
+    call = int(np.random.default_rng(seed).integers(1, total))
+    interrupt(call)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*two)
+    assert model.message_ == "interrupted"
+    assert not model.converged_
+    assert model.cost_ <= linear_cost
+    assert np.isfinite(model.predict(two[0], two[2])).all()
+    assert model.score(*two) > 0.5
+    interrupt(None)
+    model.fit(*two)
+    assert model.cost_ == pytest.approx(whole.cost_, rel=0.01)
+
+
+def test_an_interrupt_keeps_the_best_parameters_so_far(two, interrupt):
+    model = AlSsnn(2, 2, 2, max_iter=40, coarse_samples=None, random_state=0)
+    interrupt(None)
+    whole = clone(model).fit(*two)
+    training = [step for step in whole.history_ if step.label == "train"]
+    linear = interrupt(None)
+    clone(model).set_params(n_h=0, n_g=0).fit(*two)
+    interrupt(linear["count"] + 30)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*two)
+    assert 1 < len(model.history_) < len(whole.history_)
+    # the step at which the interrupt came had been accepted
+    assert model.cost_ == pytest.approx(model.history_[-1].cost)
+    assert model.cost_ <= training[0].cost
+
+
+def test_an_interrupted_linear_start_is_a_model(two, interrupt):
+    model = AlSsnn(2, 2, 2, max_iter=40, random_state=0)
+    interrupt(3)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*two)
+    assert model.score(*two) > 0.5
+    assert not np.any(model.params_["W_h"])  # still the linear model
+    assert {step.label for step in model.history_} == {"linear"}
+    interrupt(3)
+    with pytest.raises(KeyboardInterrupt):
+        LinearStateSpace(2).fit(*two)
+
+
+def test_an_interrupt_before_there_is_a_model_leaves_none(two, monkeypatch):
+    def interrupted(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("alssnn.subspace.hankel_triangle", interrupted)
+    model = AlSsnn(2, 2, 2)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*two)
+    assert not hasattr(model, "A_")
+
+
+def test_an_interrupt_between_two_searches_keeps_the_stage_before(two, monkeypatch):
+    from alssnn import training
+
+    original, calls = training.estimate_x0, []
+
+    def interrupted(structure, theta, experiments, **options):
+        calls.append(len(experiments[0][0]))
+        if calls.count(300) == 1 and calls[-1] == 300:  # all samples, the first time
+            raise KeyboardInterrupt
+        return original(structure, theta, experiments, **options)
+
+    monkeypatch.setattr(training, "estimate_x0", interrupted)
+    model = AlSsnn(2, 2, 2, max_iter=20, coarse_samples=200, random_state=0)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*two)
+    assert "train" in {step.label for step in model.history_}
+    assert model.score(*two) > 0.95
+    assert np.any(model.params_["W_h"])
+
+
+@pytest.mark.parametrize("stability", [None, "contractive"])
+def test_interrupts_in_every_parametrization(two, interrupt, stability):
+    model = AlSsnn(2, 2, 2, gamma=0.1, max_iter=40, random_state=0, stability=stability)
+    calls = interrupt(None)
+    clone(model).fit(*two)
+    interrupt(calls["count"] - 3)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*two)
+    if stability:
+        A = model._structure.split(model._theta)["A"]
+        assert np.linalg.norm(A, 2) <= np.sqrt(1 - model.phi) + 1e-12
+    assert model.score(*two) > 0.95
+
+
+# -- time ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", [AlSsnn(2, 2, 2), LinearStateSpace(2)], ids=repr)
+def test_max_time_ends_a_fit_with_a_model(two, model):
+    model = clone(model).set_params(max_time=1e-9)
+    with pytest.warns(ConvergenceWarning, match="Increase `max_time`"):
+        model.fit(*two)
+    assert not model.converged_
+    assert model.message_ == "max_time is over"
+    assert np.isfinite(model.cost_)
+    assert model.score(*two) > 0.5
+
+
+def test_max_time_ends_a_search_at_its_next_trial_step(rng, monkeypatch):
+    clock = iter(range(10**6))  # a second at every look
+    monkeypatch.setattr("alssnn.watch.time.time", lambda: next(clock))
+    u, y = plant(rng, 300)
+    free = {"n": 0}
+    original = Criterion.norm
+
+    def counted(self, point):
+        free["n"] += 1
+        return original(self, point)
+
+    monkeypatch.setattr(Criterion, "norm", counted)
+    model = AlSsnn(2, 2, 2, max_time=60, max_iter=10**4, tol=1e-15, random_state=0)
+    model.fit(u, y)
+    assert model.message_ == "max_time is over"
+    assert 5 < model.history_[-1].seconds <= 62
+    assert free["n"] < 300
+
+
+def test_starts_in_other_processes_share_the_time(two):
+    model = AlSsnn(2, 3, 3, n_init=3, n_jobs=2, max_iter=10**5, tol=1e-15)
+    model.set_params(max_time=3.0, random_state=0)
+    start = time.perf_counter()
+    model.fit(*two)
+    assert time.perf_counter() - start < 30  # far below what max_iter would take
+    assert model.message_ == "max_time is over"
+
+
+# -- validation ------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def overfit():
+    """A short noisy record, and a long one of the same plant."""
+    rng = np.random.default_rng(1)
+    return plant(rng, 80, noise=0.3), plant(rng, 600, noise=0.3)
+
+
+def test_validation_keeps_what_is_best_on_other_data(overfit):
+    train, other = overfit
+    model = AlSsnn(2, 12, 12, gamma=0.01, max_iter=150, tol=1e-12, random_state=0)
+    free = clone(model).fit(*train)
+    model.fit(*train, validation=other)
+    assert model.score(*other) > free.score(*other)
+    assert model.converged_
+    assert model.message_ == "the validation error no longer falls"
+    errors = np.array([s.validation_rmse for s in model.history_ if s.label == "train"])
+    best = int(np.argmin(errors))
+    assert len(errors) - 1 - best == model.n_iter_no_change
+    # the model is that of the best step, and its error is the one of `simulate_test`
+    costs = [s.cost for s in model.history_ if s.label == "train"]
+    assert model.cost_ == pytest.approx(costs[best])
+    y, y_hat = model.simulate_test(*other)
+    scaled = (y - y_hat) / model._scaling.y_scale
+    assert errors[best] == pytest.approx(np.sqrt(np.mean(scaled**2)), rel=0.02)
+
+
+def test_a_fraction_is_the_end_of_every_experiment_and_is_not_fitted(two):
+    u, y, experiment = two
+    model = AlSsnn(2, 2, 2, validation_fraction=0.25, max_iter=15, random_state=0)
+    model.fit(u, y, experiment)
+    other = y.copy()
+    heads, tails = np.r_[0:225, 300:450], np.r_[225:300, 450:500]
+    # outputs of the tail only judge: another value of equal moments changes no start
+    other[tails] = y[tails][::-1]
+    changed = clone(model).fit(u, other, experiment)
+    first = [m.history_[0] for m in (model, changed)]
+    assert first[0].cost == pytest.approx(first[1].cost, rel=1e-9)
+    errors = [m.history_[-1].validation_rmse for m in (model, changed)]
+    assert errors[1] > 3 * errors[0]
+    assert model.x0_.shape == (2, 2)
+    assert len(heads) + len(tails) == len(u)
+
+
+def test_the_tail_of_a_delayed_input_knows_what_was_sent_before(rng):
+    u, y = plant(rng, 200)
+    y = np.vstack([np.zeros((3, 2)), y[:-3]])  # every input arrives 3 samples late
+    model = AlSsnn(2, 2, 2, input_delay=3, validation_fraction=0.2)
+    model.max_time = None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model.set_params(max_iter=2).fit(u, y)
+    parts = [slice(0, 200)]
+    experiments, judge = model._hold_out(u, y, parts, None)
+    assert len(experiments[0][0]) == 160
+    whole = model._experiments(u, y, parts)[0][0]
+    np.testing.assert_array_equal(judge.scored[0][0], whole[160:])
+    assert np.any(judge.scored[0][0][0])
+
+
+def test_a_model_that_diverges_on_validation_data_is_never_the_best(rng):
+    errors = iter([3.0, np.inf, 2.0, np.inf, np.inf])
+    patience = Patience(lambda point: next(errors), n_iter_no_change=2)
+    seen = [patience.look(np.array([float(i)])) for i in range(5)]
+    assert seen[3] == np.inf and patience.is_over
+    assert patience.best[0] == 2.0 and patience.least == 2.0
+
+
+def test_every_output_counts_by_its_weight(rng):
+    u, y = plant(rng, 400)
+    model = AlSsnn(2, 2, 2, max_iter=3, random_state=0).fit(u, y)
+    experiments = model._experiments(u, y, [slice(0, 400)])
+    y_s = np.array(experiments[0][1])
+    wrong = [(experiments[0][0], y_s + np.array([0.0, 5.0]))]
+    criterion = Criterion(model._structure, experiments)
+    free = criterion.join(model._theta, model.x0_)
+    first, both = (
+        Validation(wrong, weight, 50, 3).patience(criterion).look(free)
+        for weight in ([1.0, 0.0], [1.0, 1.0])
+    )
+    assert first < 0.5 < 2.0 < both
+
+
+@pytest.mark.parametrize(
+    ("validation", "message"),
+    [
+        ("tail", r"`validation` must be a tuple \(u, y\)"),
+        ((np.ones((4, 2)), np.ones((4, 2))), "Validation needs at least 8 samples"),
+        ((np.ones((20, 2)), np.ones(20)), "`validation` must have the outputs of `y`"),
+        ((np.ones((20, 3)), np.ones((20, 2))), "3 features"),
+    ],
+)
+def test_validation_errors(two, validation, message):
+    with pytest.raises(ValueError, match=message):
+        AlSsnn(2, 1, 1).fit(*two, validation=validation)
+
+
+# -- history and callbacks of the search ---------------------------------------------
+
+
+def test_history_tells_the_whole_fit(two):
+    model = AlSsnn(2, 2, 2, max_iter=10, coarse_samples=200, random_state=0).fit(*two)
+    labels = list(dict.fromkeys(step.label for step in model.history_))
+    assert labels == ["linear", "train", "all samples"]
+    for label in labels:
+        steps = [step for step in model.history_ if step.label == label]
+        assert steps[0].iteration == 0
+        assert steps[-1].cost <= steps[0].cost
+    assert np.all(np.diff([step.seconds for step in model.history_]) >= 0)
+    assert model.history_[-1].cost == pytest.approx(model.cost_)
+    assert model.history_[0]._fields == Step._fields
+    assert repr(pickle.loads(pickle.dumps(model)).history_) == repr(model.history_)
+
+
+def test_an_observer_ends_the_whole_fit(rng):
+    u, y = plant(rng, 300)
+    criterion = Criterion(AlSsnn(2, 2, 2, max_iter=1).fit(u, y)._structure, [(u, y)])
+    seen = []
+    watch = Watch(observe=lambda step, point: seen.append(point) or len(seen) == 3)
+    start = np.full(criterion.n, 0.01)
+    result = minimize(criterion, start, watch=watch)
+    assert len(seen) == 3
+    assert result.message == "stopped by a callback"
+    np.testing.assert_array_equal(result.x, seen[-1])
+    again = minimize(criterion, result.x, watch=watch)
+    assert again.nfev == 0 and again.cost == pytest.approx(result.cost)
