@@ -135,7 +135,7 @@ class LinearStateSpace(StateSpaceModel):
 
     def _identify(self, experiments, previous):
         report = self._reporter()
-        if self.linear_start is None and not self.bounds and self.output_weight is None:
+        if not self._shapes_linear():
             return self._linear_model(
                 experiments, report, max_iter=self.max_iter, tol=self.tol
             ).as_fit()

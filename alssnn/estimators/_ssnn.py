@@ -56,7 +56,7 @@ class Ssnn(StateSpaceModel):
                 self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
             plain = state_space_structure(nx, nu, ny, C=linear.C, **networks)
-            if plain.nw == 0 and phi is None and self.linear_start is None:
+            if plain.nw == 0 and phi is None and not self._shapes_linear():
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
