@@ -257,6 +257,30 @@ def _operating_value(value, size, name):
     return np.broadcast_to(value, (size,)).copy()
 
 
+def check_inputs(u):
+    """Refuse inputs with gaps.
+
+    Parameters
+    ----------
+    u : array of shape (N, nu)
+        Inputs; only sliced.
+
+    Raises
+    ------
+    ValueError
+        If a value is nan.
+    """
+    for start in range(0, len(u), CHUNK):
+        gaps = np.isnan(u[start : start + CHUNK])
+        if gaps.any():
+            k, column = np.argwhere(gaps)[0]
+            raise ValueError(
+                f"`u` must not contain NaN, got it at sample {start + k} of column "
+                f"{column}. Only outputs may be missing: fill the gap, or split the "
+                "record there into two experiments."
+            )
+
+
 def split_experiments(n_samples, experiment):
     """Return the samples of every experiment.
 
@@ -474,7 +498,13 @@ def is_list_of_records(data):
 
 def _stack(records, name):
     first = records[0]
-    if hasattr(first, "columns"):  # DataFrames keep their names
+    names = {_names(record) for record in records}
+    if len(names) > 1:  # or else they would become further columns, full of gaps
+        raise ValueError(
+            f"`{name}` must have the same names of columns in every record, got "
+            f"{sorted(names)}. Rename them."
+        )
+    if _names(first):  # DataFrames and Series keep their names
         library = importlib.import_module(type(first).__module__.split(".")[0])
         return library.concat(records)
     arrays = [np.asarray(record) for record in records]
@@ -482,3 +512,11 @@ def _stack(records, name):
     if len(shapes) > 1:
         raise ValueError(f"`{name}` must have equal columns, got {sorted(shapes)}.")
     return np.concatenate(arrays)
+
+
+def _names(record):
+    """Return the names of the columns of a DataFrame or Series, () of an array."""
+    if hasattr(record, "columns"):
+        return tuple(str(name) for name in record.columns)
+    name = getattr(record, "name", None)
+    return () if name is None else (str(name),)

@@ -63,18 +63,20 @@ def _advance_loop(base, P, E, layers, codes, W, x, X):
         q += base[k]
         for i in range(codes.shape[0]):
             a, b, code = layers[i], layers[i + 1], codes[i]
-            if a > 0:
-                q[a:b] += np.dot(E[a:b, :a].copy(), w[:a])
-            if code == TANH:
-                np.tanh(q[a:b], w[a:b])
-            elif code == SIGMOID:
-                w[a:b] = 0.5 * (1.0 + np.tanh(0.5 * q[a:b]))
-            elif code == RELU:
-                w[a:b] = np.maximum(q[a:b], 0.0)
-            elif code == IDENTITY:
-                w[a:b] = q[a:b]
-            else:
-                w[a:b] = np.sin(q[a:b])
+            for j in range(a, b):  # scalars: a view costs more than a short loop
+                v = q[j]
+                for m in range(a):
+                    v += E[j, m] * w[m]
+                if code == TANH:
+                    w[j] = np.tanh(v)
+                elif code == SIGMOID:
+                    w[j] = 0.5 * (1.0 + np.tanh(0.5 * v))
+                elif code == RELU:
+                    w[j] = max(v, 0.0)
+                elif code == IDENTITY:
+                    w[j] = v
+                else:
+                    w[j] = np.sin(v)
         x = X[k]
         np.dot(W, w, x)
         x += q[nw:]

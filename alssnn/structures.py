@@ -399,7 +399,10 @@ def state_space_structure(
         If C is free in a model with networks, or an activation is unknown or not odd
         where `odd` asks for it.
     """
-    layers = {net: _sizes(n) for net, n in (("k", n_k), ("h", n_h), ("g", n_g))}
+    # h before what it acts on in the loop u = v - h(x); behind k if it sees y
+    order = "hkg" if feedback == "state" else "khg"
+    n = {"h": n_h, "g": n_g, "k": n_k}
+    layers = {net: _sizes(n[net]) for net in order}
     if C is None and any(layers.values()):
         raise ValueError("`C` must be given for a model with networks, got None.")
     by_net = (

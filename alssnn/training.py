@@ -32,6 +32,7 @@ from .watch import INTERRUPTED, Patience, Watch
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
+START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -56,7 +57,7 @@ def initial_theta(structure, linear, experiments, rng):
     """
     p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
     pick = rng.integers(len(experiments))
-    u, y = (np.asarray(signal) for signal in experiments[pick])
+    u, y = (signal[:START_SAMPLES] for signal in experiments[pick])
     X = simulate(
         structure.lure(structure.join(p)), u, structure.initial_state(linear.x0[pick])
     )

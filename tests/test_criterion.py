@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
+from alssnn.experiments import Scaling
 from alssnn.simulation import simulate
 from alssnn.structures import state_space_structure
 from helpers import assert_jacobian, random_theta
@@ -191,3 +194,81 @@ def test_restricted_is_a_part_of_the_whole(criterion, free, rng):
     np.testing.assert_array_equal(JJ_p, JJ[np.ix_(mask, mask)])
     np.testing.assert_array_equal(Jr_p, Jr[mask])
     assert norm_p == norm == pytest.approx(part.fun(free[mask])[0], rel=1e-13)
+
+
+# -- random structures -----------------------------------------------------------------
+
+sizes = st.one_of(
+    st.integers(0, 3), st.lists(st.integers(1, 3), min_size=1, max_size=3).map(tuple)
+)
+names = st.sampled_from(["tanh", "sigmoid", "identity", "sin"])
+
+
+@st.composite
+def structures(draw):
+    """Return any member of the model class, of any size."""
+    nx, nu, ny = (draw(st.integers(1, 3)) for _ in "xuy")
+    odd = draw(st.booleans())
+    return state_space_structure(
+        nx,
+        nu,
+        ny,
+        n_h=draw(sizes),
+        n_g=draw(sizes),
+        n_k=draw(sizes),
+        C=np.random.default_rng(draw(st.integers(0, 9))).standard_normal((ny, nx)),
+        feedthrough=draw(st.booleans()),
+        feedback=draw(st.sampled_from(["output", "state"])),
+        penalty=draw(st.sampled_from([None, "state", "output"])),
+        penalize_h=draw(st.booleans()),
+        tied_bias=draw(st.booleans()),
+        odd=odd,
+        activation={
+            "h": "sin" if odd else draw(names),
+            "g": draw(names),
+            "k": draw(names),
+        },
+    )
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    structure=structures(),
+    seed=st.integers(0, 2**16),
+    lengths=st.lists(st.integers(2, 12), min_size=1, max_size=3),
+    missing=st.sampled_from([0.0, 0.3]),
+    max_delay=st.integers(0, 3),
+    chunk=st.sampled_from([None, 1, 5]),
+)
+def test_gradient_of_any_model(structure, seed, lengths, missing, max_delay, chunk):
+    """All options at once: J of the residuals, and the sums made of it."""
+    rng = np.random.default_rng(seed)
+    nu, ny = structure.nu, structure.sizes["y"]
+    scaling = Scaling(*(rng.uniform(0.5, 2, n) for n in (nu, ny, nu, ny)))
+    delay = rng.integers(0, max_delay + 1, nu)
+    experiments = []
+    for n in lengths:
+        u, y = rng.standard_normal((n, nu)), rng.standard_normal((n, ny))
+        y[rng.random(y.shape) < missing] = np.nan
+        experiments.append((scaling.scale_u(u, delay), scaling.scale_y(y)))
+    criterion = Criterion(
+        structure,
+        experiments,
+        gamma=0.7,
+        gamma_k=0.2,
+        gamma_h=0.4,
+        alpha=0.01,
+        x0_weight=0.1,
+        output_weight=rng.uniform(0, 2, ny),
+        chunk=chunk,
+    )
+    x0 = rng.standard_normal((len(lengths), structure.n_x0))
+    free = criterion.join(random_theta(structure, rng, radius=0.5), x0)
+    r, J = criterion.residuals(free), criterion.jacobian(free)
+    assert np.isfinite(r).all()
+    assert_jacobian(criterion.residuals, J, free, rtol=1e-10)
+    JJ, Jr, norm = criterion.normal_equations(free)
+    size = max(1.0, np.abs(JJ).max())
+    np.testing.assert_allclose(JJ, J.T @ J, atol=1e-11 * size)
+    np.testing.assert_allclose(Jr, J.T @ r, atol=1e-11 * size)
+    assert criterion.norm(free) == pytest.approx(norm, rel=1e-12)

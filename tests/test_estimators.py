@@ -554,7 +554,7 @@ def test_states_that_only_the_cost_needs_change_no_measure(mimo):
     ("change", "message"),
     [
         (lambda u, y: (u, y[:-1]), "inconsistent numbers of samples: .400, 399."),
-        (lambda u, y: (np.where(u > 14, np.nan, u), y), "Input X contains NaN"),
+        (lambda u, y: (np.where(u > 14, np.nan, u), y), "`u` must not contain NaN"),
         (lambda u, y: (u, np.where(y > 80, np.inf, y)), "Input y contains infinity"),
         (lambda u, y: (0 * u + 1, y), "constant column 0, 1"),
         (lambda u, y: (u[:9], y[:9]), "at least 10 samples .*got 9"),

@@ -24,6 +24,7 @@ from ..containers import Container, index_of, part_of
 from ..delays import estimate_delays
 from ..experiments import (
     Scaling,
+    check_inputs,
     is_list_of_records,
     split_experiments,
     stack_experiments,
@@ -36,6 +37,7 @@ from ..simulation import regressors, trajectory
 from ..subspace import TRIAL_SAMPLES, identify_linear
 from ..training import estimate_x0
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
+from ._ahead import AheadMixin
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._files import FilesMixin
@@ -49,10 +51,13 @@ POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
 DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
+# Single precision stays what it is, chunks are converted; nan are left to our checks.
+DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
 
 
 class StateSpaceModel(
     CallbackSupportMixin,
+    AheadMixin,
     ControlMixin,
     ValidationMixin,
     UncertaintyMixin,
@@ -202,11 +207,12 @@ class StateSpaceModel(
         if self.output_weight is None:
             return np.ones(ny)
         weight = np.asarray(self.output_weight, dtype=float)
-        if weight.shape != (ny,) or not (np.isfinite(weight) & (weight >= 0)).all():
+        valid = np.isfinite(weight) & (weight >= 0)
+        if weight.shape != (ny,) or not valid.all() or not weight.any():
             raise ValueError(
                 f"`output_weight` must be one nonnegative number per output ({ny}), "
-                f"got {self.output_weight!r}. Errors are weighed relative to the "
-                "standard deviation of their output."
+                f"not all zero, got {self.output_weight!r}. Errors are weighed "
+                "relative to the standard deviation of their output."
             )
         return weight
 
@@ -236,6 +242,11 @@ class StateSpaceModel(
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
         return model
+
+    def _shapes_linear(self):
+        """Tell whether the user shapes the linear part beyond its identification."""
+        shapes = (self.linear_start, self.output_weight)
+        return bool(self.bounds) or any(shape is not None for shape in shapes)
 
     def _scaled_bounds(self, structure, contractive=False):
         return check_bounds(
@@ -300,6 +311,8 @@ class StateSpaceModel(
         scaling, structure = self._scaling, self._structure
         p = {**structure.constants, **structure.split(self._theta)}
         p = structure.rescale(p, self._units())
+        for name, (low, high) in (self.bounds or {}).items():
+            p[name] = np.clip(p[name], low, high)  # units round, bounds do not
         self.params_ = Bunch(**p)
         self.A_, self.B_, self.C_ = p["A"], p["B"], p["C"]
         self.D_ = p.get("D", np.zeros((len(self.C_), self.B_.shape[1])))
@@ -312,14 +325,13 @@ class StateSpaceModel(
         return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
 
     def _validate(self, u, y, reset):
-        # single precision stays what it is: chunks are converted
-        common = {"dtype": [np.float64, np.float32]}
-        check_u = {**common, "ensure_min_samples": 2 if reset else 1}
-        check_y = {**common, "ensure_2d": False, "ensure_all_finite": "allow-nan"}
+        check_u = {**DATA, "ensure_min_samples": 2 if reset else 1}
+        check_y = {**DATA, "ensure_2d": False}
         u, y = validate_data(
             self, u, y, reset=reset, validate_separately=(check_u, check_y)
         )
         check_consistent_length(u, y)
+        check_inputs(u)
         return u, y
 
     def _experiments(self, u, y, parts):
@@ -382,13 +394,12 @@ class StateSpaceModel(
         as_list = is_list_of_records(u)
         u, _, experiment = _join(u, u, experiment)
         index = index_of(u)
-        u = validate_data(self, u, reset=False, dtype=[np.float64, np.float32])
+        u = validate_data(self, u, reset=False, **DATA)
+        check_inputs(u)
         parts, labels = split_experiments(len(u), experiment)
-        lure = self._structure.lure(self._theta)
         y = np.empty((len(u), len(self.C_)))
         for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
-            u_s = self._scaling.scale_u(u[part], self.input_delay_)
-            y[part] = _outputs(lure, u_s, start / self._x_scale)
+            y[part] = self._simulate(u[part], start)
         if not np.isfinite(y).all():
             bad = int(np.argmin(np.isfinite(y).all(axis=1)))
             warnings.warn(
@@ -397,12 +408,18 @@ class StateSpaceModel(
                 RuntimeWarning,
                 stacklevel=2,
             )
-        y = y * self._scaling.y_scale + self._scaling.y_offset
         y = y[:, 0] if self._y_ndim == 1 else y
         wrap = self._container.wrap
         if as_list:
             return [wrap(y[part], part_of(index, part)) for part in parts]
         return wrap(y, index)
+
+    def _simulate(self, u, x0):
+        """Return the outputs of one experiment, all in the user's units."""
+        scaling, lure = self._scaling, self._structure.lure(self._theta)
+        u_s = scaling.scale_u(u, self.input_delay_)
+        y_s = _outputs(lure, u_s, x0 / self._x_scale)
+        return y_s * scaling.y_scale + scaling.y_offset
 
     def _check_x0(self, x0, labels):
         """Return one initial state per experiment, in the user's units."""
@@ -460,10 +477,13 @@ class StateSpaceModel(
 
     def _test_data(self, u, y, experiment):
         """Return checked inputs and outputs and the samples of every experiment."""
+        return self._labeled_data(u, y, experiment)[:3]
+
+    def _labeled_data(self, u, y, experiment):
+        """Return what `_test_data` does, and the labels of the experiments."""
         u, y, experiment = _join(u, y, experiment)
         u, y = self._validate(u, y, reset=False)
-        parts, _ = split_experiments(len(u), experiment)
-        return u, y, parts
+        return u, y, *split_experiments(len(u), experiment)
 
     def _initial_state(self, u_s, y_s, window):
         """Return the state at the first sample of one scaled experiment."""
@@ -502,6 +522,13 @@ class StateSpaceModel(
         if not np.isfinite(y_pred).all():
             return -np.inf
         measured = ~np.isnan(y_true)
+        if not (measured.sum(axis=0) >= 2).all():
+            columns = ", ".join(map(str, np.flatnonzero(measured.sum(axis=0) < 2)))
+            raise ValueError(
+                "`y` must have at least two measured samples in every column behind "
+                f"those that estimate the initial states, got fewer in column "
+                f"{columns}. Score a longer record."
+            )
         return float(
             np.mean(
                 [

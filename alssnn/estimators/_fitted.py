@@ -22,6 +22,7 @@ class Fitted:
     _theta: np.ndarray
     _scaling: Scaling
     _region: Region
+    _y_ndim: int
     _x_scale: np.ndarray  # states of the user over states of the fit
 
     params_: Bunch
@@ -38,16 +39,21 @@ class Fitted:
     history_: list[Step]
     input_delay_: np.ndarray
     output_names_: list | None
+    experiments_: list
     u_offset_: np.ndarray
     y_offset_: np.ndarray
 
     _plant: Callable  # Lur'e form in the user's units, and (K, k) of h = K w + k
     _h: Callable  # the network h in the user's units
     _test_data: Callable  # checked (u, y) and the samples of every experiment
+    _labeled_data: Callable  # the same, and the labels of the experiments
+    _check_x0: Callable  # one initial state per experiment, in the user's units
+    _simulate: Callable  # outputs of one experiment, in the user's units
     _experiments: Callable  # scaled deviations of every experiment
     _initial_state: Callable  # of one scaled experiment, in the user's units
     _window: Callable  # samples of an experiment spent on its initial state
     _units: Callable  # the user's units over those of the fit, by axis
     _scaled_bounds: Callable  # bounds of parameters, scaled
+    _publish_parameters: Callable  # what follows from structure, theta and scales
     _criterion_terms: Callable  # structure with its penalties, and all weights
     _publish: Callable  # sets the public attributes from theta and a result

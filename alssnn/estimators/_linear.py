@@ -145,8 +145,7 @@ class LinearStateSpace(StateSpaceModel):
 
     def _identify(self, experiments, previous, watch, held_out):
         near = self._near(experiments)
-        is_plain = self.linear_start is None and not self.bounds
-        if is_plain and self.output_weight is None and experiments.is_here:
+        if not self._shapes_linear() and experiments.is_here:
             return self._linear_model(
                 near, watch, max_iter=self.max_iter, tol=self.tol
             ).as_fit()

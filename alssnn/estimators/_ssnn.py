@@ -156,7 +156,7 @@ class Ssnn(StateSpaceModel):
                 self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
             plain = self._declare(nx, nu, ny, C=linear.C, **networks)
-            is_linear = plain.nw == 0 and phi is None and self.linear_start is None
+            is_linear = plain.nw == 0 and phi is None and not self._shapes_linear()
             if is_linear and held_out is None and experiments.is_here:
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)

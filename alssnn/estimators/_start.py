@@ -4,6 +4,8 @@ A linear start fixes the basis of the states: its entries may mean something, so
 they can be held or bounded.  Inside the fit its states are scaled to unit variance.
 """
 
+import math
+
 import numpy as np
 
 from ..subspace import LinearModel, normalize
@@ -73,20 +75,23 @@ def _matrices(start, dt):
         A, B, C = (np.atleast_2d(np.asarray(M, dtype=float)) for M in start[:3])
         D = np.zeros((len(C), B.shape[1])) if len(start) == 3 else start[3]
         return A, B, C, np.atleast_2d(np.asarray(D, dtype=float))
-    if all(hasattr(start, f"{name}_") for name in LINEAR):  # a fitted estimator
-        return tuple(getattr(start, f"{name}_") for name in LINEAR)
-    if not all(hasattr(start, name) for name in (*LINEAR, "dt")):
+    fitted = [f"{name}_" for name in LINEAR]
+    names = fitted if all(hasattr(start, name) for name in fitted) else LINEAR
+    if not all(hasattr(start, name) for name in names):
         raise ValueError(
             "`linear_start` must be a tuple (A, B, C) or (A, B, C, D), a discrete-time "
-            f"`control.StateSpace` or a fitted model, got {type(start).__name__}."
+            f"`control.StateSpace` or a fitted model, got {type(start).__name__}. If "
+            "the model was fitted, `clone` undid it: pass "
+            "`sklearn.frozen.FrozenEstimator(model)`."
         )
+    own = getattr(start, "dt", True)
     # dt=True of python-control: discrete, of unknown sampling time
-    if start.dt is not True and not np.isclose(float(start.dt or 0), dt):
+    if own is not True and not math.isclose(float(own or 0), dt, rel_tol=1e-6):
         raise ValueError(
-            f"`linear_start` must have the sampling time dt={dt}, got {start.dt}. Use "
+            f"`linear_start` must have the sampling time dt={dt}, got {own}. Use "
             "`control.sample_system` for another one, or for continuous time."
         )
-    return tuple(np.asarray(getattr(start, name), dtype=float) for name in LINEAR)
+    return tuple(np.asarray(getattr(start, name), dtype=float) for name in names)
 
 
 def check_bounds(bounds, structure, units, *, own_basis, contractive):
@@ -130,13 +135,25 @@ def check_bounds(bounds, structure, units, *, own_basis, contractive):
                 f"`bounds` for {name!r} need a basis of the states that stays what it "
                 "is: give `linear_start`, with stability=None."
             )
-        low, high = (
-            np.broadcast_to(np.asarray(b, dtype=float), structure.shapes[name])
-            for b in pair
-        )
-        if not np.all(low <= high):
-            raise ValueError(f"`bounds` of {name} must not cross. Exchange them.")
+        low, high = _pair(name, pair, structure.shapes[name])
         checked[name] = tuple(
             structure.rescale({name: b}, inverse)[name] for b in (low, high)
         )
     return checked
+
+
+def _pair(name, pair, shape):
+    """Return lower and upper bounds of a matrix."""
+    try:
+        low, high = (np.broadcast_to(np.asarray(b, dtype=float), shape) for b in pair)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"`bounds` of {name} must be a pair (low, high) of numbers or of arrays of "
+            f"shape {shape}, got {pair!r}. Use -inf and inf for free entries."
+        ) from error
+    if not np.all(low <= high) or np.any(low == np.inf) or np.any(high == -np.inf):
+        raise ValueError(
+            f"`bounds` of {name} must be numbers with low <= high, got {pair!r}. "
+            "Exchange them, and use -inf and inf for free entries."
+        )
+    return low, high

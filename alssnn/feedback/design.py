@@ -46,7 +46,7 @@ def lqr(model, Q, R):
     --------
     lqi : The same with integrators, for references without offset.
     """
-    A, B, _ = _matrices(model)
+    A, B, _ = linear_part(model)
     Q = check_weight("Q", Q, len(A))
     R = check_weight("R", R, B.shape[1], definite=True)
     _check_controllable(A, B, radius=1.0)
@@ -85,7 +85,7 @@ def lqi(model, Q, R):
     --------
     lqr : The same without integrators.
     """
-    A, B, C = _matrices(model)
+    A, B, C = linear_part(model)
     nx, (ny, nu) = len(A), (len(C), B.shape[1])
     if ny > nu:
         raise ValueError(
@@ -125,7 +125,7 @@ def place(model, poles):
         If the number of poles is wrong, they are repeated too often or not in
         conjugate pairs, or (A, B) is not controllable.
     """
-    A, B, _ = _matrices(model)
+    A, B, _ = linear_part(model)
     poles = np.asarray(poles)
     if poles.shape != (len(A),):
         raise ValueError(
@@ -142,7 +142,19 @@ def place(model, poles):
         ) from error
 
 
-def _matrices(model):
+def linear_part(model):
+    """Return the linear system that v sees.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    A, B, C : ndarray
+        Its matrices; the past of inputs that arrive late are further states.
+    """
     check_is_fitted(model)
     if not np.any(model.input_delay_):
         return model.A_, model.B_, model.C_

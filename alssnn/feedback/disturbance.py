@@ -75,6 +75,7 @@ class DisturbanceObserver(Observer):
             Q_d = np.diag(PROCESS_NOISE * scale**2)
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
         self.Q = block_diag(self.Q, Q_d)
+        self._start = block_diag(self._start, np.eye(len(scale)))
         A, _, C, _ = self.dynamics.jacobian(np.zeros(n), 0 * model.u_offset_)
         size = np.concatenate([np.ones(n - len(scale)), scale])
         _check_detectable(A * size / size[:, None], C / scaling.y_scale[:, None])

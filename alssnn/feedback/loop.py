@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
+from .design import linear_part
 from .export import Dynamics, signal_names, to_statespace
 from .law import LinearizingLaw
 from .observer import Observer
@@ -214,7 +215,7 @@ def designed_loop(model, gain):
     """
     dynamics = Dynamics.of(model)
     block, of_y = _from_gain(gain, dynamics)
-    A, B, C = model.A_, model.B_, model.C_
+    A, B, C = linear_part(model)
     (nx, nu), ny = B.shape, len(C)
     nr = ny if of_y else nu
     # the controller sees (r, y, x_hat) with y = C x, x_hat = x, and nothing is cut

@@ -12,6 +12,7 @@ at the operating point ("kalman"), or follows the linearization along the way ("
 
 import control
 import numpy as np
+from scipy.linalg import block_diag
 
 from .export import Dynamics, check_point, signal_names
 
@@ -28,7 +29,8 @@ class Observer:
         Fitted model.
     Q : array_like of shape (nx, nx) or None, default=None
         Covariance of the process noise per sample, in the units of the states. None
-        means 1e-4 times the identity: states have about unit variance.
+        means 1e-4 times the identity: states have about unit variance. The past of
+        inputs that arrive late, further states of x_hat, is known without noise.
     R : array_like of shape (ny, ny) or None, default=None
         Covariance of the measurement noise, in the units of y. None takes the
         variance that the fit leaves, the cost times the variance of each output, at
@@ -74,15 +76,17 @@ class Observer:
             raise ValueError(f"`kind` must be 'kalman' or 'ekf', got {kind!r}.")
         self.kind = kind
         self.dynamics = Dynamics.of(model)
-        nx, ny = self.dynamics.lure.nx, len(model.C_)
+        nx, ny = model.nx_, len(model.C_)
+        n_late = self.dynamics.lure.nx - nx
+        self._start = np.diag(np.repeat([1.0, 0.0], [nx, n_late]))
         if Q is None:
             Q = PROCESS_NOISE * np.eye(nx)
         if R is None:
             variance = max(model.cost_, FIT_FLOOR) * model._scaling.y_scale**2
             R = np.diag(variance)
-        self.Q = check_weight("Q", Q, nx)
+        self.Q = block_diag(check_weight("Q", Q, nx), np.zeros((n_late, n_late)))
         self.R = check_weight("R", R, ny, definite=True)
-        A, _, C, _ = self.dynamics.jacobian(np.zeros(nx), np.zeros(len(model.B_.T)))
+        A, _, C, _ = self.dynamics.jacobian(np.zeros(nx + n_late), 0 * model.u_offset_)
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self.gain = self._gain(self._P_inf, C)
         self.reset()
@@ -279,7 +283,7 @@ class Observer:
 
     def _start_covariance(self):
         # the start is as uncertain as the states are large
-        return self._P_inf + np.eye(len(self.Q))
+        return self._P_inf + self._start
 
     def _unpack(self, z):
         nx = len(self.Q)

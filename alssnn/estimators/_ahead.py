@@ -1,0 +1,116 @@
+"""Prediction some samples ahead: what the model says with the record at hand.
+
+An observer follows the record; from each of its estimates the model runs on alone,
+
+    x_{k-n|k-n} -> ... -> x_{k|k-n},      y_hat_k = c(x_{k|k-n}, u_k),
+
+for all starting points at once.  One step is the error that a filter sees, infinitely
+many are a simulation.
+"""
+
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from ..experiments import is_list_of_records
+from ._fitted import Fitted
+
+CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
+
+
+class AheadMixin(Fitted):
+    """Share the prediction of outputs from earlier ones."""
+
+    def predict_ahead(
+        self, u, y, steps=1, experiment=None, *, x0="rest", observer=None
+    ):
+        """Predict every output from the data up to some samples before it.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs. A list has one array per experiment.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; nan where an output was not measured.
+        steps : int or inf, default=1
+            Number of samples between the last output that is used and the one that is
+            predicted. With as many as an experiment has, the result is that of
+            `predict`.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        x0 : {"rest", "training"} or array_like, default="rest"
+            Initial states of the observer, as for `predict`.
+        observer : Observer or None, default=None
+            Observer of this model; None takes `observer` with its defaults.
+
+        Returns
+        -------
+        y_hat : ndarray of shape (N,) or (N, ny), or list of them
+            Predicted outputs: row k uses the outputs up to k - steps of its experiment
+            and the inputs up to k. The first `steps` rows use no output, they are
+            simulated from `x0`.
+
+        Raises
+        ------
+        ValueError
+            If `steps` is no positive integer, `x0` has the wrong size, or the model
+            has no stable observer.
+
+        Notes
+        -----
+        Costs N steps of the observer, and steps times N - steps samples of the
+        model, for all starting points in one product.
+        """
+        from ..feedback import Observer
+
+        check_is_fitted(self)
+        if not (steps == np.inf or (steps >= 1 and steps == int(steps))):
+            raise ValueError(
+                f"`steps` must be a positive integer or inf, got {steps!r}. It counts "
+                "samples."
+            )
+        as_list = is_list_of_records(u)
+        u, y, parts, labels = self._labeled_data(u, y, experiment)
+        observer = Observer(self) if observer is None else observer
+        n_late = observer.dynamics.lure.nx - self.nx_
+        y_hat = np.empty((len(u), len(self.C_)))
+        for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
+            u_i = np.asarray(u[part], dtype=float)
+            y_i = np.asarray(y[part], dtype=float).reshape(len(u_i), -1)
+            n = int(min(steps, len(u_i)))
+            y_hat[part][:n] = self._simulate(u_i[:n], start)
+            if n < len(u_i):
+                X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
+                y_hat[part][n:] = run_on(observer.dynamics, X_hat[:-n], u_i, n)
+        y_hat = y_hat[:, 0] if self._y_ndim == 1 else y_hat
+        return [y_hat[part] for part in parts] if as_list else y_hat
+
+
+def run_on(dynamics, X, u, steps):
+    """Return the outputs some samples behind every state of a record.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Model.
+    X : ndarray of shape (N - steps, nx)
+        States at the samples 0, 1, ...
+    u : ndarray of shape (N, nu)
+        Inputs, in the user's units.
+    steps : int
+        Number of samples that the model runs alone.
+
+    Returns
+    -------
+    y_hat : ndarray of shape (N - steps, ny)
+        Outputs at the samples steps, steps + 1, ..., not finite where the model
+        diverges.
+    """
+    y_hat = np.empty((len(X), len(dynamics.y_offset)))
+    for start in range(0, len(X), CHUNK):
+        stop = min(start + CHUNK, len(X))
+        X_i = X[start:stop]
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k in range(steps):
+                X_i = dynamics.step(X_i, u[start + k : stop + k])
+            y_hat[start:stop] = dynamics.measure(X_i, u[start + steps : stop + steps])
+    return y_hat
