@@ -56,4 +56,4 @@ def lively(model, size=0.1, radius=0.9):
 def simulate(model, u, **options):
     """Return what a model that was fitted on named columns predicts, (N, ny)."""
     u = pd.DataFrame(u, columns=model.feature_names_in_)
-    return model.predict(u, **options).reshape(len(u), -1)
+    return np.asarray(model.predict(u, **options)).reshape(len(u), -1)

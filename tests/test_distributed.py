@@ -3,6 +3,7 @@
 import os
 import signal
 import warnings
+from itertools import chain
 
 import joblib
 import numpy as np
@@ -247,16 +248,19 @@ def test_a_search_survives_a_killed_worker(tmp_path):
                 return super().fit(u, y, experiment, validation=validation)
             os.kill(os.getpid(), signal.SIGKILL)
 
-    suicidal = search().set_params(estimator=Suicidal(2, 2, max_iter=6, random_state=0))
+    folds = list(TimeSeriesSplit(2).split(u))
+    estimator = Suicidal(2, 2, max_iter=6, random_state=0)
+    suicidal = search().set_params(estimator=estimator, cv=folds)
     with (
         dask.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
         ) as cluster,
-        dask.Client(cluster),
-        # copies on every worker: what only one has is lost with it
-        joblib.parallel_config(backend="dask", scatter=[u, y]),
+        dask.Client(cluster) as client,
     ):
-        suicidal.set_params(refit=False).fit(u, y)
+        client.wait_for_workers(2)
+        # copies on every worker: what only one has is lost with it
+        with joblib.parallel_config(backend="dask", scatter=[u, y, *chain(*folds)]):
+            suicidal.set_params(refit=False).fit(u, y)
     assert flag.exists()
     np.testing.assert_array_equal(suicidal.cv_results_["mean_test_score"], expected)
 

@@ -81,6 +81,7 @@ class HammersteinSsnn(Ssnn):
     n_init, n_jobs, method, warm_start, n_init_samples = 1, None, "lm", False, 20
     input_delay, output_weight, linear_start, bounds = 0, None, None, None
     operating_point, verbose = "zero", 0
+    max_time, validation_fraction, n_iter_no_change = None, None, 20
 
     def _networks(self):
         return {"n_f": self.n_f, "activation": self.activation}

@@ -717,7 +717,6 @@ def test_the_memory_of_a_fit_does_not_grow_with_the_record(tmp_path, monkeypatch
     disk[:] = np.random.default_rng(0).standard_normal((n, 2))
     u, y = disk[:, :1], disk[:, 1:]
     # what looks at so many samples at most, at so few
-    monkeypatch.setattr(_base, "REGION_SAMPLES", 1000)
     monkeypatch.setattr(_base, "DELAY_SAMPLES", 1000)
     monkeypatch.setattr(training, "START_SAMPLES", 1000)
     model = FlSsnn(1, n_h=1, max_iter=1, polish_iter=1, random_state=0)
