@@ -68,7 +68,7 @@ def initial_theta(structure, linear, experiments, rng):
     signals = {"x": X, "u": u, "y": np.where(np.isnan(y), y_hat, y)}
 
     def values(axis, samples):
-        """Return what a layer sees of a signal or of the layer before it."""
+        # what a layer sees of a signal or of the layer before it
         if axis in signals:
             return signals[axis][samples]
         v = sum(
