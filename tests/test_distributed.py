@@ -258,7 +258,8 @@ def test_a_search_survives_a_killed_worker(tmp_path):
         dask.Client(cluster) as client,
     ):
         client.wait_for_workers(2)
-        # copies on every worker: what only one has is lost with it
+        # copies on every worker, and kept: what only one has is lost with it
+        client.amm.stop()
         with joblib.parallel_config(backend="dask", scatter=[u, y, *chain(*folds)]):
             suicidal.set_params(refit=False).fit(u, y)
     assert flag.exists()

@@ -6,9 +6,9 @@ import sys
 SCRIPT = """
 import sys, time
 import sklearn.base, sklearn.metrics, joblib, scipy.optimize
-start = time.perf_counter()
+start = time.process_time()
 import alssnn
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 heavy = {"cvxpy", "control", "matplotlib", "numba", "osqp"} & set(sys.modules)
 assert not heavy, heavy
 """
