@@ -3,7 +3,8 @@
     python -m benchmarks.linearizability [--models ...] [--seed 0]
 
 Paper split, nx=6, n_h=n_g=10.  Prints, per model, the RMSE of the test record, the
-linearization error rms(e)/rms(y), the paper's ratio, the spectral radius and norm of A,
+linearization error rms(e)/rms(y) along the record and in the closed loop with the
+recorded input as v, the paper's ratio, the spectral radius and norm of A,
 the fall of the cost over the last fifth of the last stage, and the time; then the cost
 of a pass of (J'J, J'r) with penalty="output" over that with penalty="state".  Needs the
 recording in ALSSNN_DATA_HOME; exits with 1 if a target is missed.
@@ -30,7 +31,8 @@ from benchmarks._curves import cost_curve
 from benchmarks.paper.studies import AL, STATE, wiener_hammerstein_models
 
 HEADER = (
-    f"{'model':24s}{'test mV':>9s}{'target':>8s}{'e/y, %':>8s}{'target':>8s}"
+    f"{'model':28s}{'test mV':>9s}{'target':>8s}{'e/y, %':>8s}{'target':>8s}"
+    f"{'loop, %':>10s}"
     f"{'|g|/|Ax+Bu|':>13s}{'radius':>8s}{'norm A':>8s}{'steps':>7s}{'drift, %':>9s}"
     f"{'seconds':>9s}"
 )
@@ -41,9 +43,11 @@ def configurations(seed, var_y):
     models, _ = wiener_hammerstein_models(var_y, seed)
     free = clone(models[STATE]).set_params(stability=None)
     output = clone(models[STATE]).set_params(feedback="output")
+    small = clone(models[STATE]).set_params(gamma_h=1e-6)
     return {
         "the paper's": (models[AL], np.inf, np.inf),
         "state, contractive": (models[STATE], 0.40, 0.8),
+        "state, contractive, gamma_h": (small, np.inf, np.inf),
         "state": (free, np.inf, np.inf),
         "output, contractive": (output, np.inf, np.inf),
     }
@@ -95,7 +99,8 @@ def main():
         if np.isfinite(target):
             missed |= seconds > 300 or record.spectral_radius >= 1
         print(
-            f"{name:24s}{rmse_test:9.4f}{target:8.2f}{error:8.3f}{target_error:8.2f}"
+            f"{name:28s}{rmse_test:9.4f}{target:8.2f}{error:8.3f}{target_error:8.2f}"
+            f"{100 * record.closed_linearization_error[0]:10.2f}"
             f"{record.ratio_g_mean:13.2e}{record.spectral_radius:8.4f}"
             f"{np.linalg.norm(model.A_, 2):8.3f}{model.n_iter_:7d}"
             f"{100 * curve.drift():9.2f}{seconds:9.1f}",
