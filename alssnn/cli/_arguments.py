@@ -21,6 +21,11 @@ def new_parser(make, description, epilog, **options):
         Last lines of the help, with examples.
     **options : dict
         Further options.
+
+    Returns
+    -------
+    parser : argparse.ArgumentParser
+        The parser.
     """
     return make(
         description=description,
@@ -48,6 +53,11 @@ def add_command(commands, name, run, description, epilog, **options):
         Last lines of the help, with examples.
     **options : dict
         Further options.
+
+    Returns
+    -------
+    parser : argparse.ArgumentParser
+        The parser of the command.
     """
     parser = new_parser(
         lambda **rest: commands.add_parser(name, **rest), description, epilog, **options
@@ -85,6 +95,11 @@ def integer(text, smallest):
         Text.
     smallest : int
         Smallest value that is accepted.
+
+    Returns
+    -------
+    value : int
+        The integer.
     """
     try:
         value = int(text)
@@ -104,6 +119,11 @@ def count(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : int
+        The integer.
     """
     return integer(text, 1)
 
@@ -115,6 +135,11 @@ def count_or_zero(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : int
+        The integer.
     """
     return integer(text, 0)
 
@@ -126,6 +151,11 @@ def order(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : int or str
+        The number of states.
     """
     return text if text == "auto" else count(text)
 
@@ -137,6 +167,11 @@ def number(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : float
+        The number.
     """
     try:
         return float(text)
@@ -151,6 +186,11 @@ def finite(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : float
+        The number.
     """
     if not np.isfinite(value := number(text)):
         raise argparse.ArgumentTypeError(f"must be a number, got {text}")
@@ -164,6 +204,11 @@ def positive(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : float
+        The number.
     """
     if not 0 < (value := number(text)) < np.inf:
         raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
@@ -177,6 +222,11 @@ def weight(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : float
+        The number.
     """
     if not 0 <= (value := number(text)) < np.inf:
         raise argparse.ArgumentTypeError(f"must be a number of at least 0, got {text}")
@@ -190,6 +240,11 @@ def fraction(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    value : float
+        The share.
     """
     if not 0 < (value := number(text)) <= 1:
         raise argparse.ArgumentTypeError(
@@ -205,6 +260,11 @@ def figure_name(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    path : Path
+        The path.
     """
     path = Path(text)
     if path.suffix.lower() not in FIGURE_FORMATS:

@@ -15,6 +15,11 @@ def prepare_figure(args):
     ----------
     args : argparse.Namespace
         Arguments of the command.
+
+    Returns
+    -------
+    path : Path or None
+        The path.
     """
     if args.figure is None:
         return None
@@ -37,6 +42,11 @@ def run_ladder(args, u, y, **options):
         Outputs.
     **options : dict
         Further options.
+
+    Returns
+    -------
+    ladder : Ladder
+        The ladder.
     """
     verbose = 0 if args.quiet else 1
     # the estimators report to the standard output, which is for the result here

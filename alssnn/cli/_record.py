@@ -62,6 +62,11 @@ def read_record(args, model):
         Arguments of the command.
     model : estimator
         Fitted model.
+
+    Returns
+    -------
+    record, before : tuple or None
+        Both as (u, y, experiment); nothing lies before the whole.
     """
     ny, nu = model.D_.shape
     fitted = getattr(model, "feature_names_in_", None)

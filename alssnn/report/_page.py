@@ -45,6 +45,11 @@ def page(title, sections):
         Title of the page.
     sections : list of tuple of str
         Key, heading and HTML of every section.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     links = "".join(f'<a href="#{key}">{escape(text)}</a>' for key, text, _ in sections)
     body = "".join(
@@ -68,6 +73,11 @@ def paragraph(text, kind=""):
         Text.
     kind : str, default=""
         Class of the paragraph, for its style.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     attribute = f' class="{kind}"' if kind else ""
     return f"<p{attribute}>{escape(text)}</p>"
@@ -80,6 +90,11 @@ def heading(text):
     ----------
     text : str
         Text.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     return f"<h3>{escape(text)}</h3>"
 
@@ -93,6 +108,11 @@ def number(value, digits=4):
         Number.
     digits : int, default=4
         Significant digits.
+
+    Returns
+    -------
+    text : str
+        The text.
     """
     if value is None:
         return "-"
@@ -109,6 +129,11 @@ def table(header, rows):
         Names of the columns.
     rows : iterable
         Rows of cells.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     head = "".join(f'<th scope="col">{escape(str(cell))}</th>' for cell in header)
     body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
@@ -136,6 +161,11 @@ def matrix(name, values):
         Name.
     values : array_like
         Numbers, one or two dimensions.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     rows = np.atleast_2d(np.asarray(values, dtype=float))
     body = "".join(
@@ -158,6 +188,11 @@ def python_code(summary, arrays):
         What stays visible.
     arrays : dict of str to ndarray
         Arrays by name.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     code = "import numpy as np\n\n" + "\n".join(
         f"{name} = np.array({np.asarray(z, dtype=float).tolist()!r})"
@@ -178,6 +213,11 @@ def figure(drawn, caption):
         Figure.
     caption : str
         What it shows.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     buffer = io.BytesIO()
     drawn.savefig(buffer, format="png", dpi=DPI)

@@ -44,6 +44,11 @@ def attempt(make, what):
         Function without arguments that returns HTML.
     what : str
         What it is, in a few words.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     try:
         return make()
@@ -62,6 +67,11 @@ def summary(model, data, validation):
         Tuples (u, y, x0) of every experiment.
     validation : Validation or None
         Checks on the record; None if there are none.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     inputs, outputs = column_names(model)
     rows = [
@@ -98,6 +108,11 @@ def equations(model):
     ----------
     model : estimator
         Fitted model.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     p = model.params_
     nets = {net: f"W_{net}" in p for net in "hgk"}
@@ -169,6 +184,11 @@ def accuracy(model, test, train):
         The record, (u, y, experiment).
     train : tuple or None
         Training data, (u, y, experiment).
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     _, outputs = column_names(model)
     rows = []
@@ -214,6 +234,11 @@ def checks(model, validation, reason):
         Checks on the record; None if there are none.
     reason : str
         Why there is no validation.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     if validation is None:
         return paragraph(f"Validation: not available. {reason}", "note")
@@ -257,6 +282,11 @@ def linearity(model, test, record):
         The record, (u, y, experiment).
     record : Linearizability
         What was measured.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     _, outputs = column_names(model)
     rows = [
@@ -329,6 +359,11 @@ def certificates(model, test):
         Fitted model.
     test : tuple
         The record, (u, y, experiment).
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     return (
         heading("Input-to-state stability")
@@ -390,6 +425,11 @@ def controller(model):
     ----------
     model : estimator
         Fitted model.
+
+    Returns
+    -------
+    html : str
+        HTML.
     """
     from ..feedback import balanced_weights, linear_part, lqi, lqr
 
