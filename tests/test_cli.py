@@ -1,14 +1,21 @@
+import csv
 import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 import alssnn
 from alssnn import cli
-from alssnn.datasets import Record, make_wiener_hammerstein
+from alssnn.cli import _comparison, _demo
+from alssnn.datasets import Record, make_pendulum, make_wiener_hammerstein
+from alssnn.feedback import balanced_weights, lqi
 from alssnn.tables import read_csv
+from helpers import simulate_linear
 
 SMALL = ["--nx", "6", "--n-h", "2", "--n-g", "2", "--n-f", "2", "--max-iter", "3"]
 RECORD = make_wiener_hammerstein(800, noise=0.01, random_state=0)
@@ -51,7 +58,7 @@ def assert_one_line(capsys, *parts):
 
 
 def test_demo_prints_the_table_and_writes_the_figure(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cli, "QUICK_MAX_ITER", 8)
+    monkeypatch.setattr(_demo, "QUICK_MAX_ITER", 8)
     folder = tmp_path / "new" / "folder"
     assert run("demo", "--quick", "--samples", 1200, "-o", folder) == 0
     out, err = capsys.readouterr()
@@ -69,7 +76,7 @@ def test_demo_prints_the_table_and_writes_the_figure(tmp_path, monkeypatch, caps
 
 
 def test_demo_depends_on_the_seed_alone(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cli, "QUICK_MAX_ITER", 2)
+    monkeypatch.setattr(_demo, "QUICK_MAX_ITER", 2)
     tables = []
     for seed in (0, 0, 1):
         name = f"{len(tables)}.svg"
@@ -94,9 +101,9 @@ def test_demo_of_the_measured_record(tmp_path, monkeypatch, capsys):
         calls.append((len(u), options))
         return alssnn.ladder.model_ladder(u[:600], y[:600], nx=2, models=["lti"])
 
-    monkeypatch.setattr(cli, "fetch_wiener_hammerstein", fetch)
-    monkeypatch.setattr(cli, "model_ladder", ladder)
-    monkeypatch.setattr(cli, "MEASURED_QUICK", 500)
+    monkeypatch.setattr(_demo, "fetch_wiener_hammerstein", fetch)
+    monkeypatch.setattr(_comparison, "model_ladder", ladder)
+    monkeypatch.setattr(_demo, "MEASURED_QUICK", 500)
     argv = ["demo", "--record", "wiener-hammerstein", "-o", tmp_path]
     assert run(*argv) == 0 and run(*argv, "--quick") == 0
     (whole, options), (part, quick) = calls
@@ -160,7 +167,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         seen.update(options, u=u, y=y)
         return alssnn.ladder.model_ladder(u, y, nx=2, models=["lti"])
 
-    monkeypatch.setattr(cli, "model_ladder", ladder)
+    monkeypatch.setattr(_comparison, "model_ladder", ladder)
     options = ["--experiment", "run", "--test-size", "0.25", "--models", "al", "lti"]
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
     assert run_fit(plant, *options, "--quiet") == 0
@@ -229,7 +236,7 @@ def test_exit_codes(plant, monkeypatch, error, code, message, capsys):
     def fail(*args, **options):
         raise error
 
-    monkeypatch.setattr(cli, "model_ladder", fail)
+    monkeypatch.setattr(_comparison, "model_ladder", fail)
     assert run_fit(plant) == code
     assert_one_line(capsys, message)
 
@@ -238,9 +245,175 @@ def test_faults_of_the_package_keep_their_traceback(plant, monkeypatch):
     def fail(*args, **options):
         raise AttributeError("a bug")
 
-    monkeypatch.setattr(cli, "model_ladder", fail)
+    monkeypatch.setattr(_comparison, "model_ladder", fail)
     with pytest.raises(AttributeError, match="a bug"):
         run_fit(plant)
+
+
+# from a saved model to a controller
+
+
+@pytest.fixture(scope="module")
+def linear_plant(tmp_path_factory):
+    """Return a record of a linear plant, two inputs and outputs, two experiments."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((1200, 2))
+    A, B = np.array([[0.8, 0.1], [-0.1, 0.7]]), np.array([[0.3, 0.1], [0.0, 0.4]])
+    y = simulate_linear(A, B, np.eye(2), u) + 0.02 * rng.standard_normal((1200, 2))
+    path = tmp_path_factory.mktemp("plant") / "plant.csv"
+    lines = ["run,a,b,speed,angle"]
+    for k, row in enumerate(np.hstack([u, y])):
+        lines.append(",".join([str(k // 600), *(f"{z:.9g}" for z in row)]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def saved(linear_plant):
+    path = linear_plant.with_name("plant.npz")
+    columns = ["--input", "a", "b", "--output", "speed", "angle", "--experiment", "run"]
+    options = ["--nx", 2, "--model", "lti", "--dt", 0.1, "--save", path, "-q"]
+    assert run("fit", linear_plant, *columns, *options) == 0
+    return path
+
+
+def data(path):
+    return ["--data", path, "--experiment", "run", "--last", "0.5"]
+
+
+def test_a_saved_model_knows_its_columns(saved, linear_plant, tmp_path, capsys):
+    model = alssnn.load(saved)
+    assert list(model.feature_names_in_) == ["a", "b"]
+    assert model.output_names_ == ["speed", "angle"]
+    assert model.dt == 0.1 and len(model.experiments_) == 2
+    table = tmp_path / "checks.csv"
+    assert run("validate", saved, *data(linear_plant), "-o", table) == 0
+    out, err = capsys.readouterr()
+    assert "LinearStateSpace passes." in out and err == ""
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert "independence" in [row["name"] for row in rows]
+    assert all(row["passed"] == "True" for row in rows if row["decides"] == "True")
+
+
+def test_a_failed_check_is_exit_code_1(plant, tmp_path, capsys):
+    path = tmp_path / "poor.npz"
+    assert run_fit(plant, "--model", "lti", "--nx", 1, "-q", "--save", path) == 0
+    assert run("validate", path, "--data", plant, "--lags", 10) == 1
+    assert "LinearStateSpace fails: " in capsys.readouterr().out
+
+
+def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
+    path = tmp_path / "new" / "report.html"
+    assert run("report", saved, *data(linear_plant), "-o", path) == 0
+    assert capsys.readouterr().out == f"Report: {path}\n"
+    text = path.read_text(encoding="utf-8")
+    assert "speed" in text and "<td>training</td>" in text
+    assert run("report", saved, "--data", linear_plant, "-o", path) == 0
+    assert "<td>training</td>" not in path.read_text(encoding="utf-8")
+
+
+def test_control_writes_gain_and_step(saved, tmp_path, capsys):
+    folder = tmp_path / "design"
+    options = ["--step", 1, -1, "--samples", 80, "--figure", "s.svg", "-o", folder]
+    assert run("control", saved, *options) == 0
+    gain = np.loadtxt(folder / "gain.csv", delimiter=",", skiprows=1)
+    model = alssnn.load(saved)
+    np.testing.assert_array_equal(gain, lqi(model, *balanced_weights(model)))
+    with (folder / "step.csv").open() as file:
+        header = next(csv.reader(file))
+        steps = np.loadtxt(file, delimiter=",")
+    assert header[:3] == ["time", "speed design", "angle design"]
+    assert steps.shape == (80, 9)
+    # a linear model is its own design, and integrators leave no offset
+    np.testing.assert_allclose(steps[:, 1:5], steps[:, 5:], atol=1e-9)
+    assert (folder / "s.svg").read_text().startswith("<?xml")
+    assert "RMS distance" in capsys.readouterr().out
+    assert run("control", saved, "--qi", 1, "--ru", 0.1, "-o", folder) == 0
+    faster = np.loadtxt(folder / "gain.csv", delimiter=",", skiprows=1)
+    assert np.linalg.norm(faster) > np.linalg.norm(gain)
+
+
+def test_export_for_c_and_matlab(saved, tmp_path, capsys):
+    assert run("control", saved, "-o", tmp_path) == 0
+    gain = tmp_path / "gain.csv"
+    capsys.readouterr()
+    assert run("export", saved, "--c", tmp_path / "c", "--gain", gain) == 0
+    assert str(tmp_path / "c" / "plant.c") in capsys.readouterr().out.splitlines()
+    path = tmp_path / "new" / "plant.mat"
+    assert run("export", saved, "--mat", path, "--gain", gain) == 0
+    held = loadmat(path, simplify_cells=True)["model"]
+    np.testing.assert_array_equal(held["A"], alssnn.load(saved).A_)
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (
+            ["fit", "{csv}", "--input", "a", "--output", "b", "--save", "m.npz"],
+            "--model al",
+        ),
+        (["validate", "{npz}"], "required: --data"),
+        (
+            ["validate", "{npz}", "--data", "{csv}", "--input", "a"],
+            "must name 2 columns",
+        ),
+        (["report", "{npz}", "--data", "{csv}", "--last", "2"], "a share above 0"),
+        (["control", "{npz}", "--qx", "-1"], "must be a number of at least 0, got -1"),
+        (["control", "{npz}", "--step", "high"], "must be a number, got high"),
+        (["export", "{npz}"], "one of the arguments --c --mat is required"),
+    ],
+)
+def test_wrong_usage_of_commands_on_models(argv, message, saved, linear_plant, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        run(*(arg.format(npz=saved, csv=linear_plant) for arg in argv))
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["validate", "report", "control", "export"])
+def test_files_that_are_no_models(command, linear_plant, tmp_path, capsys):
+    more = {"control": [], "export": ["--mat", tmp_path / "x.mat"]}
+    more = more.get(command, ["--data", linear_plant])
+    assert run(command, tmp_path / "missing.npz", *more) == 2
+    assert_one_line(capsys, "missing.npz")
+    assert run(command, linear_plant, *more) == 2
+    assert_one_line(capsys)
+
+
+def test_commands_refuse_what_does_not_fit(saved, linear_plant, tmp_path, capsys):
+    assert run("control", saved, "--qi", 0, "-o", tmp_path) == 2
+    assert_one_line(capsys, "`integral` must be positive and finite, got 0.0.")
+    assert run("export", saved, "--mat", tmp_path / "x", "--gain", linear_plant) == 2
+    assert_one_line(capsys, "must have one column 'x0', got none")
+    columns = ["--input", "a", "q", "--experiment", "run"]
+    assert run("validate", saved, "--data", linear_plant, *columns) == 2
+    assert_one_line(capsys, "must have one column 'q', got none")
+
+
+def test_the_five_commands_of_the_readme(tmp_path, monkeypatch, capsys):
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    text = readme.split("in five commands")[1]
+    block = re.search(r"```sh\n(.*?)```", text, re.S)[1]
+    commands = [shlex.split(line) for line in block.splitlines()]
+    names = ["fit", "validate", "report", "control", "export"]
+    assert [command[:2] for command in commands] == [["alssnn", n] for n in names]
+    monkeypatch.chdir(tmp_path)
+    record = make_pendulum(3000, amplitude=5.0, noise=0.01, random_state=0)
+    np.savetxt(
+        "plant.csv", np.hstack([*record]), delimiter=",", header="u,y", comments=""
+    )
+    fit, validate, *rest = commands
+    assert run(*fit[1:], "--max-iter", 20) == 0
+    verdict = run(*validate[1:])
+    out, _ = capsys.readouterr()
+    assert verdict == (0 if "AlSsnn passes." in out else 1)
+    assert re.search(r"^pass  independence", out, re.M)
+    for command in rest:
+        assert run(*command[1:]) == 0, command
+    step = np.genfromtxt("design/step.csv", delimiter=",", skip_header=1)
+    assert np.isfinite(step).all()
+    for name in ("report.html", "design/gain.csv", "firmware/plant.c"):
+        assert Path(name).stat().st_size > 10
 
 
 # CSV files
@@ -311,7 +484,10 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"alssnn {alssnn.__version__}\n"
 
 
-@pytest.mark.parametrize("command", [[], ["demo"], ["fit"]])
+COMMANDS = ["demo", "fit", "validate", "report", "control", "export"]
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])
 def test_help_teaches_by_examples(command, capsys):
     with pytest.raises(SystemExit, match="0"):
         run(*command, "--help")

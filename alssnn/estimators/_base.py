@@ -42,6 +42,7 @@ from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._files import FilesMixin
 from ._remote import RemoteMixin
+from ._report import ReportMixin
 from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model
 from ._uncertainty import UncertaintyMixin
@@ -62,6 +63,7 @@ class StateSpaceModel(
     ValidationMixin,
     UncertaintyMixin,
     FilesMixin,
+    ReportMixin,
     RemoteMixin,
     ScikitLearnMixin,
     BaseEstimator,

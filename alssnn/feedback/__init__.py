@@ -3,32 +3,37 @@
     x+ = A x + B (u + h(s)) + g(x, u)        y = C x        u = v - h(s)   (eq. loop)
 
 `export` turns the model into systems, `law` cancels h, `observer` estimates the state,
-`design` computes gains for (A, B, C), and `loop` connects them.
+`design` computes gains for (A, B, C), `loop` connects them, and `proposal` makes a
+first design and compares it with the model.
 
 python-control is imported in this package and nowhere else.  Its objects cannot be
 pickled, so none is ever stored: they are built on demand.  Its axes are (signals,
 time), ours (time, signals).
 """
 
-from .design import lqi, lqr, place
+from .design import linear_part, lqi, lqr, place
 from .disturbance import DisturbanceObserver
 from .export import Dynamics, late_inputs, signal_names, to_statespace
 from .law import LinearizingLaw
 from .loop import closed_loop, designed_loop, split_gain
 from .observer import Observer
+from .proposal import balanced_weights, step_comparison
 
 __all__ = [
     "DisturbanceObserver",
     "Dynamics",
     "LinearizingLaw",
     "Observer",
+    "balanced_weights",
     "closed_loop",
     "designed_loop",
     "late_inputs",
+    "linear_part",
     "lqi",
     "lqr",
     "place",
     "signal_names",
     "split_gain",
+    "step_comparison",
     "to_statespace",
 ]

@@ -19,7 +19,7 @@ what a linear design on (A, B, C) does not see.  For GR-SSNN, which has no h, e 
 whole of what f does to the output.
 """
 
-from ._fit import PRESETS, model_ladder
+from ._fit import PRESETS, hold_out_last, model_ladder
 from ._records import Ladder, Rung
 
-__all__ = ["PRESETS", "Ladder", "Rung", "model_ladder"]
+__all__ = ["PRESETS", "Ladder", "Rung", "hold_out_last", "model_ladder"]

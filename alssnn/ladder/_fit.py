@@ -190,6 +190,35 @@ def _train_and_test(u, y, experiment, test, test_size):
     """Return training and test data as tuples (u, y, experiment)."""
     if test is not None:
         return (u, y, experiment), _test_data(test)
+    return hold_out_last(u, y, experiment, test_size)
+
+
+def hold_out_last(u, y, experiment, test_size, *, name="test_size"):
+    """Split every experiment by time.
+
+    Parameters
+    ----------
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    experiment : array_like of shape (N,) or None
+        Label of the experiment of every sample.
+    test_size : float
+        Share of every experiment, its last part, that is held out.
+    name : str, default="test_size"
+        Name of the share in messages.
+
+    Returns
+    -------
+    first, last : tuple of (u, y, experiment)
+        Both parts of the record.
+
+    Raises
+    ------
+    ValueError
+        If u and y differ in length, or a part would be empty.
+    """
     if np.shape(u)[:1] != np.shape(y)[:1] or np.ndim(u) == 0:
         sizes = [np.shape(z)[0] if np.ndim(z) else 0 for z in (u, y)]
         raise ValueError(
@@ -198,7 +227,7 @@ def _train_and_test(u, y, experiment, test, test_size):
         )
     if not 0 < test_size < 1:
         raise ValueError(
-            f"`test_size` must lie strictly between 0 and 1, got {test_size}. "
+            f"`{name}` must lie strictly between 0 and 1, got {test_size}. "
             "Give the share of the samples that is kept for testing."
         )
     parts, _ = split_experiments(np.shape(u)[0], experiment)
@@ -208,7 +237,7 @@ def _train_and_test(u, y, experiment, test, test_size):
         n_test = round(test_size * length)
         if not 0 < n_test < length:
             raise ValueError(
-                "`test_size` must leave samples of every experiment to both parts, "
+                f"`{name}` must leave samples of every experiment to both parts, "
                 f"got {test_size} for an experiment of {length} samples. Use longer "
                 "experiments or give `test`."
             )

@@ -1,0 +1,299 @@
+"""Parsers and options that the commands share."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+FIGURE_FORMATS = (".png", ".pdf", ".svg")
+
+
+def new_parser(make, description, epilog, **options):
+    """Return a parser whose epilog is printed as it is.
+
+    Parameters
+    ----------
+    make : callable
+        What makes the parser.
+    description : str
+        First lines of the help.
+    epilog : str
+        Last lines of the help, with examples.
+    **options : dict
+        Further options.
+
+    Returns
+    -------
+    parser : argparse.ArgumentParser
+        The parser.
+    """
+    return make(
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        **options,
+    )
+
+
+def add_command(commands, name, run, description, epilog, **options):
+    """Return the parser of a command, which calls `run` with its arguments.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    name : str
+        Name.
+    run : callable
+        What runs the command; it returns the exit code, or None for 0.
+    description : str
+        First lines of the help.
+    epilog : str
+        Last lines of the help, with examples.
+    **options : dict
+        Further options.
+
+    Returns
+    -------
+    parser : argparse.ArgumentParser
+        The parser of the command.
+    """
+    parser = new_parser(
+        lambda **rest: commands.add_parser(name, **rest), description, epilog, **options
+    )
+    parser.set_defaults(run=run, parser=parser)
+    return parser
+
+
+def add_common(parser):
+    """Add the options of commands that fit.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    parser.add_argument(
+        "--seed",
+        type=count_or_zero,
+        default=0,
+        metavar="N",
+        help="seed of everything random (default: %(default)s)",
+    )
+    parser.add_argument(
+        "-q", "--quiet", action="store_true", help="do not report progress"
+    )
+
+
+def integer(text, smallest):
+    """Return an integer that is not too small.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+    smallest : int
+        Smallest value that is accepted.
+
+    Returns
+    -------
+    value : int
+        The integer.
+    """
+    try:
+        value = int(text)
+    except ValueError:
+        value = None
+    if value is None or value < smallest:
+        raise argparse.ArgumentTypeError(
+            f"must be an integer of at least {smallest}, got {text}"
+        )
+    return value
+
+
+def count(text):
+    """Return a positive integer.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : int
+        The integer.
+    """
+    return integer(text, 1)
+
+
+def count_or_zero(text):
+    """Return a nonnegative integer.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : int
+        The integer.
+    """
+    return integer(text, 0)
+
+
+def order(text):
+    """Return a number of states, or auto.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : int or str
+        The number of states.
+    """
+    return text if text == "auto" else count(text)
+
+
+def number(text):
+    """Return a number, nan for another text.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : float
+        The number.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
+
+def finite(text):
+    """Return a finite number.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : float
+        The number.
+    """
+    if not np.isfinite(value := number(text)):
+        raise argparse.ArgumentTypeError(f"must be a number, got {text}")
+    return value
+
+
+def positive(text):
+    """Return a positive number.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : float
+        The number.
+    """
+    if not 0 < (value := number(text)) < np.inf:
+        raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
+    return value
+
+
+def weight(text):
+    """Return a nonnegative number.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : float
+        The number.
+    """
+    if not 0 <= (value := number(text)) < np.inf:
+        raise argparse.ArgumentTypeError(f"must be a number of at least 0, got {text}")
+    return value
+
+
+def fraction(text):
+    """Return a share, above zero and at most one.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : float
+        The share.
+    """
+    if not 0 < (value := number(text)) <= 1:
+        raise argparse.ArgumentTypeError(
+            f"must be a share above 0 and at most 1, got {text}"
+        )
+    return value
+
+
+def figure_name(text):
+    """Return the path of a figure.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    path : Path
+        The path.
+    """
+    path = Path(text)
+    if path.suffix.lower() not in FIGURE_FORMATS:
+        raise argparse.ArgumentTypeError(
+            f"must end in {', '.join(FIGURE_FORMATS)}, got {text}"
+        )
+    return path
+
+
+def add_output(parser, metavar, what, default=None):
+    """Add the option that names what is written.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    metavar : str
+        Kind of file, for the help.
+    what : str
+        What it is, in a few words.
+    default : Path or None, default=None
+        File if none is named.
+    """
+    note = "" if default is None else " (default: %(default)s)"
+    parser.add_argument(
+        "-o",
+        dest="output_file",
+        type=Path,
+        default=default,
+        metavar=metavar,
+        help=what + note,
+    )

@@ -1,0 +1,79 @@
+"""Fit a ladder of models, and print what came of it."""
+
+import contextlib
+import sys
+
+from ..ladder import model_ladder
+
+FIGURE_DPI = 150
+
+
+def prepare_figure(args):
+    """Return the path of the figure, whose folder exists, or None.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+
+    Returns
+    -------
+    path : Path or None
+        The path.
+    """
+    if args.figure is None:
+        return None
+    path = args.output_dir / args.figure
+    # before the fits: a folder that cannot be made should not cost minutes
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def run_ladder(args, u, y, **options):
+    """Return the ladder, its progress on the standard error.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+    u : ndarray of shape (N, nu)
+        Inputs.
+    y : ndarray of shape (N, ny)
+        Outputs.
+    **options : dict
+        Further options.
+
+    Returns
+    -------
+    ladder : Ladder
+        The ladder.
+    """
+    verbose = 0 if args.quiet else 1
+    # the estimators report to the standard output, which is for the result here
+    with contextlib.redirect_stdout(sys.stderr):
+        return model_ladder(u, y, random_state=args.seed, verbose=verbose, **options)
+
+
+def report(ladder, figure, **labels):
+    """Print the table and what it means, and draw the figure if there is one.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        Fitted models.
+    figure : Path or None
+        Figure to write.
+    **labels : dict
+        Options of `plotting.plot_ladder`.
+    """
+    print(f"{ladder}\n")
+    explanation = ladder.explain()
+    if explanation:
+        print(explanation)
+    if figure is not None:
+        # matplotlib takes a while: only for those who want a figure
+        from ..plotting import plot_ladder
+
+        axes = plot_ladder(ladder, **labels)
+        axes[0].figure.savefig(figure, dpi=FIGURE_DPI)
+        print(f"\nFigure: {figure}")

@@ -1,0 +1,159 @@
+"""`alssnn control`: a controller for a saved model, and how the model follows it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..estimators import load
+from ._arguments import add_command, add_output, count, figure_name, finite, weight
+from ._record import add_model, write_csv
+
+EPILOG = """\
+The controller is u = v - h(s), v = u_e - K [x; z], z+ = z + y - r: the law cancels h,
+the linear-quadratic regulator with integrators makes y settle at r. All weights are
+relative to the size of the signals in the training data. Written are
+
+  gain.csv   K, one row per input, one column per state and integrator
+  step.csv   the step response that was designed, and that of the whole model
+  step.png   both as a figure
+
+`alssnn export --c DIR --gain design/gain.csv` writes law, observer and gain as C.
+
+examples:
+  alssnn control plant.npz -o design
+  alssnn control plant.npz --qi 0.1 --ru 0.1 -o faster
+  alssnn control plant.npz --u-min -5 --u-max 5 --step 1 -o limited
+"""
+
+
+def add(commands):
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    """
+    parser = add_command(
+        commands,
+        "control",
+        run,
+        "Design a linear-quadratic controller with integrators for a saved model.",
+        EPILOG,
+        help="design a controller for a saved model",
+    )
+    add_model(parser)
+    for flag, what, default in (
+        ("--qx", "states", 0.0),
+        ("--qy", "outputs", 1.0),
+        ("--qi", "integrators, larger is faster", 0.01),
+        ("--ru", "inputs v, smaller is faster", 1.0),
+    ):
+        parser.add_argument(
+            flag,
+            type=weight,
+            default=default,
+            metavar="WEIGHT",
+            help=f"weight of the {what} (default: %(default)s)",
+        )
+    for flag, what in (("--u-min", "lower"), ("--u-max", "upper")):
+        parser.add_argument(
+            flag,
+            nargs="+",
+            type=finite,
+            metavar="U",
+            help=f"{what} limits of the inputs: one, or one per input",
+        )
+    parser.add_argument(
+        "--step",
+        nargs="+",
+        type=finite,
+        metavar="Y",
+        help="step of the references: one, or one per output (default: one standard "
+        "deviation of the training data)",
+    )
+    parser.add_argument(
+        "--samples",
+        type=count,
+        metavar="N",
+        help="length of the step response (default: until the design has settled)",
+    )
+    parser.add_argument(
+        "--figure",
+        type=figure_name,
+        default=Path("step.png"),
+        metavar="FILE",
+        help="name of the figure: .png, .pdf or .svg (default: %(default)s)",
+    )
+    add_output(parser, "DIR", "folder to write to, made if missing", Path("design"))
+
+
+def run(args):
+    """Run the command.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+
+    Returns
+    -------
+    code : int
+        0, or 1 if the loop of the model diverges.
+    """
+    # python-control and matplotlib take a while: only for those who want a design
+    from ..feedback import balanced_weights, lqi, step_comparison
+
+    model = load(args.model)
+    law = model.linearizing_law(*(_scalar(z) for z in (args.u_min, args.u_max)))
+    Q, R = balanced_weights(
+        model, state=args.qx, output=args.qy, integral=args.qi, control=args.ru
+    )
+    K = lqi(model, Q, R)
+    responses = step_comparison(
+        model, K, step=_scalar(args.step), n_samples=args.samples, law=law
+    )
+    folder = args.output_file
+    write_csv(folder / "gain.csv", _columns(K, model), K.tolist())
+    header, table = _table(responses)
+    write_csv(folder / "step.csv", header, table.tolist())
+    display = _draw(responses, folder / args.figure)
+    print("K =")
+    print(np.array2string(K, precision=6))
+    for name, distance in zip(display.outputs, display.distance_["model"], strict=True):
+        print(f"{name}: RMS distance of the model from the design {distance:.3g}")
+    print(
+        f"Files: {folder / 'gain.csv'}, {folder / 'step.csv'}, {folder / args.figure}"
+    )
+    if not np.isfinite(table).all():
+        print("The loop of the model diverges: choose slower weights.")
+        return 1
+    return 0
+
+
+def _scalar(values):
+    """Return limits as a number where there is one."""
+    return values[0] if values is not None and len(values) == 1 else values
+
+
+def _columns(K, model):
+    n = K.shape[1] - len(model.C_)
+    return [*(f"x{i}" for i in range(n)), *(f"z{i}" for i in range(len(model.C_)))]
+
+
+def _table(responses):
+    design = responses["design"]
+    header, columns = ["time"], [design.time]
+    for name, response in responses.items():
+        header += [f"{label} {name}" for label in response.output_labels]
+        columns += list(response.outputs)
+    return header, np.column_stack(columns)
+
+
+def _draw(responses, path):
+    from ..plotting import LoopDisplay
+
+    display = LoopDisplay.from_responses(responses, design="design")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    display.figure_.savefig(path, dpi=150)
+    return display

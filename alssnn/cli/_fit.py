@@ -1,0 +1,195 @@
+"""`alssnn fit`: models of your own record."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..ladder import PRESETS
+from ..tables import read_csv
+from ._arguments import (
+    add_command,
+    add_common,
+    count,
+    count_or_zero,
+    figure_name,
+    order,
+    positive,
+    weight,
+)
+from ._comparison import prepare_figure, report, run_ladder
+
+FIT_EPILOG = """\
+The file has one header line with the names of the columns and one line per sample, in
+time order, sampled at a fixed rate; columns are separated by comma, semicolon or tab.
+The last part of the record (or of every experiment) tests, the rest trains.
+
+examples:
+  alssnn fit plant.csv --input u --output y
+      all models; the number of states is chosen from the data
+  alssnn fit plant.csv --input u1 u2 --output y --nx 6 --dt 0.01 --figure plant.png
+      two inputs, six states, sampled every 10 ms, and a figure
+  alssnn fit plant.csv --input u --output y --experiment run --models lti al
+      several experiments, told apart by the labels in the column `run`
+  alssnn fit plant.csv --input u --output y --gamma 10
+      more weight on linearity than on accuracy
+  alssnn fit plant.csv --input u --output y --model al --save plant.npz
+      one model, kept for validate, report, control and export
+
+Reading the table: GR-SSNN much better than LTI means that the plant is nonlinear. The
+closer AL-SSNN comes to GR-SSNN with a small nonlinear rest, the better a linear
+controller on top of u = v - h(y) will work.
+"""
+
+
+def add(commands):
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    """
+    fit = add_command(
+        commands,
+        "fit",
+        run,
+        "Compare models of your own record of a plant.",
+        FIT_EPILOG,
+        help="compare models of your own record in a CSV file",
+        # FILE.csv first: behind --output it would be taken for a column
+        usage="alssnn fit FILE.csv --input COL [COL ...] --output COL [COL ...] "
+        "[options]",
+    )
+    data = fit.add_argument_group("data")
+    data.add_argument("file", type=Path, metavar="FILE.csv", help="record to read")
+    for flag, what in (("--input", "inputs"), ("--output", "outputs")):
+        data.add_argument(
+            flag, nargs="+", required=True, metavar="COL", help=f"columns of the {what}"
+        )
+    data.add_argument(
+        "--experiment",
+        metavar="COL",
+        help="column of labels, one per uninterrupted experiment",
+    )
+    data.add_argument(
+        "--dt",
+        type=positive,
+        default=1.0,
+        metavar="S",
+        help="sampling time in seconds (default: %(default)s)",
+    )
+    data.add_argument(
+        "--test-size",
+        type=float,
+        default=0.5,
+        metavar="SHARE",
+        help="last part of every experiment, kept for testing (default: %(default)s)",
+    )
+    model = fit.add_argument_group("models")
+    which = model.add_mutually_exclusive_group()
+    which.add_argument(
+        "--models",
+        nargs="+",
+        choices=list(PRESETS),
+        help="models to compare (default: all)",
+    )
+    which.add_argument(
+        "--model",
+        choices=[*PRESETS, "ladder"],
+        default="ladder",
+        help="the one model to fit, or the ladder of all (default: %(default)s)",
+    )
+    model.add_argument(
+        "--nx",
+        type=order,
+        default="auto",
+        metavar="N",
+        help="number of states, or auto (default: %(default)s)",
+    )
+    for net, default in (("h", 10), ("g", 10), ("f", 15)):
+        model.add_argument(
+            f"--n-{net}",
+            type=count_or_zero,
+            default=default,
+            metavar="N",
+            help=f"hidden neurons of {net} (default: %(default)s)",
+        )
+    model.add_argument(
+        "--gamma",
+        type=weight,
+        default=1.0,
+        metavar="WEIGHT",
+        help="weight of |g|^2 in AL-SSNN, outputs scaled to unit variance; larger is "
+        "more linear and less accurate (default: %(default)s)",
+    )
+    model.add_argument(
+        "--max-iter",
+        type=count,
+        default=300,
+        metavar="N",
+        help="largest number of trial steps of every model (default: %(default)s)",
+    )
+    model.add_argument(
+        "--n-init",
+        type=count,
+        default=1,
+        metavar="N",
+        help="random starts of every network (default: %(default)s)",
+    )
+    fit.add_argument(
+        "--save",
+        type=Path,
+        metavar="MODEL.npz",
+        help="save the fitted model, with the names of its columns; needs one model",
+    )
+    fit.add_argument(
+        "--figure",
+        type=figure_name,
+        metavar="FILE",
+        help="write a figure: .png, .pdf or .svg",
+    )
+    add_common(fit)
+    fit.set_defaults(output_dir=Path())
+
+
+def run(args):
+    """Run the command.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+    """
+    models = args.models or [args.model]
+    if models == ["ladder"]:
+        models = list(PRESETS)
+    if args.save is not None:
+        if len(models) != 1:
+            args.parser.error("--save needs one model, such as --model al")
+        # before the fit: a folder that cannot be made should not cost minutes
+        args.save.parent.mkdir(parents=True, exist_ok=True)
+    figure = prepare_figure(args)
+    u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
+    ladder = run_ladder(
+        args,
+        u,
+        y,
+        experiment=experiment,
+        test_size=args.test_size,
+        dt=args.dt,
+        nx=args.nx,
+        n_h=args.n_h,
+        n_g=args.n_g,
+        n_f=args.n_f,
+        gamma=args.gamma,
+        max_iter=args.max_iter,
+        n_init=args.n_init,
+        models=models,
+    )
+    report(ladder, figure, label=args.output[0])
+    if args.save is not None:
+        (row,) = ladder
+        row.model.feature_names_in_ = np.array(args.input, dtype=object)
+        row.model.output_names_ = list(args.output)
+        row.model.save(args.save)
+        print(f"\nModel: {args.save}")

@@ -1,0 +1,110 @@
+"""Models and records that the commands read."""
+
+import csv
+from pathlib import Path
+
+from ..ladder import hold_out_last
+from ..tables import read_csv
+from ._arguments import fraction
+
+
+def add_model(parser):
+    """Add the model, which comes first.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    parser.add_argument("model", type=Path, metavar="MODEL.npz", help="saved model")
+
+
+def add_data(parser):
+    """Add the options that name a record.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    data = parser.add_argument_group("data")
+    data.add_argument(
+        "--data", type=Path, required=True, metavar="FILE.csv", help="record to read"
+    )
+    for flag, what in (("--input", "inputs"), ("--output", "outputs")):
+        data.add_argument(
+            flag,
+            nargs="+",
+            metavar="COL",
+            help=f"columns of the {what} (default: those the model was fitted to)",
+        )
+    data.add_argument(
+        "--experiment",
+        metavar="COL",
+        help="column of labels, one per uninterrupted experiment",
+    )
+    data.add_argument(
+        "--last",
+        type=fraction,
+        default=1.0,
+        metavar="SHARE",
+        help="use the last part of every experiment alone, such as what `fit` kept for "
+        "testing (default: all)",
+    )
+
+
+def read_record(args, model):
+    """Return the record, and what lies before it or None, as (u, y, experiment).
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    record, before : tuple or None
+        Both as (u, y, experiment); nothing lies before the whole.
+    """
+    ny, nu = model.D_.shape
+    fitted = getattr(model, "feature_names_in_", None)
+    inputs = _columns(args, "--input", args.input, fitted, nu)
+    outputs = _columns(args, "--output", args.output, model.output_names_, ny)
+    u, y, experiment = read_csv(args.data, inputs, outputs, args.experiment)
+    if args.last == 1:
+        return (u, y, experiment), None
+    before, last = hold_out_last(u, y, experiment, args.last, name="--last")
+    return last, before
+
+
+def _columns(args, flag, given, fitted, size):
+    """Return the names of the columns, given or those of the fit."""
+    names = fitted if given is None else given
+    if names is None:
+        args.parser.error(f"{flag} is needed: the model has no names of columns")
+    if len(names) != size:
+        args.parser.error(
+            f"{flag} must name {size} columns as the model has, got {len(names)}"
+        )
+    return [str(name) for name in names]
+
+
+def write_csv(path, header, rows):
+    """Write a table, its folder made if missing.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    header : sequence of str
+        Names of the columns.
+    rows : iterable
+        Rows of cells.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)

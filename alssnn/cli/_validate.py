@@ -1,0 +1,67 @@
+"""`alssnn validate`: whether a model deserves trust."""
+
+from ..estimators import load
+from ._arguments import add_command, add_output, count
+from ._record import add_data, add_model, read_record, write_csv
+
+EPILOG = """\
+The record should not have trained the model: --last 0.5 takes the half that `fit` kept
+for testing, or name another file. The exit code is 0 if all checks passed that decide,
+1 if one failed: a shell script can ask for it.
+
+examples:
+  alssnn validate plant.npz --data plant.csv --last 0.5
+  alssnn validate plant.npz --data monday.csv --input u --output y -o checks.csv
+"""
+
+
+def add(commands):
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    """
+    parser = add_command(
+        commands,
+        "validate",
+        run,
+        "Check a saved model on a record that it was not trained on.",
+        EPILOG,
+        help="check a saved model on a record; exit code 1 if it fails",
+    )
+    add_model(parser)
+    add_data(parser)
+    parser.add_argument(
+        "--lags",
+        type=count,
+        default=25,
+        metavar="N",
+        help="lags of the tests of residuals (default: %(default)s)",
+    )
+    add_output(parser, "FILE.csv", "write the checks as a table")
+
+
+def run(args):
+    """Run the command.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+
+    Returns
+    -------
+    code : int
+        0 if the checks passed, else 1.
+    """
+    model = load(args.model)
+    record, _ = read_record(args, model)
+    validation = model.validate(*record, n_lags=args.lags)
+    print(validation)
+    if args.output_file is not None:
+        columns = ("name", "passed", "decides", "value", "quantity", "sentence")
+        rows = [[getattr(check, name) for name in columns] for check in validation]
+        write_csv(args.output_file, columns, rows)
+    return 0 if validation.passed else 1

@@ -1,0 +1,166 @@
+"""A first design on (A, B, C), and how the model under its law follows it.
+
+`balanced_weights` weighs every signal by its size in the training data (Bryson's rule),
+so that weights of one are a fair start whatever the units.  `step_comparison` puts the
+step response that was designed beside that of the whole model: the gap is what the law
+does not cancel.
+"""
+
+import control
+import numpy as np
+
+from .design import linear_part
+from .loop import closed_loop, designed_loop
+
+SETTLED = 0.01  # share of the slowest mode that is left at the end of a response
+MIN_SAMPLES, MAX_SAMPLES = 40, 5000
+
+
+def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0):
+    """Return weights of `lqi` for signals of the size of the training data.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    state : float, default=0.0
+        Weight of the states, each scaled to the variance one that it had at the linear
+        start.
+    output : float, default=1.0
+        Weight of the outputs, each over its standard deviation.
+    integral : float, default=0.01
+        Weight of the integrators, sums over samples of scaled outputs. Larger is
+        faster.
+    control : float, default=1.0
+        Weight of v, over the standard deviation of u. Smaller is faster.
+
+    Returns
+    -------
+    Q : ndarray of shape (nx + ny, nx + ny)
+        Weight of states and integrators, in the user's units.
+    R : ndarray of shape (nu, nu)
+        Weight of v.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If a weight is negative or not finite, or that of the integrators or of v is
+        zero.
+
+    See Also
+    --------
+    lqi : The gain for these weights.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import balanced_weights, lqi
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> lqi(model, *balanced_weights(model)).shape
+    (1, 5)
+    """
+    weights = {
+        "state": state,
+        "output": output,
+        "integral": integral,
+        "control": control,
+    }
+    for name, weight in weights.items():
+        needed = name in ("integral", "control")
+        if not (np.isfinite(weight) and (weight > 0 if needed else weight >= 0)):
+            sign = "positive" if needed else "nonnegative"
+            raise ValueError(
+                f"`{name}` must be {sign} and finite, got {weight}. One weighs a "
+                "signal of its usual size."
+            )
+    A, _, C = linear_part(model)
+    nx, ny = len(A), len(C)
+    scaling = model._scaling
+    Q = np.zeros((nx + ny, nx + ny))
+    Q[:nx, :nx] = C.T @ np.diag(output / scaling.y_scale**2) @ C
+    own = np.arange(model.nx_)  # the past of late inputs is weighed as v is
+    Q[own, own] += state / np.broadcast_to(model._x_scale, model.nx_) ** 2
+    Q[nx:, nx:] = np.diag(integral / scaling.y_scale**2)
+    return Q, np.diag(control / scaling.u_scale**2)
+
+
+def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observer=None):
+    """Return the step response that was designed, and that of the model under its law.
+
+    Both start at the operating point; the references of all outputs step at once.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    gain : array_like of shape (nu, nx + ny)
+        Gain with integrators, of `lqi`.
+    step : float, array_like of shape (ny,) or None, default=None
+        Height of the step, in the units of y; None means one standard deviation of
+        the training data.
+    n_samples : int or None, default=None
+        Length of the response; None waits for the slowest mode of the design, 40 to
+        5000 samples.
+    law : LinearizingLaw or None, default=None
+        Law, for example with limits; None takes ``model.linearizing_law()``.
+    observer : Observer or None, default=None
+        Source of the state; None takes the true state of the model.
+
+    Returns
+    -------
+    responses : dict of str to control.TimeResponseData
+        Responses "design" and "model", each of the outputs and v (names of
+        `designed_loop`), in the user's units with the operating point; nan where the
+        loop diverges. `plotting.LoopDisplay` draws them.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If an argument has the wrong size, or the law is ill-posed.
+    """
+    gain = np.asarray(gain, dtype=float)
+    designed = designed_loop(model, gain)
+    loop = closed_loop(model, model, gain, law=law, observer=observer)
+    ny, nu = len(model.C_), model.B_.shape[1]
+    if gain.shape[1] == len(linear_part(model)[0]):
+        raise ValueError(
+            "`gain` must have columns for integrators, got shape "
+            f"{gain.shape}. Take it from `lqi`."
+        )
+    step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
+    if step.shape not in [(), (ny,)] or not np.isfinite(step).all():
+        raise ValueError(
+            f"`step` must be one finite number per output ({ny}), got {step}."
+        )
+    if n_samples is None:
+        radius = float(np.abs(designed.poles()).max())
+        slow = np.log(SETTLED) / np.log(radius) if 0 < radius < 1 else MAX_SAMPLES
+        n_samples = int(np.clip(np.ceil(slow), MIN_SAMPLES, MAX_SAMPLES))
+    if n_samples < 2:
+        raise ValueError(f"`n_samples` must be at least 2, got {n_samples}.")
+    t = model.dt * np.arange(n_samples)
+    r = np.repeat(np.broadcast_to(step, ny)[:, None], n_samples, axis=1)
+    rest = np.concatenate([model.y_offset_, model.u_offset_])[:, None]
+    with np.errstate(all="ignore"):
+        linear = control.forced_response(designed, t, r).outputs
+        whole = control.input_output_response(
+            loop, t, r + model.y_offset_[:, None]
+        ).outputs
+    labels = list(designed.output_labels)
+    whole = np.reshape(whole, (-1, n_samples))
+    # the loop also has u, between y and v
+    whole = whole[[loop.output_labels.index(name) for name in labels]]
+    linear = np.reshape(linear, (ny + nu, n_samples)) + rest
+    return {
+        name: control.TimeResponseData(
+            t,
+            np.where(np.isfinite(y), y, np.nan),
+            output_labels=labels,
+            issiso=False,
+        )
+        for name, y in (("design", linear), ("model", whole))
+    }

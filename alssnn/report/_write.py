@@ -1,0 +1,71 @@
+"""Put the sections of a report together."""
+
+from pathlib import Path
+
+from ..validation import deviations
+from . import _sections
+from ._page import page
+
+
+def write_report(model, path, u, y, experiment=None, *, train=None):
+    """Write one self-contained HTML page about a fitted model.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    path : str or path-like
+        File; one that exists is replaced.
+    u : array_like of shape (N, nu), or list of them
+        Inputs of a record that the model was not trained on.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    train : tuple, Record or None, default=None
+        Training data, (u, y) or (u, y, experiment); None leaves them out.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    OSError
+        If the file cannot be written.
+    ValueError
+        If the data do not fit the model.
+    """
+    test = (u, y, experiment)
+    if train is not None:
+        train = tuple(train)
+        if len(train) not in (2, 3):
+            raise ValueError(
+                "`train` must be a Record, (u, y) or (u, y, experiment), got "
+                f"{len(train)} items. Use None to leave training data out."
+            )
+    data = deviations(model, *test)  # a wrong record ends here, not in a section
+    validation, reason = None, ""
+    try:
+        validation = model.validate(*test)
+        record = validation.linearizability
+    except _sections.REFUSED as error:
+        reason = str(error)
+        record = model.linearizability(*test)
+    sections = [
+        ("summary", "Summary", _sections.summary(model, data, validation)),
+        ("equations", "Equations", _sections.equations(model)),
+        ("accuracy", "Accuracy", _sections.accuracy(model, test, train)),
+        ("validation", "Validation", _sections.checks(model, validation, reason)),
+        (
+            "linearizability",
+            "Linearizability",
+            _sections.linearity(model, test, record),
+        ),
+        ("certificates", "Certificates", _sections.certificates(model, test)),
+        (
+            "control",
+            "Control",
+            _sections.attempt(lambda: _sections.controller(model), "Design"),
+        ),
+    ]
+    text = page(f"{type(model).__name__}: report", sections)
+    Path(path).write_text(text, encoding="utf-8")

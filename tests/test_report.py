@@ -1,0 +1,269 @@
+"""The report: one page, valid, complete, without network, with every name escaped."""
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn.feedback import (
+    balanced_weights,
+    closed_loop,
+    designed_loop,
+    lqi,
+    step_comparison,
+)
+from helpers import simulate_linear
+
+SECTIONS = {
+    "summary",
+    "equations",
+    "accuracy",
+    "validation",
+    "linearizability",
+    "certificates",
+    "control",
+}
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+HOSTILE = ["<script>alert(1)</script>", 'a"&b']
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sklearn.exceptions.ConvergenceWarning",
+    "ignore:X does not have valid feature names",  # named after the fit
+)
+
+
+class Checker(HTMLParser):
+    """Collect what a page has, and what is wrong with its tags."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.faults, self.sections = [], [], set()
+        self.tags, self.links, self.metas, self.text = {}, [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.tags[tag] = self.tags.get(tag, 0) + 1
+        self.links += [attrs[name] for name in ("src", "href") if name in attrs]
+        if tag == "section":
+            self.sections.add(attrs["id"])
+        if tag == "meta":
+            self.metas.append(attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(tag)
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def check(path):
+    text = path.read_text(encoding="utf-8")
+    checker = Checker()
+    checker.feed(text)
+    checker.close()
+    assert checker.faults == [] and checker.open == []
+    assert checker.sections == SECTIONS
+    assert all(
+        link.startswith(("#", "data:image/png;base64,")) for link in checker.links
+    )
+    assert not re.search(r"https?:|url\(|@import|<script", text)
+    assert {"name", "content"} <= set(checker.metas[1])
+    assert checker.metas[1]["content"].startswith("width=device-width")
+    assert checker.tags["table"] == text.count('<div class="scroll"><table')
+    return checker, " ".join(checker.text)
+
+
+def plant(n=700, seed=0):
+    """Return a record of a plant with two inputs and outputs, coupled."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((n, 2))
+    A = np.array([[0.8, 0.1], [-0.1, 0.7]])
+    bent = u + 0.2 * np.tanh(u[:, ::-1])
+    y = simulate_linear(A, np.array([[0.3, 0.1], [0.0, 0.4]]), np.eye(2), bent)
+    y += 0.01 * rng.standard_normal(y.shape)
+    return u, y, np.repeat(["a", "b"], [n // 2, n - n // 2])
+
+
+RECORD, TEST = plant(), plant(seed=1)
+OPTIONS = {"dt": 0.1, "max_iter": 8, "n_init_samples": 20}
+MODELS = {
+    "lti": LinearStateSpace(nx=2, **OPTIONS),
+    "fl": FlSsnn(nx=2, n_h=3, random_state=0, **OPTIONS),
+    "al": AlSsnn(nx=3, n_h=(2, 3), n_g=3, feedback="state", random_state=0, **OPTIONS),
+    "gr": GrSsnn(nx=2, n_f=3, random_state=0, **OPTIONS),
+    "feedthrough": AlSsnn(
+        nx=2, n_h=2, n_g=2, n_k=2, feedthrough=True, random_state=0, **OPTIONS
+    ),
+    "delay": FlSsnn(nx=2, n_h=2, input_delay=[0, 2], random_state=0, **OPTIONS),
+}
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def model(request):
+    return MODELS[request.param].fit(*RECORD)
+
+
+def test_page_is_complete_and_stands_alone(model, tmp_path):
+    path = tmp_path / "report.html"
+    model.report(path, *TEST, train=RECORD)
+    checker, text = check(path)
+    assert type(model).__name__ in text
+    for name, values in (("A", model.A_), ("C", model.C_)):
+        assert f"{name} = np.array({values.tolist()!r})" in text  # exact to the bit
+    for check_ in model.validate(*TEST):
+        assert check_.sentence in text
+    assert "training" in text and "this record" in text
+    assert checker.tags["img"] >= 2
+    assert all(0 < len(link) < 2_000_000 for link in checker.links)
+    assert ("Network h" in text) == ("W_h" in model.params_)
+
+
+def test_numbers_of_the_page_are_those_of_the_model(tmp_path):
+    model = MODELS["fl"].fit(*RECORD)
+    path = tmp_path / "report.html"
+    model.report(path, *TEST)
+    _, text = check(path)
+    y_true, y_pred = model.simulate_test(*TEST)
+    rmse = np.sqrt(np.mean((y_true - y_pred) ** 2, axis=0))
+    assert all(f"{value:.4g}" in text for value in rmse)
+    code = re.findall(r"K = np\.array\((.*?)\)\s", text)[-1]
+    K = lqi(model, *balanced_weights(model))
+    np.testing.assert_array_equal(np.array(eval(code)), K)
+    assert f"{model.gain_certificate().gamma:.4g}" in text
+    assert f"{model.iss_certificate(*TEST).psi:.4g}" in text
+
+
+def test_names_are_escaped(tmp_path):
+    model = MODELS["fl"].fit(*RECORD)
+    model.feature_names_in_ = np.array(HOSTILE, dtype=object)
+    model.output_names_ = [name + "y" for name in HOSTILE]
+    path = tmp_path / "report.html"
+    model.report(path, *TEST)
+    _, text = check(path)
+    assert all(name in text for name in [*HOSTILE, *model.output_names_])
+    del model.feature_names_in_
+
+
+def test_what_cannot_be_computed_says_why(tmp_path):
+    model = MODELS["feedthrough"].fit(*RECORD)
+    path = tmp_path / "report.html"
+    model.report(path, *TEST)
+    assert "algebraic loop" in check(path)[1]
+    short = [z[:60] for z in TEST[:2]]
+    model.report(path, *short)  # too short for the lags of the tests
+    assert "Validation: not available." in check(path)[1]
+
+
+def test_wrong_arguments(tmp_path):
+    model = MODELS["lti"].fit(*RECORD)
+    with pytest.raises(ValueError, match="`train` must be a Record"):
+        model.report(tmp_path / "r.html", *TEST, train=(1,))
+    with pytest.raises(ValueError, match="feature"):
+        model.report(tmp_path / "r.html", TEST[0][:, :1], TEST[1])
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_a_browser_shows_the_page(tmp_path):
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+    path = tmp_path / "report.html"
+    MODELS["fl"].fit(*RECORD).report(path, *TEST)
+    done = subprocess.run(
+        [
+            *(browser, "--headless", "--no-sandbox", "--disable-gpu"),
+            *("--window-size=390,844", f"--user-data-dir={tmp_path / 'profile'}"),
+            *("--dump-dom", path.as_uri()),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    for section in SECTIONS:
+        assert f'id="{section}"' in done.stdout
+
+
+# the proposal
+
+
+def test_balanced_weights_do_not_depend_on_units():
+    u, y, runs = RECORD
+    factor = np.array([10.0, 0.1])
+    one = LinearStateSpace(nx=2, **OPTIONS).fit(u, y, runs)
+    two = LinearStateSpace(nx=2, **OPTIONS).fit(factor * u, y / factor, runs)
+    poles = [
+        np.sort_complex(
+            designed_loop(m, lqi(m, *balanced_weights(m, state=0.1))).poles()
+        )
+        for m in (one, two)
+    ]
+    np.testing.assert_allclose(*poles, rtol=1e-6)
+
+
+def test_larger_weights_of_integrators_are_faster():
+    model = MODELS["lti"].fit(*RECORD)
+    radius = [
+        np.abs(
+            designed_loop(
+                model, lqi(model, *balanced_weights(model, integral=q))
+            ).poles()
+        ).max()
+        for q in (1e-3, 1e-1)
+    ]
+    assert radius[1] < radius[0] < 1
+
+
+def test_exactly_linearizable_models_follow_the_design():
+    model = MODELS["fl"].fit(*RECORD)
+    K = lqi(model, *balanced_weights(model))
+    step = [0.5, -0.2]
+    responses = step_comparison(model, K, step=step)
+    design, whole = responses["design"], responses["model"]
+    assert (
+        design.output_labels == whole.output_labels == ["y[0]", "y[1]", "v[0]", "v[1]"]
+    )
+    np.testing.assert_allclose(whole.outputs, design.outputs, atol=1e-8)
+    np.testing.assert_allclose(whole.outputs[:2, -1], model.y_offset_ + step, atol=0.02)
+    assert closed_loop(model, model, K).ninputs == 2
+
+
+def test_limits_of_the_law_keep_the_model_from_the_design():
+    model = MODELS["fl"].fit(*RECORD)
+    K = lqi(model, *balanced_weights(model, integral=1.0, control=0.01))
+    law = model.linearizing_law(-0.2, 0.2)
+    responses = step_comparison(model, K, law=law, n_samples=50)
+    design, whole = (responses[name].outputs[:2] for name in ("design", "model"))
+    assert np.abs(design - whole).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"integral": 0.0}, "`integral` must be positive and finite, got 0.0"),
+        ({"output": -1.0}, "`output` must be nonnegative and finite, got -1.0"),
+        ({"control": np.inf}, "`control` must be positive and finite, got inf"),
+    ],
+)
+def test_wrong_weights(options, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        balanced_weights(MODELS["lti"].fit(*RECORD), **options)
+
+
+def test_wrong_steps():
+    model = MODELS["lti"].fit(*RECORD)
+    K = lqi(model, *balanced_weights(model))
+    with pytest.raises(ValueError, match="columns for integrators"):
+        step_comparison(model, K[:, :2])
+    with pytest.raises(ValueError, match="one finite number per output"):
+        step_comparison(model, K, step=[1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match="`n_samples` must be at least 2"):
+        step_comparison(model, K, n_samples=1)
