@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from sklearn.utils import Bunch
 
+from ..containers import Container
 from ..experiments import Scaling
 from ..linearizability import Region
 from ..structures import Structure
@@ -40,6 +41,7 @@ class Fitted:
     input_delay_: np.ndarray
     output_names_: list | None
     experiments_: list
+    _container: Container
     u_offset_: np.ndarray
     y_offset_: np.ndarray
 

@@ -1,0 +1,257 @@
+"""Simulation of a fitted model: predictions, initial states, scores."""
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from sklearn.metrics import r2_score
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from ..containers import index_of, part_of
+from ..experiments import (
+    check_inputs,
+    is_list_of_records,
+    split_experiments,
+    stack_experiments,
+)
+from ..simulation import regressors, trajectory
+from ..training import estimate_x0
+from ._fitted import Fitted
+
+# Single precision stays what it is, chunks are converted; nan are left to our checks.
+DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
+
+
+class SimulationMixin(Fitted):
+    """Share free-run simulation, its initial states and its scores."""
+
+    n_init_samples: int
+    _validate: Callable
+
+    def predict(self, u, experiment=None, x0="rest"):
+        """Simulate the output, free-run.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs. A list has one array per experiment.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        x0 : {"rest", "training"} or array_like, default="rest"
+            Initial states: at the operating point, x0 = 0; those of the training
+            experiments, `x0_`; or given, of shape (nx,) or (n_experiments, nx), as
+            `estimate_x0` returns them. None means "rest".
+
+        Returns
+        -------
+        y : ndarray of shape (N,) or (N, ny), DataFrame or Series, or list of them
+            Simulated outputs, with as many dimensions as the `y` of `fit`, and a
+            DataFrame or Series of the same library and names if that was one, with
+            the index of `u`. Not finite where the simulation diverges, with a warning.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `x0` has the wrong size.
+        """
+        check_is_fitted(self)
+        as_list = is_list_of_records(u)
+        u, _, experiment = join_records(u, u, experiment)
+        index = index_of(u)
+        u = validate_data(self, u, reset=False, **DATA)
+        check_inputs(u)
+        parts, labels = split_experiments(len(u), experiment)
+        y = np.empty((len(u), len(self.C_)))
+        for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
+            y[part] = self._simulate(u[part], start)
+        if not np.isfinite(y).all():
+            bad = int(np.argmin(np.isfinite(y).all(axis=1)))
+            warnings.warn(
+                f"The simulation diverges before sample {bad + 1}. Keep `u` in the "
+                "range of the training data or fit a more strongly penalized model.",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        y = y[:, 0] if self._y_ndim == 1 else y
+        wrap = self._container.wrap
+        if as_list:
+            return [wrap(y[part], part_of(index, part)) for part in parts]
+        return wrap(y, index)
+
+    def _simulate(self, u, x0):
+        """Return the outputs of one experiment, all in the user's units."""
+        scaling, lure = self._scaling, self._structure.lure(self._theta)
+        u_s = scaling.scale_u(u, self.input_delay_)
+        y_s = _outputs(lure, u_s, x0 / self._x_scale)
+        return y_s * scaling.y_scale + scaling.y_offset
+
+    def _check_x0(self, x0, labels):
+        """Return one initial state per experiment, in the user's units."""
+        if x0 is None or (isinstance(x0, str) and x0 == "rest"):
+            return np.zeros((len(labels), self.nx_))
+        if isinstance(x0, str):
+            if x0 != "training":
+                raise ValueError(
+                    f"`x0` must be 'rest', 'training' or an array, got {x0!r}."
+                )
+            if labels != self.experiments_:
+                raise ValueError(
+                    "`experiment` must have the labels of the training for "
+                    f"x0='training', {self.experiments_}, got {labels}. Use "
+                    "`estimate_x0`."
+                )
+            return self.x0_
+        x0 = np.asarray(x0, dtype=float)
+        if x0.shape not in [(self.nx_,), (len(labels), self.nx_)]:
+            raise ValueError(
+                f"`x0` must have shape ({self.nx_},) or ({len(labels)}, {self.nx_})"
+                f", got {x0.shape}. Use `estimate_x0`."
+            )
+        return np.broadcast_to(x0, (len(labels), self.nx_))
+
+    def estimate_x0(self, u, y, experiment=None, n_samples=None):
+        """Estimate the initial state of every experiment from its first samples.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        n_samples : int or None, default=None
+            Number of first samples to use; None means the parameter
+            `n_init_samples`.
+
+        Returns
+        -------
+        x0 : ndarray of shape (n_experiments, nx)
+            States at the first sample of every experiment: least squares, with
+            states of unit variance as prior where the samples say little.
+        """
+        check_is_fitted(self)
+        u, y, parts = self._test_data(u, y, experiment)
+        return np.vstack(
+            [
+                self._initial_state(u_s, y_s, n_samples or self.n_init_samples)
+                for u_s, y_s in self._experiments(u, y, parts)
+            ]
+        )
+
+    def _test_data(self, u, y, experiment):
+        """Return checked inputs and outputs and the samples of every experiment."""
+        return self._labeled_data(u, y, experiment)[:3]
+
+    def _labeled_data(self, u, y, experiment):
+        """Return what `_test_data` does, and the labels of the experiments."""
+        u, y, experiment = join_records(u, y, experiment)
+        u, y = self._validate(u, y, reset=False)
+        return u, y, *split_experiments(len(u), experiment)
+
+    def _initial_state(self, u_s, y_s, window):
+        """Return the state at the first sample of one scaled experiment."""
+        noise = self.cost_  # outputs are scaled to unit variance, as states are
+        x0 = estimate_x0(
+            self._structure, self._theta, [(u_s, y_s)], window=window, noise=noise
+        )[0]
+        return x0 * self._x_scale
+
+    def _window(self, u_s):
+        """Return how many samples of an experiment are spent on its initial state."""
+        return min(self.n_init_samples, len(u_s) // 4)
+
+    def score(self, u, y, experiment=None):
+        """Return R2 of the free-run simulation.
+
+        The initial state of every experiment is estimated from its first
+        `n_init_samples` samples (at most a quarter of it), which are not scored.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        score : float
+            Coefficient of determination, averaged over the outputs; -inf if the
+            simulation diverges.
+        """
+        y_true, y_pred = self.simulate_test(u, y, experiment)
+        if not np.isfinite(y_pred).all():
+            return -np.inf
+        measured = ~np.isnan(y_true)
+        if not (measured.sum(axis=0) >= 2).all():
+            columns = ", ".join(map(str, np.flatnonzero(measured.sum(axis=0) < 2)))
+            raise ValueError(
+                "`y` must have at least two measured samples in every column behind "
+                f"those that estimate the initial states, got fewer in column "
+                f"{columns}. Score a longer record."
+            )
+        return float(
+            np.mean(
+                [
+                    r2_score(t[m], p[m])
+                    for t, p, m in zip(y_true.T, y_pred.T, measured.T, strict=True)
+                ]
+            )
+        )
+
+    def simulate_test(self, u, y, experiment=None):
+        """Return measured and simulated outputs under the scoring policy.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu)
+            Inputs.
+        y : array_like of shape (N,) or (N, ny)
+            Outputs.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        y_true : ndarray of shape (n_scored, ny)
+            Measured outputs without the samples that estimate the initial states.
+        y_pred : ndarray of shape (n_scored, ny)
+            Simulated outputs at the same samples.
+        """
+        check_is_fitted(self)
+        u, y, parts = self._test_data(u, y, experiment)
+        lure = self._structure.lure(self._theta)
+        y_true, y_pred = [], []
+        for u_s, y_s in self._experiments(u, y, parts):
+            window = self._window(u_s)
+            x0 = self._initial_state(u_s, y_s, window)
+            y_hat = _outputs(lure, u_s, x0 / self._x_scale)
+            y_true.append(y_s[window : len(y_s)])
+            y_pred.append(y_hat[window:])
+        scale, offset = self._scaling.y_scale, self._scaling.y_offset
+        return tuple(np.vstack(z) * scale + offset for z in (y_true, y_pred))
+
+
+def _outputs(lure, u_s, x0):
+    """Return scaled outputs of a simulation; not finite where it diverges."""
+    y = np.full((len(u_s), lure.nz), np.inf)
+    Theta_y = lure.Theta[lure.nx : lure.nx + lure.nz].T
+    with np.errstate(over="ignore", invalid="ignore"):
+        for part, u, X in trajectory(lure, u_s, x0):
+            y[part] = regressors(lure, X[:-1], u) @ Theta_y
+    return y
+
+
+def join_records(u, y, experiment):
+    """Return records as one; lists of records become labeled experiments."""
+    if not is_list_of_records(u):
+        return u, y, experiment
+    if experiment is not None:
+        raise ValueError(
+            "`experiment` must be None for a list of records, got labels. The list "
+            "itself tells the experiments."
+        )
+    return stack_experiments(u, y)
