@@ -5,7 +5,7 @@ Predictive control within limits
 The motor of a pendulum is too weak to hold the arm level, and its angle should not
 pass a bound.  A linear regulator knows neither; a predictive controller plans with
 both.  Because the law :math:`u = v - h(\hat x)` leaves a linear model, the plan is a
-convex quadratic program at every sample (:eq:`mpc`), even though the plant is not linear.
+convex quadratic program at every sample (:eq:`mpc`), though the plant is not.
 """
 
 # %%
