@@ -49,6 +49,14 @@ class Remote:
     ------
     ValueError
         If there are none, shapes differ between them, or inputs are not finite.
+
+    Examples
+    --------
+    >>> from distributed import Client  # doctest: +SKIP
+    >>> client = Client(n_workers=2, threads_per_worker=1)  # doctest: +SKIP
+    >>> futures = client.map(read_experiment, paths)  # doctest: +SKIP
+    >>> alssnn.distributed.Remote(client, futures).n_samples  # doctest: +SKIP
+    200000
     """
 
     is_here = False  # a client cannot be sent to another process

@@ -46,6 +46,16 @@ class Scorer:
         the better. Of module level, so that searches can run in parallel.
     **options : object
         Further keywords of `measure`.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.scorers import Scorer
+    >>> def stable(model, u, y, experiment):
+    ...     return abs(np.linalg.eigvals(model.A_)).max() < 1
+    >>> Scorer("stable", stable)(model, *record)
+    1.0
     """
 
     def __init__(self, name, measure, **options):

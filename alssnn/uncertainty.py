@@ -53,6 +53,15 @@ class FrequencyBand:
         G from every input to every output, in units of y per unit of u.
     covariance : ndarray of shape (n_frequencies, ny, nu, 2, 2)
         Covariance of (Re G, Im G).
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> band = model.parameter_covariance(*record).frequency_response()
+    >>> low, high = band.magnitude_band(0.95)
+    >>> bool(np.all(low <= abs(band.response))), bool(band.covers(band.response).all())
+    (True, True)
     """
 
     omega: np.ndarray
@@ -134,6 +143,14 @@ class PoleRegions:
     covariance : ndarray of shape (nx, 2, 2)
         Covariance of (Re, Im) of every pole; that of a real pole is singular. Large
         for poles that almost coincide, where the first order says little.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> regions = model.parameter_covariance(*record).poles()
+    >>> regions.modulus_std.shape, regions.ellipses(n_points=16).shape
+    ((4,), (4, 16))
     """
 
     poles: np.ndarray
@@ -204,6 +221,14 @@ class ParameterCovariance:
         Sampling time, in seconds.
     input_delay : ndarray of int of shape (nu,)
         Samples by which each input arrives late.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> covariance = model.parameter_covariance(*record)
+    >>> covariance.poles().poles.shape, covariance.noise_covariance.shape
+    ((4,), (1, 1))
     """
 
     theta: np.ndarray

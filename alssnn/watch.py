@@ -39,6 +39,14 @@ class Step(NamedTuple):
     validation_rmse : float
         Root-mean-square error on validation data, outputs scaled to unit variance;
         nan without such data.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> step = model.history_[-1]
+    >>> step.label, bool(step.cost <= model.history_[0].cost)
+    ('linear', True)
     """
 
     label: str

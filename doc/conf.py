@@ -5,7 +5,7 @@ from pathlib import Path
 
 DOC = Path(__file__).parent
 EXAMPLES = DOC.parent / "examples"
-sys.path.insert(0, str(DOC.parent))
+sys.path[:0] = [str(DOC.parent), str(DOC / "_ext")]
 
 import alssnn  # noqa: E402
 
@@ -19,9 +19,11 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "numpydoc",
+    "markdown_report",
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build"]
+html_static_path = ["_static"]
 suppress_warnings = []
 
 # Equations are numbered by section and cited by label: :eq:`compress`.

@@ -58,7 +58,7 @@ from alssnn import model_ladder
 from alssnn.plotting import plot_ladder
 
 ladder = model_ladder(
-    train.u, train.y, test=test, nx=6, n_h=8, n_g=8, n_f=10, dt=record.dt, max_iter=60
+    train.u, train.y, test=test, nx=6, n_h=8, n_g=8, n_f=10, dt=record.dt, max_iter=30
 )
 print(ladder)
 _, axes = plt.subplots(3, 1, figsize=(8, 9), layout="constrained")

@@ -31,10 +31,10 @@ warnings.simplefilter("ignore", ConvergenceWarning)  # fits are short on purpose
 try:
     record, _ = fetch_wiener_hammerstein()
     train, test = (
-        (record.u[a:b], record.y[a:b]) for a, b in [(20_000, 26_000), (30_000, 50_000)]
+        (record.u[a:b], record.y[a:b]) for a, b in [(20_000, 26_000), (30_000, 40_000)]
     )
 except FileNotFoundError:
-    record = make_wiener_hammerstein(20_000, noise=0.001, random_state=0)
+    record = make_wiener_hammerstein(16_000, noise=0.001, random_state=0)
     train, test = record.split(6_000)
     train, test = tuple(train), tuple(test)
 print(record.name)
@@ -53,7 +53,7 @@ models = {
     "penalty on e, state feedback": AlSsnn(
         gamma=0.01,
         continuation=4,
-        max_iter=50,
+        max_iter=8,
         feedback="state",
         penalty="output",
         stability="contractive",

@@ -1,6 +1,7 @@
 """The documentation and the code name each other correctly."""
 
 import re
+import textwrap
 import warnings
 from pathlib import Path
 
@@ -64,3 +65,25 @@ def test_the_loop_of_the_readme_tracks_its_reference():
     assert names["y"][-1] == pytest.approx(1.3, abs=1e-6)  # the true pendulum, rad
     assert np.max(names["u"]) == 12  # the law did limit the torque
     assert np.max(names["y"]) < 1.3 * 1.05  # and the integrator did not wind up
+
+
+GUIDE = [*sorted((ROOT / "doc").glob("guide_*.rst")), ROOT / "doc" / "index.rst"]
+
+
+@pytest.mark.parametrize("page", GUIDE, ids=lambda page: page.stem)
+def test_the_code_of_the_guide_runs(page):
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)", text)
+    assert blocks
+    names = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        for block in blocks:
+            exec(textwrap.dedent(block), names)
+
+
+def test_every_page_is_in_the_contents():
+    index = (ROOT / "doc" / "index.rst").read_text(encoding="utf-8")
+    written = {"index", "sg_execution_times"}  # the latter by the gallery
+    pages = {path.stem for path in (ROOT / "doc").glob("*.rst")} - written
+    assert pages - set(re.findall(r"^   (\w+)$", index, re.M)) == set()

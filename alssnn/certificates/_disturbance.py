@@ -31,6 +31,15 @@ def state_feedback(lure, K):
     -------
     lure : Lure
         The closed loop.
+
+    Examples
+    --------
+    >>> from alssnn.certificates import state_feedback
+    >>> from alssnn.lure import Lure
+    >>> Theta = np.array([[1.5, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> lure = Lure(Theta, nx=1, nu=1, nw=0)
+    >>> state_feedback(lure, np.ones((1, 1))).M[0]  # x+ = (1.5 - 1) x + r
+    array([0.5, 1. ])
     """
     Theta = lure.Theta.copy()
     Theta[:, : lure.nx] -= Theta[:, lure.nx : lure.nx + lure.nu] @ K
@@ -55,6 +64,16 @@ def global_bound(lure, B, feedback):
         The largest ``|G w + c|`` over the box of w, found at one of its corners, for up
         to 16 neurons in G; for more, the smallest of three upper bounds of it. inf if
         a neuron in G is unbounded.
+
+    Examples
+    --------
+    >>> from alssnn.certificates import global_bound
+    >>> from alssnn.lure import Lure
+    >>> # x+ = x / 2 + u + g, g = 0.1 tanh(x)
+    >>> Theta = np.array([[0.5, 1, 0.1, 0], [1, 0, 0, 0], [1, 0, 0, 0]])
+    >>> lure, no_h = Lure(Theta, nx=1, nu=1, nw=1), (np.zeros((1, 1)), np.zeros(1))
+    >>> global_bound(lure, np.ones((1, 1)), no_h)
+    0.1
     """
     G, c = _residual(lure, B, feedback)
     bound = np.array([activation.bound for activation in lure.sigma])
@@ -93,6 +112,17 @@ def data_bound(lure, B, feedback, experiments, K=None):
     -------
     eps : float
         Largest ``|g|``, inf if a simulation diverges.
+
+    Examples
+    --------
+    >>> from alssnn.certificates import data_bound
+    >>> from alssnn.lure import Lure
+    >>> # x+ = x / 2 + u + g, g = 0.1 tanh(x)
+    >>> Theta = np.array([[0.5, 1, 0.1, 0], [1, 0, 0, 0], [1, 0, 0, 0]])
+    >>> lure, no_h = Lure(Theta, nx=1, nu=1, nw=1), (np.zeros((1, 1)), np.zeros(1))
+    >>> experiments = [(np.zeros((3, 1)), np.array([0.5]))]
+    >>> round(data_bound(lure, np.ones((1, 1)), no_h, experiments), 4)
+    0.0462
     """
     G, c = _residual(lure, B, feedback)
     loop = lure.close(*feedback)

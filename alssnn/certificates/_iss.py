@@ -72,6 +72,13 @@ class IssCertificate:
         State matrix.
     C : ndarray of shape (ny, nx)
         Output matrix.
+
+    Examples
+    --------
+    >>> from alssnn.certificates import iss_certificate
+    >>> certificate = iss_certificate([[0.9, 0.2], [0.0, 0.8]], eps=0.1)
+    >>> certificate.holds, certificate.verify() > 0, certificate.contains([0.0, 0.0])
+    (True, True, True)
     """
 
     holds: bool
@@ -226,6 +233,14 @@ def iss_margin(A, P, phi, psi):
         Smallest eigenvalue of minus the inequality, relative to diag(P, psi I): at
         most phi, and less what rounding may have added; -inf if P or psi is not
         positive.
+
+    Examples
+    --------
+    >>> from alssnn.certificates import iss_margin
+    >>> bool(iss_margin([[0.5]], [[1.0]], phi=0.25, psi=2.0) > 0)
+    True
+    >>> bool(iss_margin([[1.5]], [[1.0]], phi=0.25, psi=2.0) > 0)  # unstable
+    False
     """
     A, P = np.asarray(A, dtype=float), np.asarray(P, dtype=float)
     if not (np.isfinite(P).all() and psi > 0 and np.allclose(P, P.T, rtol=1e-9)):

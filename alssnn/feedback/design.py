@@ -45,6 +45,15 @@ def lqr(model, Q, R):
     See Also
     --------
     lqi : The same with integrators, for references without offset.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.feedback import lqr
+    >>> K = lqr(model, model.C_.T @ model.C_, np.eye(1))
+    >>> K.shape, bool(abs(np.linalg.eigvals(model.A_ - model.B_ @ K)).max() < 1)
+    ((1, 4), True)
     """
     A, B, _ = linear_part(model)
     Q = check_weight("Q", Q, len(A))
@@ -84,6 +93,14 @@ def lqi(model, Q, R):
     See Also
     --------
     lqr : The same without integrators.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.feedback import lqi
+    >>> lqi(model, np.eye(5), np.eye(1)).shape  # four states, one integrator
+    (1, 5)
     """
     A, B, C = linear_part(model)
     nx, (ny, nu) = len(A), (len(C), B.shape[1])
@@ -124,6 +141,15 @@ def place(model, poles):
     ValueError
         If the number of poles is wrong, they are repeated too often or not in
         conjugate pairs, or (A, B) is not controllable.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.feedback import place
+    >>> K = place(model, [0.5, 0.6, 0.7, 0.8])
+    >>> np.sort(np.linalg.eigvals(model.A_ - model.B_ @ K).real).round(6)
+    array([0.5, 0.6, 0.7, 0.8])
     """
     A, B, _ = linear_part(model)
     poles = np.asarray(poles)

@@ -145,6 +145,15 @@ class Dynamics:
         Names of the signals.
     name : str
         Name of the model.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.feedback import Dynamics
+    >>> dynamics = Dynamics.of(model)
+    >>> np.allclose(dynamics.measure(np.zeros((1, 4)), record.u[:1]), model.y_offset_)
+    True
     """
 
     lure: Lure

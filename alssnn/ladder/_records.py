@@ -36,6 +36,14 @@ class Rung:
         Simulated test output, in the units of y.
     e : ndarray of shape (n_scored, ny)
         Output-referred residual, in the units of y; inf if it diverges.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> ladder = alssnn.model_ladder(*record, nx=4, dt=record.dt, models=["lti"])
+    >>> rung = ladder["LTI"]
+    >>> type(rung.model).__name__, rung.linearization_error
+    ('LinearStateSpace', array([0.]))
     """
 
     name: str
@@ -74,6 +82,13 @@ class Ladder:
         Sampling time, in seconds.
     output_names : list of str or None, default=None
         Names of the outputs, if the data had any.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> ladder = alssnn.model_ladder(*record, nx=4, dt=record.dt, models=["lti"])
+    >>> len(ladder), ladder["LTI"].n_params, ladder.y_test.shape[1]
+    (1, 24, 1)
     """
 
     rows: tuple[Rung, ...]

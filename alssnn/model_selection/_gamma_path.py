@@ -46,6 +46,15 @@ class GammaPath:
         Largest modulus of the eigenvalues of A.
     seconds : ndarray of shape (n,)
         Duration of every fit, in seconds.
+
+    Examples
+    --------
+    >>> from alssnn.model_selection import gamma_path
+    >>> record = alssnn.datasets.make_wiener_hammerstein(600, random_state=0)
+    >>> estimator = alssnn.AlSsnn(nx=4, n_h=2, n_g=2, max_iter=10, random_state=0)
+    >>> path = gamma_path(estimator, *record, gammas=[10, 0.1])
+    >>> path.gammas, len(path.models)
+    (array([10. ,  0.1]), 2)
     """
 
     gammas: np.ndarray

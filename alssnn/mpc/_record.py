@@ -48,6 +48,15 @@ class MpcStep:
         Planned outputs of the next samples.
     u_plan : ndarray of shape (horizon, nu)
         Planned inputs, of this sample and the next ones.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> mpc = model.mpc(horizon=5, u_min=-1, u_max=1)
+    >>> u = mpc.step(0.1, y=[0.0])
+    >>> mpc.info_.status, mpc.info_.u_plan.shape
+    ('solved', (5, 1))
     """
 
     status: str
@@ -85,6 +94,14 @@ class MpcRecord:
         References.
     steps : list of MpcStep
         What happened at every sample.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> run = model.mpc(horizon=5).simulate(model, np.full((20, 1), 0.1))
+    >>> run.y.shape, run.x_hat.shape, run.n_fallbacks
+    ((20, 1), (20, 4), 0)
     """
 
     t: np.ndarray

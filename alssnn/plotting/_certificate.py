@@ -38,6 +38,15 @@ class CertificateDisplay:
     ------
     ValueError
         If the certificate does not hold, or the plane has the wrong shape.
+
+    Examples
+    --------
+    >>> from alssnn.certificates import iss_certificate
+    >>> from alssnn.plotting import CertificateDisplay
+    >>> certificate = iss_certificate([[0.9, 0.2], [0.0, 0.8]], eps=0.1)
+    >>> display = CertificateDisplay(certificate, np.eye(2), ["x0", "x1"])
+    >>> bool(np.allclose(display.boundary()[0], display.boundary()[-1]))  # closed
+    True
     """
 
     def __init__(self, certificate, T, labels, trajectories=()):

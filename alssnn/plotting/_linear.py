@@ -23,6 +23,14 @@ class SingularValuesDisplay:
         The axes.
     figure_ : matplotlib.figure.Figure
         The figure.
+
+    Examples
+    --------
+    >>> from alssnn.plotting import SingularValuesDisplay
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(tol=1e-3).fit(*record)
+    >>> display = SingularValuesDisplay.from_estimator(model)
+    >>> display.figure_.savefig("order.png")  # doctest: +SKIP
     """
 
     def __init__(self, singular_values, nx):

@@ -32,6 +32,19 @@ class LoopDisplay:
     ------
     ValueError
         If there is no response, an output is missing, or `design` is not among them.
+
+    Examples
+    --------
+    >>> import control
+    >>> from alssnn.feedback import designed_loop, lqi
+    >>> from alssnn.plotting import LoopDisplay
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> loop = designed_loop(model, lqi(model, np.eye(5), np.eye(1)))
+    >>> t = record.dt * np.arange(50)
+    >>> response = control.forced_response(loop, t, np.ones(50))
+    >>> display = LoopDisplay.from_responses({"design": response})
+    >>> display.figure_.savefig("loop.png")  # doctest: +SKIP
     """
 
     def __init__(self, responses, *, outputs=None, design=None):

@@ -32,6 +32,15 @@ class NonlinearityDisplay:
         Axes.
     figure_ : matplotlib.figure.Figure
         The figure.
+
+    Examples
+    --------
+    >>> from alssnn.plotting import NonlinearityDisplay
+    >>> record = alssnn.datasets.make_pendulum(600, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=3, max_iter=20, tol=1e-2, random_state=0)
+    >>> model = model.fit(*record)
+    >>> display = NonlinearityDisplay.from_estimator(model, *record)
+    >>> display.figure_.savefig("law.png")  # doctest: +SKIP
     """
 
     def __init__(self, h, s, argument_names, input_names):
@@ -158,6 +167,15 @@ class ResidualNonlinearityDisplay:
         The figure.
     share_ : ndarray of shape (ny,)
         Share rms(e) / rms(y), which the legend shows.
+
+    Examples
+    --------
+    >>> from alssnn.plotting import ResidualNonlinearityDisplay
+    >>> record = alssnn.datasets.make_pendulum(600, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=3, max_iter=20, tol=1e-2, random_state=0)
+    >>> model = model.fit(*record)
+    >>> display = ResidualNonlinearityDisplay.from_estimator(model, *record)
+    >>> display.figure_.savefig("residual.png")  # doctest: +SKIP
     """
 
     def __init__(self, e, y, dt, output_names):

@@ -19,6 +19,16 @@ class GammaPathDisplay:
         The axes.
     figure_ : matplotlib.figure.Figure
         The figure.
+
+    Examples
+    --------
+    >>> from alssnn.model_selection import gamma_path
+    >>> from alssnn.plotting import GammaPathDisplay
+    >>> record = alssnn.datasets.make_wiener_hammerstein(600, random_state=0)
+    >>> estimator = alssnn.AlSsnn(nx=4, n_h=2, n_g=2, max_iter=10, random_state=0)
+    >>> path = gamma_path(estimator, *record, gammas=[10, 1, 0.1])
+    >>> display = GammaPathDisplay.from_path(path)
+    >>> display.figure_.savefig("path.png")  # doctest: +SKIP
     """
 
     def __init__(self, path):

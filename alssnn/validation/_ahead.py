@@ -27,6 +27,15 @@ class AheadFit:
         Fit of the predictions, in percent; -inf where they diverge.
     last_value : ndarray of shape (n, ny)
         Fit of the last measured value as the prediction.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.validation import ahead_fit
+    >>> ahead = ahead_fit(model, *record, horizons=(1, 5))
+    >>> ahead.horizons, ahead.last_value.shape
+    (array([1, 5]), (2, 1))
     """
 
     horizons: np.ndarray
@@ -61,6 +70,15 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
     ValueError
         If `horizons` is empty, not positive or too long for the record, or the model
         has no stable observer.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.validation import ahead_fit
+    >>> ahead = ahead_fit(model, *record, horizons=(1, 10))
+    >>> bool(ahead.fit[0, 0] > ahead.fit[1, 0])
+    True
     """
     wanted = np.asarray(horizons)
     if wanted.ndim != 1 or not len(wanted) or np.any(wanted < 1):

@@ -75,6 +75,16 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
     Notes
     -----
     Costs at most 9 periods of simulation, all frequencies at once.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.validation import sine_response
+    >>> _, small = sine_response(model, 0.1, period=64, n_frequencies=4)
+    >>> _, large = sine_response(model, 10.0, period=64, n_frequencies=4)
+    >>> np.allclose(small, large)  # linear: the amplitude does not matter
+    True
     """
     if not (np.isfinite(amplitude) and amplitude > 0):
         raise ValueError(
@@ -146,6 +156,16 @@ class LoopDeviation:
     Z : ndarray of shape (N, nx)
         Their deviation zeta from the linear loop with the same r and x0, which obeys
         zeta+ = (A - B K) zeta + omega from zeta = 0: it stays in the invariant set.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_pendulum(600, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=3, max_iter=20, tol=1e-2, random_state=0)
+    >>> model = model.fit(*record)
+    >>> from alssnn.validation import loop_deviation
+    >>> (run,) = loop_deviation(model, *record)
+    >>> run.X.shape == run.Z.shape == (600, 2)
+    True
     """
 
     X: np.ndarray
@@ -180,6 +200,15 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     ValueError
         If `K` has the wrong shape, the data do not fit the model, or the law is
         ill-posed.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.validation import loop_deviation
+    >>> (run,) = loop_deviation(model, *record)
+    >>> bool(abs(run.Z).max() < 1e-12)  # linear: nothing deviates
+    True
     """
     from ..feedback import LinearizingLaw  # it imports python-control
 

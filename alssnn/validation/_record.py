@@ -28,6 +28,14 @@ class Check:
         Whether the verdict depends on it; a check that does not is reported only.
     sentence : str
         What the outcome means and what to do about it.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> check = model.validate(*record, n_lags=10)["whiteness"]
+    >>> check.name, check.decides
+    ('whiteness', False)
     """
 
     name: str
@@ -57,6 +65,14 @@ class Validation:
         How linear the model is on this record.
     name : str
         Name of the model.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> validation = model.validate(*record, n_lags=10)
+    >>> validation.passed, validation["cubes"].passed
+    (False, False)
     """
 
     checks: tuple[Check, ...]

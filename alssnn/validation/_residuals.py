@@ -70,6 +70,15 @@ class ResidualTests:
         Sampling time, in seconds.
     input_names, output_names : list of str
         Names of the signals.
+
+    Examples
+    --------
+    >>> from alssnn.validation import residual_tests
+    >>> rng = np.random.default_rng(0)
+    >>> u, noise = rng.standard_normal((2, 500, 1))
+    >>> tests = residual_tests([(u, 2 * u + noise, 2 * u)])
+    >>> bool(tests.p_values["independence"] > 0.01)
+    True
     """
 
     lags: np.ndarray

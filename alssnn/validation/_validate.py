@@ -74,6 +74,14 @@ def validate(
     -----
     With several outputs a p-value is the smallest one times their number (Bonferroni).
     Costs five simulations and one pass of an observer.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.validation import validate
+    >>> validate(model, *record, n_lags=10)["extrapolation"].passed
+    True
     """
     check_options(level, n_lags)
     if not linear_within > 0:
