@@ -246,7 +246,27 @@ def _outputs(lure, u_s, x0):
 
 
 def join_records(u, y, experiment):
-    """Return records as one; lists of records become labeled experiments."""
+    """Return records as one; lists of records become labeled experiments.
+
+    Parameters
+    ----------
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs.
+    experiment : array_like of shape (N,) or None
+        Labels; None for a list.
+
+    Returns
+    -------
+    u, y, experiment : tuple
+        The record, as it came unless it is a list.
+
+    Raises
+    ------
+    ValueError
+        If a list comes with labels, or its parts do not fit.
+    """
     if not is_list_of_records(u):
         return u, y, experiment
     if experiment is not None:
