@@ -203,6 +203,9 @@ def test_solver_breakdown(monkeypatch):
     monkeypatch.setattr(cp.Problem, "solve", solve)
     with pytest.raises(RuntimeError, match="CLARABEL broke down with status"):
         iss_certificate([[0.5]], method="sdp")
+    c = gain_certificate(linear_lure(*(np.array([[z]]) for z in (0.5, 1.0, 1.0))))
+    assert not c.holds and c.status == "error" and np.isinf(c.gamma)
+    assert "broke down" in c.reason
 
 
 def test_ellipse_and_contains():

@@ -113,11 +113,6 @@ def gain_certificate(lure):
         The smallest gain that diagonal multipliers prove; one that does not hold says
         why.
 
-    Raises
-    ------
-    RuntimeError
-        If the solver breaks down.
-
     Notes
     -----
     One semidefinite program with an inequality of size nx + nu + nw.
@@ -154,7 +149,10 @@ def gain_certificate(lure):
     T = cholesky(solve_discrete_lyapunov((A / r).T, np.eye(len(A))))
     T *= max(np.linalg.norm(C @ np.linalg.inv(T), 2) / unit, 1e-6)
     start = time.perf_counter()
-    P, Lam, status = smallest_gain(_blocks(_change(lure, T), unit), SHIFT)
+    try:
+        P, Lam, status = smallest_gain(_blocks(_change(lure, T), unit), SHIFT)
+    except RuntimeError as error:  # a failed solve is a result, too
+        return _none(lure, "error", str(error), time.perf_counter() - start)
     seconds = time.perf_counter() - start
     if not np.isfinite(P).all():
         reason = (

@@ -251,8 +251,6 @@ class ControlMixin(Fitted):
         ------
         ValueError
             If `K` has the wrong shape.
-        RuntimeError
-            If the solver breaks down.
         """
         from ..certificates import gain_certificate, state_feedback
 
