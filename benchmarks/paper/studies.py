@@ -126,6 +126,7 @@ def prey_predator(seed=0, quick=False, n_samples=50_000):
             n_h=10,
             n_g=10,
             gamma=gamma / float(np.var(train.y)),
+            n_init=2,
             max_iter=500,
             polish_iter=60,
             **common,
