@@ -124,7 +124,7 @@ KINDS = {
     ),
     "two-layer g": Kind(
         System(*linear(), g=two_layers),
-        GrSsnn(2, n_f=(6, 4), **{**COMMON, "max_iter": 400, "tol": 1e-8}),
+        GrSsnn(2, n_f=(6, 4), **{**COMMON, "n_init": 4, "max_iter": 400, "tol": 1e-8}),
     ),
     "2 inputs, 3 outputs": Kind(
         System(*linear(2, 3), h=lambda x, y: 0.4 * np.tanh(y[:2])),
