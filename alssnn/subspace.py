@@ -17,6 +17,7 @@ deviations (see `experiments`).
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import lstsq, qr, svd
@@ -330,7 +331,7 @@ def refine(experiments, model, *, max_iter, tol, watch=None):
     # another record survives: reflect it, and keep the better of two stable models.
     A = stabilize(refined.A, limit=1.0 - REFINED_MARGIN)
     reflected = fit_input(experiments, A, refined.C, model.feedthrough)
-    best = min(model, reflected, key=lambda stable: _norm(experiments, stable))
+    best = min(model, reflected, key=partial(simulation_error, experiments))
     return replace(best, result=result)
 
 
@@ -376,7 +377,7 @@ def identify_linear(
     trial = stretch(experiments, TRIAL_SAMPLES)
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
     starts = [fit_input(trial, A, C, feedthrough) for A, C in pairs]
-    model = min(starts, key=lambda start: _norm(trial, start))
+    model = min(starts, key=partial(simulation_error, trial))
     model = refine(trial, model, max_iter=max_iter, tol=tol, watch=watch)
     if sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments):
         model = fit_input(experiments, model.A, model.C, feedthrough)
@@ -385,7 +386,21 @@ def identify_linear(
     return replace(model, singular_values=singular_values)
 
 
-def _norm(experiments, model):
+def simulation_error(experiments, model):
+    """Return the simulation error of a linear model.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    model : LinearModel
+        Model, with an initial state for every experiment.
+
+    Returns
+    -------
+    error : float
+        Norm of the residual over the measured outputs (eq. cost).
+    """
     _, criterion, free = _problem(experiments, model)
     return criterion.norm(free)
 

@@ -43,15 +43,15 @@ print("not measured:", [f"{np.isnan(y_i).mean():.0%}" for y_i in y])
 # %%
 # The delay
 # ---------
-# ``input_delay="auto"`` looks for the first significant lag of the cross-correlation.
-# That is quick, and right for an input that is rich and a record without gaps, in which
-# a missing output counts as zero.  Here it sees nothing.  The sure way is to fit with
-# several delays: every sample too few or too many costs accuracy.  The experiments have
+# ``input_delay="auto"`` takes the largest delay that costs neither prediction nor
+# simulation of a linear model, over all experiments, gaps or not.  The plant answers
+# slowly and through noise, so the sure way is to fit the model itself with the delays
+# around it: every sample too few or too many costs accuracy.  The experiments have
 # their own initial states, and nothing is simulated across a seam.
 
 options = {"nx": 2, "dt": records[0].dt, "operating_point": "zero"}
 auto = LinearStateSpace(input_delay="auto", **options).fit(u, y)
-print(f"correlation says {auto.input_delay_[0]} samples")
+print(f"linear models say {auto.input_delay_[0]} samples")
 models = {
     delay: FlSsnn(
         n_h=6,

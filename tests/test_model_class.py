@@ -15,6 +15,7 @@ from sklearn.frozen import FrozenEstimator
 
 import alssnn
 from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, training
+from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.estimators import _base
 
 DT = 0.25
@@ -485,6 +486,32 @@ def test_auto_finds_the_delay(delay, pole, feedthrough):
         model.fit(u, outputs)
         assert model.input_delay_.tolist() == delay
         assert model.score(u, y) > 0.999
+
+
+@pytest.mark.parametrize("make", [make_pendulum, make_duffing])
+@pytest.mark.parametrize("share", [0.0, 0.2])
+@pytest.mark.parametrize("delay", [0, 3])
+def test_auto_finds_the_delay_of_a_smooth_nonlinear_plant(make, share, delay):
+    """To one sample: what its first answer is worth is close to the noise."""
+    missing = np.random.default_rng(0).random((4_000, 1)) < share
+    record = make(4_000, noise=0.01, random_state=0)
+    u = [record.u[:900], record.u[900:]]
+    y = np.where(missing, np.nan, record.y)
+    y = [y[:900], y[900:]]
+    late = [np.vstack([u_i[delay:], u_i[:delay]]) for u_i in u]
+    n = [len(u_i) - delay for u_i in u]
+    late, y = ([z[:k] for z, k in zip(zs, n, strict=True)] for zs in (late, y))
+    model = LinearStateSpace(2, input_delay="auto").fit(late, y)
+    assert abs(model.input_delay_[0] - delay) <= 1
+
+
+def test_auto_takes_no_delay_where_nothing_can_be_tested():
+    rng = np.random.default_rng(0)
+    u, y = late_record([3], n=40)
+    assert LinearStateSpace(1, input_delay="auto").fit(u, y).input_delay_ == [0]
+    y = rng.standard_normal((2_000, 1))  # no response at all
+    u = rng.standard_normal((2_000, 1))
+    assert LinearStateSpace(1, input_delay="auto").fit(u, y).input_delay_ == [0]
 
 
 def test_a_delay_is_not_bridged_between_experiments():

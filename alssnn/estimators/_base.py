@@ -47,7 +47,7 @@ from ._validation import ValidationMixin
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
-DELAY_SAMPLES = 100_000  # of a long record, from which delays are estimated
+DELAY_SAMPLES = 20_000  # of a long record, from which delays are estimated
 
 
 class StateSpaceModel(
@@ -181,6 +181,7 @@ class StateSpaceModel(
         if isinstance(self.input_delay, str):
             self.input_delay_ = estimate_delays(
                 experiments.stretch(DELAY_SAMPLES),
+                self.nx,
                 feedthrough=getattr(self, "feedthrough", False),
             )
             return

@@ -33,8 +33,8 @@ class LinearStateSpace(StateSpaceModel):
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     input_delay : int, array_like of int of shape (nu,) or "auto", default=0
-        Samples by which each input arrives late; "auto" finds it in the
-        cross-correlation of input and output.
+        Samples by which each input arrives late; "auto" takes the largest delay that
+        costs neither prediction nor simulation of a linear model (eq. delay).
     output_weight : array_like of shape (ny,) or None, default=None
         Weight of the squared error of every output, outputs scaled to unit variance.
     linear_start : tuple, control.StateSpace, fitted model or None, default=None

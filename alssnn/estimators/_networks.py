@@ -73,8 +73,8 @@ class AlSsnn(Ssnn):
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
     input_delay : int, array_like of int of shape (nu,) or "auto", default=0
-        Samples by which each input arrives late; "auto" finds it in the
-        cross-correlation of input and output.
+        Samples by which each input arrives late; "auto" takes the largest delay that
+        costs neither prediction nor simulation of a linear model (eq. delay).
     output_weight : array_like of shape (ny,) or None, default=None
         Weight of the squared error of every output, outputs scaled to unit variance.
     linear_start : tuple, control.StateSpace, fitted model or None, default=None
@@ -320,8 +320,8 @@ class FlSsnn(Ssnn):
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
     input_delay : int, array_like of int of shape (nu,) or "auto", default=0
-        Samples by which each input arrives late; "auto" finds it in the
-        cross-correlation of input and output.
+        Samples by which each input arrives late; "auto" takes the largest delay that
+        costs neither prediction nor simulation of a linear model (eq. delay).
     output_weight : array_like of shape (ny,) or None, default=None
         Weight of the squared error of every output, outputs scaled to unit variance.
     linear_start : tuple, control.StateSpace, fitted model or None, default=None
@@ -528,8 +528,8 @@ class GrSsnn(Ssnn):
     alpha : float, default=0.0
         Weight of the sum of squared network parameters.
     input_delay : int, array_like of int of shape (nu,) or "auto", default=0
-        Samples by which each input arrives late; "auto" finds it in the
-        cross-correlation of input and output.
+        Samples by which each input arrives late; "auto" takes the largest delay that
+        costs neither prediction nor simulation of a linear model (eq. delay).
     output_weight : array_like of shape (ny,) or None, default=None
         Weight of the squared error of every output, outputs scaled to unit variance.
     linear_start : tuple, control.StateSpace, fitted model or None, default=None
