@@ -218,8 +218,8 @@ def identify(names, seeds):
 def peak_memory(n_samples):
     """Return the peak memory of one norm and one pass on a record on disk, in MB."""
     from alssnn.criterion import Criterion
-    from alssnn.experiments import Scaling
     from alssnn.optimizers import single_threaded
+    from alssnn.scaling import Scaling
     from alssnn.structures import state_space_structure
 
     rng = np.random.default_rng(0)

@@ -21,15 +21,12 @@ from sklearn.utils.validation import (
 
 from ..containers import Container
 from ..delays import estimate_delays
-from ..experiments import (
-    Scaling,
-    check_inputs,
-    split_experiments,
-)
+from ..experiments import check_inputs, split_experiments
 from ..linearizability import measure
 from ..lure import Lure
 from ..mapping import Held
 from ..networks import Perceptron
+from ..scaling import Scaling
 from ..subspace import TRIAL_SAMPLES, identify_linear
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
 from ._ahead import AheadMixin
