@@ -1,5 +1,6 @@
 """The options of the model class, through the estimators, in the units of the user."""
 
+import copy
 import pickle
 import tracemalloc
 import warnings
@@ -545,6 +546,24 @@ def test_a_linear_start_keeps_its_basis(start, model):
     for value, expected in zip(got, START, strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(model.predict(u) / y.std(axis=0), y / y.std(axis=0))
+
+
+@pytest.mark.parametrize("dt", [DT, True])
+def test_an_estimator_with_a_system_as_start_can_be_pickled(dt):
+    """What arrives fits as what left, to the bit, and minds the sampling time."""
+    u, y = exact()
+    model = AlSsnn(n_h=2, n_g=2, dt=DT, feedthrough=True, max_iter=5, tol=1e-3)
+    model.set_params(linear_start=control.ss(*START, dt), random_state=0)
+    arrived = pickle.loads(pickle.dumps(model))
+    assert isinstance(model.linear_start, control.StateSpace)  # left as it was
+    model.fit(u, y)
+    fits = [arrived.fit(u, y), *(f(model) for f in (copy.deepcopy, copy.copy))]
+    for other in [*fits, pickle.loads(pickle.dumps(model)), clone(arrived).fit(u, y)]:
+        np.testing.assert_array_equal(other.predict(u), model.predict(u))
+        np.testing.assert_array_equal(other.linear_start.D, START[3])
+    if dt is not True:
+        with pytest.raises(ValueError, match=r"sampling time dt=0\.5"):
+            arrived.set_params(dt=0.5).fit(u, y)
 
 
 @pytest.mark.parametrize("frozen", [False, True])

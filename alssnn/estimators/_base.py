@@ -1,6 +1,5 @@
 """What all estimators share: the data, the fit, what it sets."""
 
-import copy
 import time
 import warnings
 from abc import ABCMeta, abstractmethod
@@ -34,7 +33,7 @@ from ._remote import RemoteMixin
 from ._report import ReportMixin
 from ._simulation import DATA, SimulationMixin, join_records
 from ._sklearn import ScikitLearnMixin
-from ._start import check_bounds, given_model
+from ._start import check_bounds, given_model, portable
 from ._uncertainty import UncertaintyMixin
 from ._validation import ValidationMixin
 
@@ -79,6 +78,13 @@ class StateSpaceModel(
         "n_init_samples": [POSITIVE],
         "verbose": ["verbose"],
     }
+
+    def __getstate__(self):
+        """Return what is pickled: systems of python-control as their matrices."""
+        state = dict(super().__getstate__())
+        if "linear_start" in state:
+            state["linear_start"] = portable(state["linear_start"])
+        return state
 
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks
@@ -272,7 +278,8 @@ class StateSpaceModel(
 
     def _snapshot(self, structure, step, point):
         """Return the attributes of a model fitted with what a search has reached."""
-        shown = copy.copy(self)
+        shown = object.__new__(type(self))
+        shown.__dict__.update(vars(self))
         theta, x0 = np.split(point, [structure.n_params])
         shown._structure, shown._theta = structure, theta
         result = OptimizeResult(
