@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
-from .design import linear_part
+from .design import linear_system
 from .export import Dynamics, signal_names, to_statespace
 from .law import LinearizingLaw
 from .observer import Observer
@@ -181,8 +181,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
 def designed_loop(model, gain):
     """Return the linear loop that a gain was designed for.
 
-    That is what `closed_loop` would be if the law left exactly (A, B, C): the response
-    to compare the true one with, and the poles that were chosen.
+    That is what `closed_loop` would be if the law left exactly (A, B, C, D): the
+    response to compare the true one with, and the poles that were chosen.
 
     Parameters
     ----------
@@ -215,19 +215,24 @@ def designed_loop(model, gain):
     """
     dynamics = Dynamics.of(model)
     block, of_y = _from_gain(gain, dynamics)
-    A, B, C = linear_part(model)
+    A, B, C, D = linear_system(model)
     (nx, nu), ny = B.shape, len(C)
     nr = ny if of_y else nu
-    # the controller sees (r, y, x_hat) with y = C x, x_hat = x, and nothing is cut
-    of_x = np.vstack([C, np.eye(nx)])
-    B_r, B_x = block.B[:, :nr], block.B[:, nr : nr + ny + nx] @ of_x
-    D_r, D_x = block.D[:, :nr], block.D[:, nr : nr + ny + nx] @ of_x
-    nz = len(block.A)
+    # the controller sees (r, y, x_hat) with x_hat = x, and nothing is cut; its v
+    # does not depend on y, which has D v in it
+    r, y, x = np.split(np.arange(nr + ny + nx), [nr, nr + ny])
+    v_x, v_z, v_r = block.D[:, x], block.C, block.D[:, r]
+    B_y = block.B[:, y]
     return to_statespace(
-        np.block([[A + B @ D_x, B @ block.C], [B_x, block.A]]),
-        np.vstack([B @ D_r, B_r]),
-        np.block([[C, np.zeros((ny, nz))], [D_x, block.C]]),
-        np.vstack([np.zeros((ny, nr)), D_r]),
+        np.block(
+            [
+                [A + B @ v_x, B @ v_z],
+                [block.B[:, x] + B_y @ (C + D @ v_x), block.A + B_y @ D @ v_z],
+            ]
+        ),
+        np.vstack([B @ v_r, block.B[:, r] + B_y @ D @ v_r]),
+        np.block([[C + D @ v_x, D @ v_z], [v_x, v_z]]),
+        np.vstack([D @ v_r, v_r]),
         dynamics.dt,
         inputs=signal_names(None, "r", nr),
         outputs=[*dynamics.outputs, *signal_names(None, "v", nu)],
@@ -260,6 +265,7 @@ class _Names:
 
     def plant(self, plant, dynamics, with_state):
         if with_state:
+            _check_proper(dynamics)
             return self._block(
                 dynamics.update,
                 dynamics.output_and_state,
@@ -355,6 +361,7 @@ def check_plant(plant, dynamics):
         strictly proper.
     """
     if hasattr(plant, "to_nlsys"):
+        _check_proper(Dynamics.of(plant))
         plant = plant.to_nlsys()
     if isinstance(plant, control.TransferFunction):
         plant = control.ss(plant)
@@ -377,6 +384,16 @@ def check_plant(plant, dynamics):
             "sample."
         )
     return plant
+
+
+def _check_proper(dynamics):
+    """Refuse a model as plant whose output depends on the input of the same sample."""
+    if not dynamics.has_linear_output:
+        raise ValueError(
+            f"`plant` must be strictly proper, got the model {dynamics.name} with D or "
+            "k, whose y depends on u of the same sample. Fit with feedthrough=False "
+            "and n_k=0; `designed_loop` shows the linear loop with D."
+        )
 
 
 def split_gain(gain, dynamics):
