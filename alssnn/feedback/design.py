@@ -10,7 +10,7 @@ import control
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from .observer import check_weight
+from .checks import check_weight
 
 CONTROLLABLE = 1e-9  # smallest singular value, relative, of [A - lambda I, B]
 

@@ -14,10 +14,8 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from sklearn.utils.validation import check_is_fitted
 
 from ..feedback import Dynamics, LinearizingLaw, lqr
-from ..feedback.export import check_point
-from ..feedback.law import check_limits
+from ..feedback.checks import check_limits, check_point, check_weight
 from ..feedback.loop import check_plant
-from ..feedback.observer import check_weight
 from ..simulation import simulate
 from ._checks import (
     check_observer,
