@@ -24,9 +24,10 @@ import itertools
 
 import numpy as np
 
-from .experiments import Scaling, merge_moments, moments, stretch
+from .experiments import stretch
 from .mapping import count_measured
 from .optimizers import single_threaded
+from .scaling import Scaling, merge_moments, moments
 
 FAN_IN = 8  # sums that are merged at once
 

@@ -1,4 +1,4 @@
-"""Experiments: from arrays of users to scaled deviations, and all data errors.
+"""Experiments: from records with labels to uninterrupted runs.
 
 A record is u (N, nu), y (N, ny) with time running down the rows, and one label per
 sample that says which experiment the sample belongs to.  The samples of one
@@ -6,18 +6,10 @@ experiment are contiguous and in time order; each experiment has its own initial
 state, and nothing is ever simulated across a seam.  An output that was not measured at
 a sample is nan there.
 
-Identification works on scaled deviations (design of `fit`)
-
-    u_s = (u - u_offset) / u_scale,     y_s = (y - y_offset) / y_scale
-
-where the offsets are the operating point and the scales standard deviations around
-the mean.  `Scaling` is the only place that knows both kinds of units.  A `Signal`
-scales what is sliced from it, so that a record on disk, or of single precision, is
-never copied as a whole.
+Nothing here copies a record as a whole: what looks at all samples does so in `chunks`.
 """
 
 import importlib
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -26,235 +18,22 @@ WINDOW_GRID = 32  # candidate places of a stretch in every experiment
 CHUNK = 100_000  # samples treated at a time
 
 
-@dataclass(frozen=True, eq=False)
-class Scaling:
-    """Convert between the user's units and scaled deviations.
+def chunks(stop, start=0):
+    """Return samples in pieces that fit into memory.
 
     Parameters
     ----------
-    u_offset : ndarray of shape (nu,)
-        Operating point of the inputs, in the units of `u`.
-    y_offset : ndarray of shape (ny,)
-        Operating point of the outputs, in the units of `y`.
-    u_scale : ndarray of shape (nu,)
-        Standard deviations of the inputs.
-    y_scale : ndarray of shape (ny,)
-        Standard deviations of the outputs.
-    """
-
-    u_offset: np.ndarray
-    y_offset: np.ndarray
-    u_scale: np.ndarray
-    y_scale: np.ndarray
-
-    @classmethod
-    def from_data(cls, u, y, operating_point):
-        """Return the scaling of a record.
-
-        Parameters
-        ----------
-        u : ndarray of shape (N, nu)
-            Inputs.
-        y : ndarray of shape (N, ny)
-            Outputs; nan where they were not measured.
-        operating_point : {"mean", "zero"} or tuple of array_like
-            Origin of the deviations; a pair (u_e, y_e) in the user's units.
-
-        Returns
-        -------
-        scaling : Scaling
-            The scaling.
-
-        Raises
-        ------
-        ValueError
-            If an input is constant, an output was never measured, or the operating
-            point has the wrong size.
-        """
-        return cls.from_moments(moments(u), moments(y), operating_point)
-
-    @classmethod
-    def from_moments(cls, u, y, operating_point):
-        """Return the scaling of records of which only the moments are known.
-
-        Parameters
-        ----------
-        u, y : tuple of ndarray
-            `moments` of inputs and outputs.
-        operating_point : {"mean", "zero"} or tuple of array_like
-            Origin of the deviations; a pair (u_e, y_e) in the user's units.
-
-        Returns
-        -------
-        scaling : Scaling
-            The scaling.
-
-        Raises
-        ------
-        ValueError
-            As `from_data`.
-        """
-        _, u_low, u_high, u_mean, u_std = u
-        _, _, _, y_mean, y_std = y
-        nu, ny = len(u_mean), len(y_mean)
-        if not np.isfinite(y_mean).all():
-            columns = ", ".join(str(i) for i in np.flatnonzero(~np.isfinite(y_mean)))
-            raise ValueError(
-                "Input y contains NaN at every sample of column "
-                f"{columns}. Leave an output that was never measured out."
-            )
-        # a column that only carries rounding errors is constant, too
-        moves = u_high - u_low > 1e-12 * np.maximum(np.abs(u_low), np.abs(u_high))
-        if not moves.all():
-            columns = ", ".join(str(i) for i in np.flatnonzero(~moves))
-            raise ValueError(
-                f"`u` must vary in every column, got constant column {columns}. "
-                "An input that never moves cannot be identified: remove it."
-            )
-        if isinstance(operating_point, str):
-            at_mean = operating_point == "mean"
-            u_e = u_mean if at_mean else np.zeros(nu)
-            y_e = y_mean if at_mean else np.zeros(ny)
-        else:
-            u_e, y_e = (
-                _operating_value(value, size, name)
-                for value, size, name in zip(
-                    operating_point, (nu, ny), "uy", strict=True
-                )
-            )
-        # a constant output needs no scale: it is predicted by its offset
-        return cls(u_e, y_e, u_std, np.where(y_std > 0, y_std, 1.0))
-
-    def scale_u(self, u, delay=None):
-        """Return scaled deviations of inputs.
-
-        Parameters
-        ----------
-        u : array of shape (N, nu)
-            Inputs, in the user's units.
-        delay : ndarray of int of shape (nu,) or None, default=None
-            Samples by which each input arrives late; before the first sample it is
-            at the operating point.
-
-        Returns
-        -------
-        u_s : Signal of shape (N, nu)
-            Scaled deviations.
-        """
-        return Signal(u, self.u_offset, self.u_scale, delay)
-
-    def scale_y(self, y):
-        """Return scaled deviations of outputs.
-
-        Parameters
-        ----------
-        y : array of shape (N, ny)
-            Outputs, in the user's units.
-
-        Returns
-        -------
-        y_s : Signal of shape (N, ny)
-            Scaled deviations.
-        """
-        return Signal(y, self.y_offset, self.y_scale)
-
-
-class Signal:
-    """Scale, and delay, what is sliced from an array of samples.
-
-    Parameters
-    ----------
-    values : array of shape (N, n)
-        Samples of any real type, possibly on disk.
-    offset, scale : ndarray of shape (n,)
-        A sample z becomes (z - offset) / scale, in double precision.
-    delay : ndarray of int of shape (n,) or None, default=None
-        Samples by which each column arrives late; zeros fill the beginning.
-    """
-
-    dtype = np.dtype(float)
-
-    def __init__(self, values, offset, scale, delay=None):
-        self.values, self.offset, self.scale = values, offset, scale
-        self.delay = None if delay is None or not np.any(delay) else delay
-        self.shape = values.shape
-
-    def __len__(self):
-        """Return the number of samples."""
-        return self.shape[0]
-
-    def __getitem__(self, part):
-        """Return the samples of a slice, shape (L, n)."""
-        if self.delay is None:
-            return (self.values[part] - self.offset) / self.scale
-        start, stop, _ = part.indices(len(self))
-        out = np.zeros((stop - start, self.shape[1]))
-        for i, d in enumerate(self.delay):
-            first = max(start - d, 0)
-            late = self.values[first : max(stop - d, 0), i]
-            out[len(out) - len(late) :, i] = (late - self.offset[i]) / self.scale[i]
-        return out
-
-    def __array__(self, dtype=None, copy=None):
-        """Return all samples."""
-        return self[:] if dtype is None else self[:].astype(dtype)
-
-
-def moments(values):
-    """Return number, smallest, largest, mean and standard deviation of columns.
-
-    Parameters
-    ----------
-    values : array of shape (N, n)
-        Samples; only sliced. What is nan does not count.
+    stop : int
+        Sample behind the last one.
+    start : int, default=0
+        First sample.
 
     Returns
     -------
-    moments : tuple of ndarray of shape (n,)
-        Five rows; those of a column of nothing but nan are nan.
+    parts : list of slice
+        Samples of every piece.
     """
-    starts = range(0, len(values), CHUNK)
-    chunks = [slice(start, start + CHUNK) for start in starts]
-    count = sum(np.sum(~np.isnan(values[part]), axis=0) for part in chunks)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = sum(np.nansum(values[i], axis=0, dtype=float) for i in chunks) / count
-        square = sum(np.nansum((values[i] - mean) ** 2, axis=0) for i in chunks)
-        std = np.sqrt(square / count)
-    low = np.fmin.reduce([np.fmin.reduce(values[part], axis=0) for part in chunks])
-    high = np.fmax.reduce([np.fmax.reduce(values[part], axis=0) for part in chunks])
-    return count, low, high, mean, std
-
-
-def merge_moments(parts):
-    """Return the moments of several records together.
-
-    Parameters
-    ----------
-    parts : sequence of tuple of ndarray of shape (n,)
-        `moments` of every record.
-
-    Returns
-    -------
-    moments : tuple of ndarray of shape (n,)
-        Moments of all samples.
-    """
-    counts, lows, highs, means, stds = (np.array(z) for z in zip(*parts, strict=True))
-    count = counts.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.nansum(counts * means, axis=0) / count
-        square = np.nansum(counts * (stds**2 + (means - mean) ** 2), axis=0)
-        std = np.sqrt(square / count)
-    return count, np.fmin.reduce(lows), np.fmax.reduce(highs), mean, std
-
-
-def _operating_value(value, size, name):
-    value = np.asarray(value, dtype=float)
-    if value.ndim > 1 or value.size not in (1, size) or not np.isfinite(value).all():
-        raise ValueError(
-            f"`operating_point` must give one finite value per column of `{name}` "
-            f"({size}), got {value!r}."
-        )
-    return np.broadcast_to(value, (size,)).copy()
+    return [slice(i, min(i + CHUNK, stop)) for i in range(start, stop, CHUNK)]
 
 
 def check_inputs(u):
@@ -270,12 +49,12 @@ def check_inputs(u):
     ValueError
         If a value is nan.
     """
-    for start in range(0, len(u), CHUNK):
-        gaps = np.isnan(u[start : start + CHUNK])
+    for i in chunks(len(u)):
+        gaps = np.isnan(u[i])
         if gaps.any():
             k, column = np.argwhere(gaps)[0]
             raise ValueError(
-                f"`u` must not contain NaN, got it at sample {start + k} of column "
+                f"`u` must not contain NaN, got it at sample {i.start + k} of column "
                 f"{column}. Only outputs may be missing: fill the gap, or split the "
                 "record there into two experiments."
             )
@@ -425,7 +204,7 @@ def stretch(experiments, n_samples):
 
 def _energy(signal, start, stop):
     """Return the sum of squares of the measured samples from start to stop."""
-    parts = (slice(i, min(i + CHUNK, stop)) for i in range(start, stop, CHUNK))
+    parts = chunks(stop, start)
     return sum(float(np.nansum(signal[part] ** 2)) for part in parts)
 
 

@@ -13,15 +13,11 @@ doc/benchmarks.  Exits with 1 if the median ratio of pendulum or Duffing exceeds
 """
 
 import argparse
-import csv
 import os
-import platform
 import sys
 import time
 import warnings
 from dataclasses import dataclass, field
-from datetime import date
-from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -34,10 +30,10 @@ import alssnn
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.datasets import Record, make_duffing, make_pendulum, make_prey_predator
 from alssnn.feedback import closed_loop, designed_loop, lqi
+from benchmarks._tables import OUT, machine, replace_runs
 
-OUT = Path(__file__).parents[1] / "doc" / "benchmarks"
 TARGET = 1 / 8
-COLUMNS = ("plant", "model", "seed", "law", "lti", "ratio", "radius", "system")
+COLUMNS = ("plant", "model", "seed", "law", "lti", "ratio", "radius")
 SAMPLES = 4_000  # of a record
 
 FEED = (1.0, 7.0)  # feed rates of the preys, least and largest
@@ -276,19 +272,8 @@ def compare(name, setting, seeds, with_all):
 
 def write_table(rows, load):
     """Write all runs as CSV, beside those of other plants, and medians as Markdown."""
-    OUT.mkdir(parents=True, exist_ok=True)
-    path = OUT / "closed_loop.csv"
-    versions = [f"{m.__name__} {m.__version__}" for m in (alssnn, np, control)]
-    system = [platform.machine(), f"Python {platform.python_version()}", *versions]
-    system += [f"{os.cpu_count()} cores", f"load {load:.2f}", str(date.today())]
-    note = ", ".join(system)
-    table = [[*map(_cell, row), note] for row in rows]
-    if path.exists():
-        with path.open(newline="") as file:
-            old = list(csv.reader(file))[1:]
-        table = [row for row in old if row[0] not in {r[0] for r in table}] + table
-    with path.open("w", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *table])
+    note = machine(load, alssnn, np, control)
+    table = replace_runs(OUT / "closed_loop.csv", COLUMNS, rows, note)
     text = [
         "# True plants in closed loop",
         "",
@@ -311,10 +296,6 @@ def write_table(rows, load):
         )
     text += ["", *(f"{note}." for note in dict.fromkeys(row[-1] for row in table))]
     (OUT / "closed_loop.md").write_text("\n".join(text) + "\n")
-
-
-def _cell(value):
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def draw(shown):

@@ -27,11 +27,11 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn import AlSsnn, FlSsnn
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.feedback import lqi
+from benchmarks._tables import OUT
 
 STEP_US, LINES = 2.0, 300
 NX, N_H, N_G = 6, 10, 10
 RUNS = 7
-OUT = Path(__file__).parents[1] / "doc" / "benchmarks"
 TITLES = ["model", "type", "law + observer, us", "controller, us", "lines of C"]
 
 # The measured outputs come from a record, so that nothing can be computed beforehand;

@@ -18,7 +18,6 @@ ratio of a kind exceeds 1.5, or the memory grows with the record.
 import argparse
 import csv
 import os
-import platform
 import sys
 import tempfile
 import time
@@ -26,7 +25,6 @@ import tracemalloc
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -38,8 +36,8 @@ from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 from alssnn import AlSsnn, FlSsnn, GrSsnn
+from benchmarks._tables import OUT, machine
 
-OUT = Path(__file__).parents[1] / "doc" / "benchmarks"
 COLUMNS = ("kind", "seed", "ratio", "seconds", "system")
 TARGET = 1.5
 NOISE = 0.01  # standard deviation relative to that of the noise-free output
@@ -218,8 +216,8 @@ def identify(names, seeds):
 def peak_memory(n_samples):
     """Return the peak memory of one norm and one pass on a record on disk, in MB."""
     from alssnn.criterion import Criterion
-    from alssnn.experiments import Scaling
     from alssnn.optimizers import single_threaded
+    from alssnn.scaling import Scaling
     from alssnn.structures import state_space_structure
 
     rng = np.random.default_rng(0)
@@ -252,10 +250,7 @@ def peak_memory(n_samples):
 def write_table(rows, peaks, load):
     """Write all runs as CSV, and medians as Markdown."""
     OUT.mkdir(parents=True, exist_ok=True)
-    versions = [f"{m.__name__} {m.__version__}" for m in (alssnn, np, scipy)]
-    system = [platform.machine(), f"Python {platform.python_version()}", *versions]
-    system += [f"{os.cpu_count()} cores", f"load {load:.2f}", str(date.today())]
-    note = ", ".join(system)
+    note = machine(load, alssnn, np, scipy)
     with (OUT / "model_class.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

@@ -71,7 +71,7 @@ def time_steps(model, soft, n_steps):
 def time_forms(mpc, n_solves=300):
     """Return the median time in ms of a program, condensed and with the states."""
     maps, n, nu = mpc._prediction, HORIZON, mpc._nu
-    A, B, E = mpc._A, mpc._B, mpc._soft
+    A, B, E = mpc._A, mpc._B, mpc._soft.rows
     ns, nX, nV = n * len(E), n * NX, n * nu
     Q = block_diag(*[mpc._C.T @ mpc._C] * (n - 1), mpc.P)
     condensed = mpc._qp

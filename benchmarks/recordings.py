@@ -18,16 +18,12 @@ s late, when the arm has left its stop, and is thinned to a sample every 0.05 s.
 """
 
 import argparse
-import csv
 import os
-import platform
 import sys
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import date
-from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -46,8 +42,8 @@ from alssnn.datasets import (
 )
 from alssnn.metrics import rmse
 from alssnn.rectified import restore_sign
+from benchmarks._tables import OUT, machine, replace_runs
 
-OUT = Path(__file__).parents[1] / "doc" / "benchmarks"
 COLUMNS = ("recording", "test", "model", "seed", "rmse", "linearization", "radius", "s")
 DRONE_EVERY = 5  # samples of 0.01 s: the arm takes seconds
 DRONE_START = 1_000  # samples at the stop before the arm lifts off
@@ -271,20 +267,8 @@ def run(name, recording, seeds):
 
 def write_table(rows, load):
     """Write all runs as CSV, beside those of other recordings, medians as Markdown."""
-    OUT.mkdir(parents=True, exist_ok=True)
-    path = OUT / "recordings.csv"
-    versions = [f"{m.__name__} {m.__version__}" for m in (alssnn, np)]
-    system = [platform.machine(), f"Python {platform.python_version()}", *versions]
-    system += [f"{os.cpu_count()} cores", f"load {load:.2f}", str(date.today())]
-    note = ", ".join(system)
-    table = [[*map(_cell, row), note] for row in rows]
-    if path.exists():
-        with path.open(newline="") as file:
-            old = list(csv.reader(file))[1:]
-        table = [row for row in old if row[0] not in {r[0] for r in table}] + table
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([(*COLUMNS, "system"), *table])
+    note = machine(load, alssnn, np)
+    table = replace_runs(OUT / "recordings.csv", COLUMNS, rows, note)
     text = ["# Measured recordings", "", "By `python -m benchmarks.recordings`.", ""]
     text += [*__doc__.split("\n\n", 3)[3].splitlines(), ""]
     text += [
@@ -320,10 +304,6 @@ def write_table(rows, load):
     ]
     text += [f"{note}." for note in dict.fromkeys(row[-1] for row in table)]
     (OUT / "recordings.md").write_text("\n".join(text) + "\n")
-
-
-def _cell(value):
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def main(arguments=None):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
-from alssnn.experiments import Scaling
+from alssnn.scaling import Scaling
 from alssnn.simulation import simulate
 from alssnn.structures import state_space_structure
 from helpers import assert_jacobian, random_theta

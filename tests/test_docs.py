@@ -1,5 +1,6 @@
 """The documentation and the code name each other correctly."""
 
+import inspect
 import re
 import textwrap
 import warnings
@@ -65,6 +66,18 @@ def test_the_loop_of_the_readme_tracks_its_reference():
     assert names["y"][-1] == pytest.approx(1.3, abs=1e-6)  # the true pendulum, rad
     assert np.max(names["u"]) == 12  # the law did limit the torque
     assert np.max(names["y"]) < 1.3 * 1.05  # and the integrator did not wind up
+
+
+def test_estimators_with_networks_say_the_same_of_what_they_share():
+    texts = {}
+    for model in (alssnn.AlSsnn, alssnn.FlSsnn, alssnn.GrSsnn):
+        doc = inspect.getdoc(model)
+        entries = re.findall(r"^(\w[\w, ]*) : (.*\n(?:    .*\n)+)", doc, re.M)
+        assert {name for name, _ in entries} > set(model().get_params())
+        for name, text in entries:
+            texts.setdefault(name, set()).add(text)
+    differ = {name for name, variants in texts.items() if len(variants) > 1}
+    assert differ == {"activation", "feedback", "params_"}  # which networks there are
 
 
 GUIDE = [*sorted((ROOT / "doc").glob("guide_*.rst")), ROOT / "doc" / "index.rst"]

@@ -1,5 +1,6 @@
 """The options of the model class, through the estimators, in the units of the user."""
 
+import copy
 import pickle
 import tracemalloc
 import warnings
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
+from scipy.linalg import solve_discrete_lyapunov
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.frozen import FrozenEstimator
@@ -257,6 +259,46 @@ def test_designed_loop_knows_the_delay(fitted):
     poles = alssnn.feedback.designed_loop(model, K).poles()
     expected = np.linalg.eigvals(linear.A - linear.B @ K)
     np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(expected))
+
+
+def test_integrators_and_the_designed_loop_know_the_feedthrough(fitted):
+    model = fitted["linear, D, late"]
+    A, B, C, D = (getattr(model.to_statespace(), name) for name in "ABCD")
+    assert np.abs(D).max() > 0
+    nx, ny = len(A), len(C)
+    Q, R = alssnn.feedback.balanced_weights(model, state=1.0, integral=0.1)
+    K = alssnn.feedback.lqi(model, Q, R)
+    # the equations, by hand: y = C x + D v in the integrators, too
+    r, x, z, expected = np.array([0.3, -0.2]), np.zeros(nx), np.zeros(ny), []
+    for _ in range(400):
+        v = -K @ np.r_[x, z]
+        y = C @ x + D @ v
+        expected.append([*y, *v])
+        x, z = A @ x + B @ v, z + y - r
+    np.testing.assert_allclose(expected[-1][:ny], r, atol=1e-6)
+    loop = alssnn.feedback.designed_loop(model, K)
+    inputs = np.repeat(r[:, None], 400, axis=1)
+    outputs = control.forced_response(loop, inputs=inputs).outputs.T
+    np.testing.assert_allclose(outputs, expected, atol=1e-9)
+    # no other gain costs less, from any state
+    F = np.block([[A, np.zeros((nx, ny))], [C, np.eye(ny)]])
+    G = np.vstack([B, D])
+
+    def cost(K):
+        return np.trace(solve_discrete_lyapunov((F - G @ K).T, Q + K.T @ R @ K))
+
+    rng = np.random.default_rng(0)
+    for direction in rng.standard_normal((5, *K.shape)) * np.abs(K).max(axis=0):
+        for sign in (-1e-3, 1e-3):
+            assert cost(K + sign * direction) > cost(K)
+
+
+def test_a_model_with_feedthrough_is_no_plant_of_a_loop(fitted):
+    model = fitted["linear, D, late"]
+    K = alssnn.feedback.lqr(model, np.eye(3), np.diag([1.0, 1e4]))
+    for plant in (model, fitted["gr, D, k"]):
+        with pytest.raises(ValueError, match=r"strictly proper.*feedthrough=False"):
+            alssnn.feedback.closed_loop(plant, model, K)
 
 
 def test_observer_takes_the_noise_of_the_states_alone(fitted, data):
@@ -572,6 +614,24 @@ def test_a_linear_start_keeps_its_basis(start, model):
     for value, expected in zip(got, START, strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(model.predict(u) / y.std(axis=0), y / y.std(axis=0))
+
+
+@pytest.mark.parametrize("dt", [DT, True])
+def test_an_estimator_with_a_system_as_start_can_be_pickled(dt):
+    """What arrives fits as what left, to the bit, and minds the sampling time."""
+    u, y = exact()
+    model = AlSsnn(n_h=2, n_g=2, dt=DT, feedthrough=True, max_iter=5, tol=1e-3)
+    model.set_params(linear_start=control.ss(*START, dt), random_state=0)
+    arrived = pickle.loads(pickle.dumps(model))
+    assert isinstance(model.linear_start, control.StateSpace)  # left as it was
+    model.fit(u, y)
+    fits = [arrived.fit(u, y), *(f(model) for f in (copy.deepcopy, copy.copy))]
+    for other in [*fits, pickle.loads(pickle.dumps(model)), clone(arrived).fit(u, y)]:
+        np.testing.assert_array_equal(other.predict(u), model.predict(u))
+        np.testing.assert_array_equal(other.linear_start.D, START[3])
+    if dt is not True:
+        with pytest.raises(ValueError, match=r"sampling time dt=0\.5"):
+            arrived.set_params(dt=0.5).fit(u, y)
 
 
 @pytest.mark.parametrize("frozen", [False, True])

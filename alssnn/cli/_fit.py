@@ -60,7 +60,26 @@ def add(commands):
         usage="alssnn fit FILE.csv --input COL [COL ...] --output COL [COL ...] "
         "[options]",
     )
-    data = fit.add_argument_group("data")
+    _add_data(fit.add_argument_group("data"))
+    _add_models(fit.add_argument_group("models"))
+    fit.add_argument(
+        "--save",
+        type=Path,
+        metavar="MODEL.npz",
+        help="save the fitted model, with the names of its columns; needs one model",
+    )
+    fit.add_argument(
+        "--figure",
+        type=figure_name,
+        metavar="FILE",
+        help="write a figure: .png, .pdf or .svg",
+    )
+    add_common(fit)
+    fit.set_defaults(output_dir=Path())
+
+
+def _add_data(data):
+    """Add the options that say what is read, and how much of it tests."""
     data.add_argument("file", type=Path, metavar="FILE.csv", help="record to read")
     for flag, what in (("--input", "inputs"), ("--output", "outputs")):
         data.add_argument(
@@ -85,7 +104,10 @@ def add(commands):
         metavar="SHARE",
         help="last part of every experiment, kept for testing (default: %(default)s)",
     )
-    model = fit.add_argument_group("models")
+
+
+def _add_models(model):
+    """Add the options that say which models are fitted, and how."""
     which = model.add_mutually_exclusive_group()
     which.add_argument(
         "--models",
@@ -136,20 +158,6 @@ def add(commands):
         metavar="N",
         help="random starts of every network (default: %(default)s)",
     )
-    fit.add_argument(
-        "--save",
-        type=Path,
-        metavar="MODEL.npz",
-        help="save the fitted model, with the names of its columns; needs one model",
-    )
-    fit.add_argument(
-        "--figure",
-        type=figure_name,
-        metavar="FILE",
-        help="write a figure: .png, .pdf or .svg",
-    )
-    add_common(fit)
-    fit.set_defaults(output_dir=Path())
 
 
 def run(args):

@@ -11,9 +11,11 @@ from it and converts the outcome to the user's units; everything else delegates
 downwards.
 """
 
+from ._al_ssnn import AlSsnn
+from ._fl_ssnn import FlSsnn
+from ._gr_ssnn import GrSsnn
 from ._linear import LinearStateSpace
 from ._load import load
-from ._networks import AlSsnn, FlSsnn, GrSsnn
 from ._ssnn import Ssnn
 
 __all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace", "Ssnn", "load"]

@@ -1,6 +1,5 @@
 """What all estimators share: the data, the fit, what it sets."""
 
-import copy
 import time
 import warnings
 from abc import ABCMeta, abstractmethod
@@ -15,32 +14,26 @@ from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils.validation import (
     check_consistent_length,
-    check_is_fitted,
     validate_data,
 )
 
 from ..containers import Container
 from ..delays import estimate_delays
-from ..experiments import (
-    Scaling,
-    check_inputs,
-    split_experiments,
-)
-from ..linearizability import measure
-from ..lure import Lure
+from ..experiments import check_inputs, split_experiments
 from ..mapping import Held
-from ..networks import Perceptron
+from ..scaling import Scaling
 from ..subspace import TRIAL_SAMPLES, identify_linear
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
 from ._ahead import AheadMixin
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._files import FilesMixin
+from ._linearity import LinearityMixin
 from ._remote import RemoteMixin
 from ._report import ReportMixin
 from ._simulation import DATA, SimulationMixin, join_records
 from ._sklearn import ScikitLearnMixin
-from ._start import check_bounds, given_model
+from ._start import check_bounds, given_model, portable
 from ._uncertainty import UncertaintyMixin
 from ._validation import ValidationMixin
 
@@ -54,6 +47,7 @@ class StateSpaceModel(
     CallbackSupportMixin,
     SimulationMixin,
     AheadMixin,
+    LinearityMixin,
     ControlMixin,
     ValidationMixin,
     UncertaintyMixin,
@@ -85,7 +79,12 @@ class StateSpaceModel(
         "verbose": ["verbose"],
     }
 
-    # -- fit -------------------------------------------------------------------------
+    def __getstate__(self):
+        """Return what is pickled: systems of python-control as their matrices."""
+        state = dict(super().__getstate__())
+        if "linear_start" in state:
+            state["linear_start"] = portable(state["linear_start"])
+        return state
 
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks
@@ -280,7 +279,8 @@ class StateSpaceModel(
 
     def _snapshot(self, structure, step, point):
         """Return the attributes of a model fitted with what a search has reached."""
-        shown = copy.copy(self)
+        shown = object.__new__(type(self))
+        shown.__dict__.update(vars(self))
         theta, x0 = np.split(point, [structure.n_params])
         shown._structure, shown._theta = structure, theta
         result = OptimizeResult(
@@ -359,85 +359,3 @@ class StateSpaceModel(
                 )
 
         return report
-
-    # -- linearity -------------------------------------------------------------------
-
-    def linearizability(self, u, y, experiment=None):
-        """Measure how linear the model is once h is cancelled.
-
-        Parameters
-        ----------
-        u : array_like of shape (N, nu)
-            Inputs.
-        y : array_like of shape (N,) or (N, ny)
-            Outputs; they set the initial states and the size of the output.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-
-        Returns
-        -------
-        record : Linearizability
-            The output-referred linearization error (eq. gauge), in all and in
-            frequency bands, the paper's ratios, both of the model and of the closed
-            loop u = v - h with the recorded input as v, the gains of A, and the share
-            of samples outside the region of the training data. It prints as a table.
-
-        Notes
-        -----
-        The initial state of every experiment is estimated from its first
-        `n_init_samples` samples (at most a quarter of it), which are measured as well.
-        Costs four simulations.
-        """
-        check_is_fitted(self)
-        u, y, parts = self._test_data(u, y, experiment)
-        lure, feedback = self._plant()
-        experiments = [
-            (
-                u_s[:] * self._scaling.u_scale,
-                y_s[:] * self._scaling.y_scale,
-                self._initial_state(u_s, y_s, self._window(u_s)),
-            )
-            for u_s, y_s in self._experiments(u, y, parts)
-        ]
-        return measure(
-            lure,
-            (self.A_, self.B_, self.C_, self.D_),
-            feedback,
-            experiments,
-            dt=self.dt,
-            region=self._region,
-            output_names=self.output_names_,
-        )
-
-    def _plant(self):
-        """Return the Lur'e form with the states x alone, and (K, k) of h = K w + k.
-
-        Both are in the user's units; the only channel is y.
-        """
-        structure, scaling = self._structure, self._scaling
-        full = structure.lure(self._theta)
-        nx, nu, nw = structure.n_x0, full.nu, full.nw
-        neurons = slice(full.nx + full.nz, len(full.Theta))
-        rows = np.r_[structure.rows["x"], structure.rows["y"], neurons]
-        cols = np.r_[structure.cols["x"], slice(full.nx, full.Theta.shape[1])]
-        Theta = full.Theta[np.ix_(rows, cols)]
-        x_scale = np.broadcast_to(self._x_scale, nx)
-        Theta[:, :nx] /= x_scale
-        Theta[:nx] *= x_scale[:, None]
-        Theta[:, nx : nx + nu] /= scaling.u_scale
-        Theta[nx : nx + len(self.C_)] *= scaling.y_scale[:, None]
-        K, k = np.zeros((nu, nw)), np.zeros(nu)
-        if "W_h" in self.params_:
-            _, axis = structure.parameters["W_h"]
-            first = structure.cols["u"].stop
-            where = structure.cols[axis]
-            K[:, where.start - first : where.stop - first] = self.params_["W_h"]
-            k = self.params_.get("b_h", k)
-        return Lure(Theta, nx, nu, nw, full.sigma), (K, k)
-
-    def _h(self):
-        """Return the network h in the user's units, None for a model without one."""
-        if "W_h" not in self.params_:
-            return None
-        axis = self._structure.parameters["W_h"][1]
-        return Perceptron.h(self.params_, self._structure.activations[axis])

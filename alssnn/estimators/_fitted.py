@@ -6,8 +6,8 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from ..containers import Container
-from ..experiments import Scaling
 from ..linearizability import Region
+from ..scaling import Scaling
 from ..structures import Structure
 from ..watch import Step
 

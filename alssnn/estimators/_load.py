@@ -1,7 +1,9 @@
 """Load a fitted model: the way back from `save`."""
 
+from ._al_ssnn import AlSsnn
+from ._fl_ssnn import FlSsnn
+from ._gr_ssnn import GrSsnn
 from ._linear import LinearStateSpace
-from ._networks import AlSsnn, FlSsnn, GrSsnn
 
 CLASSES = {cls.__name__: cls for cls in (LinearStateSpace, FlSsnn, AlSsnn, GrSsnn)}
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..containers import Container
-from ..experiments import Scaling
 from ..linearizability import Region
+from ..scaling import Scaling
 from ..simulation import regressors, trajectory
 from ..watch import Watch
 from ._fitted import Fitted

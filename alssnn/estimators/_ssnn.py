@@ -10,13 +10,18 @@ from sklearn.base import _fit_context
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
+from ..activations import ACTIVATIONS, Activation
 from ..stability import contractive_basis
 from ..structures import state_space_structure
 from ..training import Validation, initial_theta, train
-from ._base import POSITIVE, WEIGHT, StateSpaceModel
+from ._base import COUNT, POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
 
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
+# Constraints of the options that several presets offer.
+SIZES = [COUNT, tuple]
+FEEDBACK = StrOptions({"output", "state"})
+ACTIVATION = [StrOptions(set(ACTIVATIONS)), Activation, dict]
 
 
 class Ssnn(StateSpaceModel):

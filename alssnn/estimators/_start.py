@@ -5,12 +5,51 @@ they can be held or bounded.  Inside the fit its states are scaled to unit varia
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..subspace import LinearModel, normalize
 
 LINEAR = ("A", "B", "C", "D")
+
+
+@dataclass(frozen=True, eq=False)
+class GivenSystem:
+    """Hold a linear start that can be pickled.
+
+    Parameters
+    ----------
+    A, B, C, D : ndarray
+        Matrices, in the user's units.
+    dt : float, bool or None
+        Sampling time, in seconds, as python-control has it.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    dt: float | bool | None
+
+
+def portable(start):
+    """Return a linear start as what can be pickled.
+
+    Parameters
+    ----------
+    start : object
+        The parameter `linear_start`.
+
+    Returns
+    -------
+    start : object
+        The same; a system of python-control, which cannot, as its matrices.
+    """
+    if not all(hasattr(start, name) for name in (*LINEAR, "dt")):
+        return start
+    A, B, C, D = (np.array(getattr(start, name), dtype=float) for name in LINEAR)
+    return GivenSystem(A, B, C, D, start.dt)
 
 
 def given_model(start, scaling, experiments, dt, feedthrough):

@@ -2,8 +2,9 @@
 
     x+ = A x + B (u + h(s)) + g(x, u)        y = C x        u = v - h(s)   (eq. loop)
 
-`export` turns the model into systems, `law` cancels h, `observer` estimates the state,
-`design` computes gains for (A, B, C), `loop` connects them, and `proposal` makes a
+`dynamics` is the model one step at a time, `export` names the signals of systems, `law`
+cancels h, `observer` estimates the state, `design` computes gains for (A, B, C),
+`controller` gives them the operating point, `loop` connects all, and `proposal` makes a
 first design and compares it with the model.
 
 python-control is imported in this package and nowhere else.  Its objects cannot be
@@ -11,11 +12,13 @@ pickled, so none is ever stored: they are built on demand.  Its axes are (signal
 time), ours (time, signals).
 """
 
+from .controller import split_gain
 from .design import linear_part, lqi, lqr, place
 from .disturbance import DisturbanceObserver
-from .export import Dynamics, late_inputs, signal_names, to_statespace
+from .dynamics import Dynamics, late_inputs
+from .export import signal_names, to_statespace
 from .law import LinearizingLaw
-from .loop import closed_loop, designed_loop, split_gain
+from .loop import closed_loop, designed_loop
 from .observer import Observer
 from .proposal import balanced_weights, step_comparison
 

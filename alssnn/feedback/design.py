@@ -1,16 +1,16 @@
 """Gains for the linear part (A, B, C), by python-control.
 
-The law u = v - h(s) leaves x+ = A x + B (v - u_offset), y = C x + y_offset, for which
-these functions compute v = ... - K x_hat.  All matrices are in the user's units.  They
-check what python-control would only fail on: that v reaches every state that must be
-moved (the test of Popov, Belevitch and Hautus).
+The law u = v - h(s) leaves x+ = A x + B dv, y = C x + D dv + y_offset with dv = v -
+u_offset and D mostly zero, for which these functions compute v = ... - K x_hat.  All
+matrices are in the user's units.  They check what python-control would only fail on:
+that v reaches every state that must be moved (the test of Popov, Belevitch and Hautus).
 """
 
 import control
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from .observer import check_weight
+from .checks import check_weight
 
 CONTROLLABLE = 1e-9  # smallest singular value, relative, of [A - lambda I, B]
 
@@ -65,8 +65,9 @@ def lqr(model, Q, R):
 def lqi(model, Q, R):
     """Return the gain of the linear-quadratic regulator with integrators.
 
-    The state x is augmented by z+ = z + y - r, the sum of the tracking error, so that
-    y settles at a constant reference without offset; v = -K [x; z].
+    The state x is augmented by z+ = z + y - r with y = C x + D v, the sum of the
+    tracking error, so that y settles at a constant reference without offset;
+    v = -K [x; z].
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def lqi(model, Q, R):
     >>> lqi(model, np.eye(5), np.eye(1)).shape  # four states, one integrator
     (1, 5)
     """
-    A, B, C = linear_part(model)
+    A, B, C, D = linear_system(model)
     nx, (ny, nu) = len(A), (len(C), B.shape[1])
     if ny > nu:
         raise ValueError(
@@ -111,11 +112,13 @@ def lqi(model, Q, R):
         )
     Q = check_weight("Q", Q, nx + ny)
     R = check_weight("R", R, nu, definite=True)
+    states, eye = np.hstack([A, np.zeros((nx, ny))]), np.eye(ny)
     size = np.linalg.norm(C, axis=1, keepdims=True)
-    integrators = np.hstack([C / size, np.eye(ny)])
-    augmented = np.vstack([np.hstack([A, np.zeros((nx, ny))]), integrators])
-    _check_controllable(augmented, np.vstack([B, np.zeros((ny, nu))]), radius=1.0)
-    return _solve(control.dlqr, A, B, Q, R, integral_action=C)
+    size[size == 0] = 1.0  # an output of D alone
+    scaled = np.vstack([states, np.hstack([C / size, eye])])
+    _check_controllable(scaled, np.vstack([B, D / size]), radius=1.0)
+    augmented = np.vstack([states, np.hstack([C, eye])])
+    return _solve(control.dlqr, augmented, np.vstack([B, D]), Q, R)
 
 
 def place(model, poles):
@@ -181,11 +184,27 @@ def linear_part(model):
     A, B, C : ndarray
         Its matrices; the past of inputs that arrive late are further states.
     """
+    return linear_system(model)[:3]
+
+
+def linear_system(model):
+    """Return the linear system that v sees, with its feedthrough.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    A, B, C, D : ndarray
+        Its matrices, as in `linear_part`.
+    """
     check_is_fitted(model)
     if not np.any(model.input_delay_):
-        return model.A_, model.B_, model.C_
+        return model.A_, model.B_, model.C_, model.D_
     linear = model.to_statespace()  # with the states of late inputs
-    return linear.A, linear.B, linear.C
+    return linear.A, linear.B, linear.C, linear.D
 
 
 def _check_controllable(A, B, radius):

@@ -11,7 +11,8 @@ ends up in d, so that a controller that takes d into account settles at its refe
 import numpy as np
 from scipy.linalg import block_diag
 
-from .observer import PROCESS_NOISE, Observer, check_weight, stationary_covariance
+from .checks import check_weight
+from .observer import PROCESS_NOISE, Observer, stationary_covariance
 
 RANK = 1e-9  # smallest singular value, relative, of what must have full rank
 

@@ -13,6 +13,7 @@ import control
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from .checks import check_limits
 from .export import signal_names
 
 
@@ -237,53 +238,6 @@ def _check_posed(model, state):
             f"{model.input_delay_.max()} samples ahead, for u arrives late. Fit with "
             "input_delay=0 and more states."
         )
-
-
-def check_limits(letter, lower, upper, size):
-    """Return lower and upper limits of every signal.
-
-    Parameters
-    ----------
-    letter : str
-        Name of the signal, for the message: its limits are ``u_min`` and ``u_max``.
-    lower : float, array_like of shape (size,) or None
-        Lower limits; None means none.
-    upper : float, array_like of shape (size,) or None
-        Upper limits; None means none.
-    size : int
-        Number of signals.
-
-    Returns
-    -------
-    lower, upper : ndarray of shape (size,)
-        Limits; infinite where there is none.
-
-    Raises
-    ------
-    ValueError
-        If a limit has the wrong size, is NaN, or the lower one is not below the upper.
-    """
-    lower = _limit(f"{letter}_min", lower, size, -np.inf)
-    upper = _limit(f"{letter}_max", upper, size, np.inf)
-    if not np.all(lower < upper):
-        raise ValueError(
-            f"`{letter}_min` must be below `{letter}_max`, got {lower} and {upper}. "
-            "Exchange them."
-        )
-    return lower, upper
-
-
-def _limit(name, value, size, default):
-    """Return a limit for every signal."""
-    if value is None:
-        return np.full(size, default)
-    value = np.asarray(value, dtype=float)
-    if value.shape not in [(), (size,)] or np.isnan(value).any():
-        raise ValueError(
-            f"`{name}` must be a number or have shape ({size},), without NaN, got "
-            f"{value}. Use -inf or inf for signals without a limit."
-        )
-    return np.broadcast_to(value, size).copy()
 
 
 def _rows(name, value, size):

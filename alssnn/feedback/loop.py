@@ -2,89 +2,20 @@
 
     r -> controller -> v -> law -> u -> plant -> y,    observer: (u, y) -> x_hat
 
-All signals are in the user's units.  The controller is linear and works on deviations:
-`LinearController` is the one place where the operating point enters and leaves.  The
-plant must be strictly proper, else law and observer close an algebraic loop.
+All signals are in the user's units.  The plant must be strictly proper, else law and
+observer close an algebraic loop.
 """
-
-from dataclasses import dataclass
 
 import control
 import numpy as np
 
-from .design import linear_part
-from .export import Dynamics, signal_names, to_statespace
+from .checks import check_dt
+from .controller import from_gain, from_system
+from .design import linear_system
+from .dynamics import Dynamics
+from .export import signal_names, to_statespace
 from .law import LinearizingLaw
 from .observer import Observer
-
-
-@dataclass(frozen=True, eq=False)
-class LinearController:
-    """Hold a linear controller that works on deviations.
-
-    Its state is z, its inputs are r, y, x_hat and cut, its output is v:
-    z+ = A z + B e, v = v_offset + C z + D e with e = (r, y, x_hat, cut) - offset. Only
-    a controller by gain has x_hat, and only one with integrators has cut, the part of
-    v that the limits cut off.
-
-    Parameters
-    ----------
-    A, B, C, D : ndarray
-        Matrices.
-    offset : ndarray of shape (n_inputs,)
-        Operating point of the inputs.
-    v_offset : ndarray of shape (nu,)
-        Operating point of the output.
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    offset: np.ndarray
-    v_offset: np.ndarray
-
-    def update(self, t, z, signals, params):
-        """Return the next state, for python-control.
-
-        Parameters
-        ----------
-        t : float
-            Time, in seconds; not used.
-        z : ndarray of shape (nz,)
-            State of the controller.
-        signals : ndarray of shape (n_inputs,)
-            The inputs.
-        params : dict
-            Not used.
-
-        Returns
-        -------
-        z_next : ndarray of shape (nz,)
-            State one sample later.
-        """
-        return self.A @ z + self.B @ (signals - self.offset)
-
-    def output(self, t, z, signals, params):
-        """Return v, for python-control.
-
-        Parameters
-        ----------
-        t : float
-            Time, in seconds; not used.
-        z : ndarray of shape (nz,)
-            State of the controller.
-        signals : ndarray of shape (n_inputs,)
-            The inputs.
-        params : dict
-            Not used.
-
-        Returns
-        -------
-        v : ndarray of shape (nu,)
-            Input of the linear system.
-        """
-        return self.v_offset + self.C @ z + self.D @ (signals - self.offset)
 
 
 def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=None):
@@ -161,9 +92,9 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
             f"{'none' if gain is None else 'both'}."
         )
     if gain is None:
-        block, of_y = _from_lti(controller, dynamics), True
+        block, of_y = from_system(controller, dynamics), True
     else:
-        block, of_y = _from_gain(gain, dynamics)
+        block, of_y = from_gain(gain, dynamics)
     needs_state = gain is not None or law.feedback == "state"
     shows_state = plant is model and observer is None
     integrates = gain is not None and len(block.A) > 0
@@ -181,8 +112,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
 def designed_loop(model, gain):
     """Return the linear loop that a gain was designed for.
 
-    That is what `closed_loop` would be if the law left exactly (A, B, C): the response
-    to compare the true one with, and the poles that were chosen.
+    That is what `closed_loop` would be if the law left exactly (A, B, C, D): the
+    response to compare the true one with, and the poles that were chosen.
 
     Parameters
     ----------
@@ -214,20 +145,25 @@ def designed_loop(model, gain):
     True
     """
     dynamics = Dynamics.of(model)
-    block, of_y = _from_gain(gain, dynamics)
-    A, B, C = linear_part(model)
+    block, of_y = from_gain(gain, dynamics)
+    A, B, C, D = linear_system(model)
     (nx, nu), ny = B.shape, len(C)
     nr = ny if of_y else nu
-    # the controller sees (r, y, x_hat) with y = C x, x_hat = x, and nothing is cut
-    of_x = np.vstack([C, np.eye(nx)])
-    B_r, B_x = block.B[:, :nr], block.B[:, nr : nr + ny + nx] @ of_x
-    D_r, D_x = block.D[:, :nr], block.D[:, nr : nr + ny + nx] @ of_x
-    nz = len(block.A)
+    # the controller sees (r, y, x_hat) with x_hat = x, and nothing is cut; its v
+    # does not depend on y, which has D v in it
+    r, y, x = np.split(np.arange(nr + ny + nx), [nr, nr + ny])
+    v_x, v_z, v_r = block.D[:, x], block.C, block.D[:, r]
+    B_y = block.B[:, y]
     return to_statespace(
-        np.block([[A + B @ D_x, B @ block.C], [B_x, block.A]]),
-        np.vstack([B @ D_r, B_r]),
-        np.block([[C, np.zeros((ny, nz))], [D_x, block.C]]),
-        np.vstack([np.zeros((ny, nr)), D_r]),
+        np.block(
+            [
+                [A + B @ v_x, B @ v_z],
+                [block.B[:, x] + B_y @ (C + D @ v_x), block.A + B_y @ D @ v_z],
+            ]
+        ),
+        np.vstack([B @ v_r, block.B[:, r] + B_y @ D @ v_r]),
+        np.block([[C + D @ v_x, D @ v_z], [v_x, v_z]]),
+        np.vstack([D @ v_r, v_r]),
         dynamics.dt,
         inputs=signal_names(None, "r", nr),
         outputs=[*dynamics.outputs, *signal_names(None, "v", nu)],
@@ -260,6 +196,7 @@ class _Names:
 
     def plant(self, plant, dynamics, with_state):
         if with_state:
+            _check_proper(dynamics)
             return self._block(
                 dynamics.update,
                 dynamics.output_and_state,
@@ -355,6 +292,7 @@ def check_plant(plant, dynamics):
         strictly proper.
     """
     if hasattr(plant, "to_nlsys"):
+        _check_proper(Dynamics.of(plant))
         plant = plant.to_nlsys()
     if isinstance(plant, control.TransferFunction):
         plant = control.ss(plant)
@@ -363,7 +301,7 @@ def check_plant(plant, dynamics):
             "`plant` must be a fitted model or a system of python-control, got "
             f"{type(plant).__name__}. Wrap it in control.nlsys."
         )
-    _check_dt("plant", plant, dynamics.dt)
+    check_dt("plant", plant, dynamics.dt)
     sizes = plant.ninputs, plant.noutputs
     expected = dynamics.lure.nu, len(dynamics.y_offset)
     if sizes != expected:
@@ -379,89 +317,11 @@ def check_plant(plant, dynamics):
     return plant
 
 
-def split_gain(gain, dynamics):
-    """Return the parts of a gain that act on the states and on the integrators.
-
-    Parameters
-    ----------
-    gain : array_like of shape (nu, nx) or (nu, nx + ny)
-        Gain, as for `closed_loop`.
-    dynamics : Dynamics
-        Model that it was designed for.
-
-    Returns
-    -------
-    K_x : ndarray of shape (nu, nx)
-        Gain of the states.
-    K_z : ndarray of shape (nu, ny) or (nu, 0)
-        Gain of the integrators, if there are any.
-
-    Raises
-    ------
-    ValueError
-        If the gain has the wrong shape or is not finite.
-    """
-    nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
-    K = np.asarray(gain, dtype=float)
-    if K.shape not in [(nu, nx), (nu, nx + ny)] or not np.isfinite(K).all():
+def _check_proper(dynamics):
+    """Refuse a model as plant whose output depends on the input of the same sample."""
+    if not dynamics.has_linear_output:
         raise ValueError(
-            f"`gain` must be finite and have shape ({nu}, {nx}) or ({nu}, {nx + ny}), "
-            f"got shape {K.shape}. Use `lqr`, `place` or `lqi`."
-        )
-    return K[:, :nx], K[:, nx:]
-
-
-def _from_gain(gain, dynamics):
-    """Return the controller of a gain, and whether r is a reference of y."""
-    nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
-    K_x, K_z = split_gain(gain, dynamics)
-    if not K_z.size:
-        D = np.hstack([np.eye(nu), np.zeros((nu, ny)), -K_x])
-        offset = np.concatenate([dynamics.u_offset, dynamics.y_offset, np.zeros(nx)])
-        empty = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((nu, 0))
-        return LinearController(*empty, D, offset, dynamics.u_offset), False
-    # v = ... - K_z z: what is cut off v is taken out of z, against windup
-    back = np.linalg.pinv(K_z)  # (ny, nu)
-    B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx)), back])
-    D = np.hstack([np.zeros((nu, 2 * ny)), -K_x, np.zeros((nu, nu))])
-    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset, np.zeros(nx + nu)])
-    matrices = np.eye(ny), B, -K_z, D
-    return LinearController(*matrices, offset, dynamics.u_offset), True
-
-
-def _from_lti(controller, dynamics):
-    """Return the controller of a linear system with inputs (r, y) or r - y."""
-    nu, ny = dynamics.lure.nu, len(dynamics.y_offset)
-    if not isinstance(controller, control.StateSpace | control.TransferFunction):
-        raise TypeError(
-            "`controller` must be a StateSpace or TransferFunction, got "
-            f"{type(controller).__name__}. Give a matrix as `gain`."
-        )
-    _check_dt("controller", controller, dynamics.dt)
-    sys = control.ss(controller)
-    if sys.noutputs != nu or sys.ninputs not in (ny, 2 * ny):
-        raise ValueError(
-            f"`controller` must have {nu} outputs and {ny} inputs (r - y) or {2 * ny} "
-            f"(r, y), got {sys.noutputs} and {sys.ninputs}."
-        )
-    B, D = sys.B, sys.D
-    if sys.ninputs == ny:
-        B, D = np.hstack([B, -B]), np.hstack([D, -D])
-    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset])
-    return LinearController(sys.A, B, sys.C, D, offset, dynamics.u_offset)
-
-
-def _check_dt(name, sys, dt):
-    """Refuse continuous time and other sampling times."""
-    if sys.dt == 0:
-        raise ValueError(
-            f"`{name}` must be discrete in time with dt={dt}, got a continuous-time "
-            "system. Discretize it, for example with control.sample_system."
-        )
-    if sys.dt is None or sys.dt is True:  # not specified
-        return
-    if not np.isclose(sys.dt, dt, rtol=1e-9, atol=0):
-        raise ValueError(
-            f"`{name}` must have the sampling time of the model, dt={dt}, got "
-            f"{sys.dt}. Resample it, or give the estimator the right `dt`."
+            f"`plant` must be strictly proper, got the model {dynamics.name} with D or "
+            "k, whose y depends on u of the same sample. Fit with feedthrough=False "
+            "and n_k=0; `designed_loop` shows the linear loop with D."
         )

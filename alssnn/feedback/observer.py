@@ -14,7 +14,9 @@ import control
 import numpy as np
 from scipy.linalg import block_diag
 
-from .export import Dynamics, check_point, signal_names
+from .checks import check_point, check_weight
+from .dynamics import Dynamics
+from .export import signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
 FIT_FLOOR = 1e-6  # share of var(y) below which a residual says nothing about noise
@@ -314,48 +316,6 @@ class Observer:
             A = self.dynamics.jacobian(x, u - self.dynamics.u_offset)[0]
             P = A @ P @ A.T + self.Q
         return self.dynamics.step(x, u), P
-
-
-def check_weight(name, value, size, *, definite=False):
-    """Return a symmetric, positive semidefinite matrix of given size.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for the message.
-    value : array_like of shape (size, size)
-        The matrix.
-    size : int
-        Its size.
-    definite : bool, default=False
-        Whether it must be positive definite.
-
-    Returns
-    -------
-    value : ndarray of shape (size, size)
-        The matrix.
-
-    Raises
-    ------
-    ValueError
-        If the size is wrong or the matrix is not as required.
-    """
-    value = np.asarray(value, dtype=float)
-    if value.shape != (size, size):
-        raise ValueError(
-            f"`{name}` must have shape ({size}, {size}), got {value.shape}. Multiply "
-            "np.eye by the weights."
-        )
-    kind = "definite" if definite else "semidefinite"
-    symmetric = np.allclose(value, value.T) and np.isfinite(value).all()
-    least = np.linalg.eigvalsh(value).min() if symmetric else np.nan
-    # rounding makes eigenvalues of a semidefinite matrix slightly negative
-    if not (least > 0 if definite else least >= -1e-12 * np.abs(value).max()):
-        raise ValueError(
-            f"`{name}` must be symmetric and positive {kind}, got smallest eigenvalue "
-            f"{least:.3g}. Use positive weights on the diagonal."
-        )
-    return value
 
 
 def stationary_covariance(A, C, Q, R):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..feedback import DisturbanceObserver, Dynamics, Observer
-from ..feedback.law import check_limits
+from ..feedback.checks import check_limits
 
 
 def check_references(reference, horizon, ny):

@@ -14,10 +14,8 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from sklearn.utils.validation import check_is_fitted
 
 from ..feedback import Dynamics, LinearizingLaw, lqr
-from ..feedback.export import check_point
-from ..feedback.law import check_limits
+from ..feedback.checks import check_limits, check_point, check_weight
 from ..feedback.loop import check_plant
-from ..feedback.observer import check_weight
 from ..simulation import simulate
 from ._checks import (
     check_observer,
@@ -29,6 +27,7 @@ from ._checks import (
 from ._prediction import Prediction
 from ._qp import QuadraticProgram
 from ._record import MpcRecord, MpcStep
+from ._soft import SoftBounds
 from ._target import Target
 
 CHEAP_INPUT = 0.1  # default weight of v against y, both in standard deviations
@@ -184,13 +183,18 @@ class LinearizingMPC:
         self.observer = check_observer(observer, model)
         options = {"tol": float(tol), "max_iter": int(max_iter)}
         penalty = check_penalty(slack_weight)
-        self._bound_outputs(y_min, y_max, x_min, x_max)
+        self._soft = SoftBounds.of(
+            self._C,
+            self._sy,
+            check_limits("y", y_min, y_max, self._ny),
+            check_limits("x", x_min, x_max, self._nx),
+        )
         if Q_target is None:
             Q_target = np.diag(1 / self._sy**2)
         Q_target = check_weight("Q_target", Q_target, self._ny)
         Q_target = Q_target * np.outer(self._sy, self._sy)
         self._condense(model, Q, R, penalty, options)
-        self._target = Target(self._C, Q_target, self._soft, penalty, options)
+        self._target = Target(self._C, Q_target, self._soft.rows, penalty, options)
         self.reset()
 
     def reset(self, x0=None, u=None):
@@ -285,7 +289,7 @@ class LinearizingMPC:
 
     def _rest(self, d, y0, goals):
         """Improve the states of rest; return the status and how far they moved."""
-        nx, u_e, soft = self._nx, self._model.u_offset, self._soft_bounds(y0)
+        nx, u_e, soft = self._nx, self._model.u_offset, self._soft.around(y0)
         dynamics, law = self.observer.dynamics, self.law
         Xd = self._with_disturbance(self._X_s, d)
         A, B, _, _ = dynamics.jacobian(Xd, self._U_s - u_e)
@@ -328,9 +332,10 @@ class LinearizingMPC:
             dv = np.diff(V_free.reshape(n, nu), axis=0, prepend=0)
             lower.append((dh - dv - self._du_max / su).ravel())
             upper.append((dh - dv + self._du_max / su).ravel())
-        Y_free = X_free.reshape(n, nx) @ self._soft.T  # (N, n_soft)
-        y_min, y_max = (bound - Y_free for bound in self._soft_bounds(y0))
-        below, above = y_min[:, self._below].ravel(), y_max[:, self._above].ravel()
+        Y_free = X_free.reshape(n, nx) @ self._soft.rows.T  # (N, n_soft)
+        y_min, y_max = (bound - Y_free for bound in self._soft.around(y0))
+        below = y_min[:, self._soft.below].ravel()
+        above = y_max[:, self._soft.above].ravel()
         lower += [below, np.full(above.size, -np.inf), np.zeros(Y_free.size)]
         upper += [np.full(below.size, np.inf), above, np.full(Y_free.size, np.inf)]
         solution = self._qp.solve(
@@ -354,10 +359,10 @@ class LinearizingMPC:
         margin = AT_LIMIT * self._su
         low = np.maximum(self.law.u_min, low) + margin
         high = np.minimum(self.law.u_max, high) - margin
-        slack = np.zeros(self._ny + self._nx)
-        if solution.x is not None and self._n_soft:
-            s = solution.x[self.horizon * self._nu :].reshape(self.horizon, -1)
-            slack[self._kept] = np.maximum(s.max(axis=0), 0.0)
+        slack = np.zeros((self.horizon, len(self._soft.rows)))
+        if solution.x is not None:
+            slack = solution.x[self.horizon * self._nu :].reshape(slack.shape)
+        slack_y, slack_x = self._soft.largest(slack)
         return MpcStep(
             status=solution.status,
             fallback=solution.x is None,
@@ -369,8 +374,8 @@ class LinearizingMPC:
             v=self._u + h,
             cut=wanted - self._u,
             saturated=(self._u <= low) | (self._u >= high),
-            slack_y=slack[: self._ny] * self._sy,
-            slack_x=slack[self._ny :],
+            slack_y=slack_y,
+            slack_x=slack_x,
             target_error=np.full(self._ny, np.nan),
             x_hat=x,
             disturbance=d,
@@ -398,12 +403,6 @@ class LinearizingMPC:
     def _model_output(self, X, d):
         """Return the outputs of states, disturbance included."""
         return self.observer.dynamics.measure(self._with_disturbance(X, d))
-
-    def _soft_bounds(self, y0):
-        """Return the bounds of the soft rows, outputs scaled, as deviations."""
-        shift = np.concatenate([y0, np.zeros(self._nx)])
-        size = np.concatenate([self._sy, np.ones(self._nx)])
-        return tuple(((b - shift) / size)[self._kept] for b in self._limits)
 
     # -- a simulation ------------------------------------------------------------------
 
@@ -470,19 +469,6 @@ class LinearizingMPC:
 
     # -- preparation -------------------------------------------------------------------
 
-    def _bound_outputs(self, y_min, y_max, x_min, x_max):
-        """Collect the soft rows: the outputs and states that have a bound."""
-        y_limits = check_limits("y", y_min, y_max, self._ny)
-        x_limits = check_limits("x", x_min, x_max, self._nx)
-        self._limits = tuple(
-            np.concatenate(pair) for pair in zip(y_limits, x_limits, strict=True)
-        )
-        finite = np.isfinite(self._limits)
-        self._kept = np.flatnonzero(finite.any(axis=0))
-        self._below, self._above = finite[:, self._kept]
-        self._soft = np.vstack([self._C, np.eye(self._nx)])[self._kept]
-        self._n_soft = len(self._kept)
-
     def _condense(self, model, Q, R, penalty, options):
         """Build everything that does not change between samples."""
         n, nu, su = self.horizon, self._nu, self._su
@@ -499,10 +485,10 @@ class LinearizingMPC:
         self._X_cQ = maps.X_c.T @ block_diag(*[Q] * (n - 1), self.P)
         self._V_cR = maps.V_c.T @ np.kron(np.eye(n), R_s)
         H = self._X_cQ @ maps.X_c + self._V_cR @ maps.V_c
-        n_slack = n * self._n_soft
-        Y_c = np.kron(np.eye(n), self._soft) @ maps.X_c  # (n_slack, N nu)
+        n_slack = n * len(self._soft.rows)
+        Y_c = np.kron(np.eye(n), self._soft.rows) @ maps.X_c  # (n_slack, N nu)
         eye = np.eye(n_slack)
-        below, above = np.tile(self._below, n), np.tile(self._above, n)
+        below, above = (np.tile(z, n) for z in (self._soft.below, self._soft.above))
         self._rated = bool(np.isfinite(self._du_max).any())
         rows = [(maps.V_c, np.zeros((n * nu, n_slack)))]
         if self._rated:

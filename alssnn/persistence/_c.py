@@ -197,7 +197,7 @@ class _Source:
         if parts.K_x is not None:
             matrices["K_x"] = parts.K_x
         if parts.integrates:
-            # what the limits cut off v is taken out of z, as in `feedback.loop`
+            # what the limits cut off v is taken out of z, as in `feedback.controller`
             matrices |= {"K_z": parts.K_z, "back": np.linalg.pinv(parts.K_z)}
         if self._limited():
             matrices |= {"u_min": parts.law.u_min, "u_max": parts.law.u_max}

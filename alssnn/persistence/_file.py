@@ -18,8 +18,8 @@ from numbers import Real
 import numpy as np
 
 from ..containers import Container
-from ..experiments import Scaling
 from ..linearizability import Region
+from ..scaling import Scaling
 from ..structures import state_space_structure
 from ..watch import Step
 from ._archive import decode, encode, read, release, write

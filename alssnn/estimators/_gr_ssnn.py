@@ -1,0 +1,211 @@
+"""GR-SSNN: linear but for a residual that is free."""
+
+from typing import ClassVar
+
+from ._ssnn import ACTIVATION, SIZES, Ssnn
+
+
+class GrSsnn(Ssnn):
+    r"""Generalized residual state-space neural network.
+
+    .. math::
+
+        x_{k+1} = A x_k + B u_k + f(x_k, u_k), \qquad y_k = C x_k
+
+    f is free: the most accurate of the models, without structure for control. It has
+    one hidden layer of tanh neurons and a free output bias (eq. model), and C keeps
+    the value of the linear start.
+
+    Parameters
+    ----------
+    nx : int or "auto", default="auto"
+        Number of states; "auto" chooses 1 to 10 from the singular values.
+    n_f : int or tuple of int, default=15
+        Hidden neurons of f; 0 leaves f out.
+    n_k : int or tuple of int, default=0
+        Hidden neurons of k in the output, by layer; 0 leaves k out.
+    feedthrough : bool, default=False
+        Whether D is identified; else it is zero.
+    activation : str, Activation or dict, default="tanh"
+        "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
+        for all networks or by network, ``{"g": ..., "k": ...}`` (f is "g").
+    alpha : float, default=0.0
+        Weight of the sum of squared network parameters.
+    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
+        Samples by which each input arrives late; "auto" takes the largest delay that
+        costs neither prediction nor simulation of a linear model (eq. delay).
+    output_weight : array_like of shape (ny,) or None, default=None
+        Weight of the squared error of every output, outputs scaled to unit variance.
+    linear_start : tuple, control.StateSpace, fitted model or None, default=None
+        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
+        units of the data. It sets `nx` and the basis of the states.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
+        B, in the units of the data; equal ones hold an entry.
+    operating_point : {"mean", "zero"} or tuple, default="mean"
+        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    n_init : int, default=1
+        Number of random starts; the best on the coarse stage goes on.
+    max_iter : int, default=300
+        Largest number of trial steps of the coarse stage, or of the only one.
+    tol : float, default=1e-6
+        Relative change of cost or parameters that ends a stage.
+    max_time : float or None, default=None
+        Seconds after which the fit stops at its next trial step, with the best
+        parameters so far; None means no limit.
+    validation_fraction : float or None, default=None
+        Share of every experiment, its end, that is not fitted but judges the
+        training, see `validation` of `fit`; None fits everything.
+    n_iter_no_change : int, default=10
+        Accepted steps without a new least validation error after which a stage ends.
+    coarse_samples : int or None, default=15000
+        Longer records are first trained on so many samples, their liveliest
+        stretch; None trains on all samples at once.
+    polish_iter : int, default=30
+        Largest number of trial steps on all samples after a coarse stage.
+    method : {"lm", "trf"}, default="lm"
+        Method of `scipy.optimize.least_squares`.
+    n_init_samples : int, default=50
+        First samples of an experiment from which `score` estimates its initial
+        state, at most a quarter of the experiment.
+    warm_start : bool, default=False
+        Whether a repeated `fit` continues from the last parameters and scaling.
+    n_jobs : int or None, default=None
+        Random starts trained in parallel, or experiments in threads if there is one
+        start, as in joblib. The result does not depend on it.
+    random_state : int, RandomState instance or None, default=None
+        Source of the initial inner weights.
+    verbose : int, default=0
+        1 prints every tenth step of the training, 2 every step.
+
+    Attributes
+    ----------
+    A_, B_, C_, D_ : ndarray
+        Linear part in the user's units (deviations).
+    x0_ : ndarray of shape (n_experiments, nx)
+        Estimated initial states of the training experiments.
+    params_ : Bunch
+        All parameters by name (A, B, C, W_g, W_x, W_u, b_x, b_g; the net f is the g
+        of the model family), in the user's units.
+    singular_values_ : ndarray
+        Singular values behind ``nx="auto"``, descending.
+    nx_ : int
+        Number of states.
+    input_delay_ : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
+    cost_ : float
+        Final cost (eq. cost), outputs scaled to unit variance.
+    n_iter_ : int
+        Trial steps of the training, linear start excluded.
+    converged_ : bool
+        Whether a tolerance was reached, or validation ended the last stage.
+    message_ : str
+        Why the training stopped.
+    history_ : list of Step
+        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
+        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
+    u_offset_, y_offset_ : ndarray
+        Operating point, in the units of the data.
+    experiments_ : list
+        Labels of the training experiments; ``[None]`` without labels.
+    output_names_ : list of str or None
+        Names of the outputs, if `y` had any.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, if `u` had any.
+
+    See Also
+    --------
+    AlSsnn : Nonlinear model whose nonlinearity is cancelled by feedback.
+
+    References
+    ----------
+    .. [1] M. Schoukens, "Improved initialization of state-space artificial neural
+       networks", European Control Conference, 2021, pp. 1913-1918.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.GrSsnn(nx=6, n_f=4, max_iter=20, tol=1e-2)
+    >>> model = model.fit(record.u, record.y)
+    >>> bool(model.score(record.u, record.y) > 0.95)
+    True
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        **Ssnn._parameter_constraints,
+        "n_f": SIZES,
+        "n_k": SIZES,
+        "feedthrough": ["boolean"],
+        "activation": ACTIVATION,
+    }
+
+    _for_control = False
+
+    def __init__(
+        self,
+        nx="auto",
+        n_f=15,
+        *,
+        n_k=0,
+        feedthrough=False,
+        activation="tanh",
+        alpha=0.0,
+        input_delay=0,
+        output_weight=None,
+        linear_start=None,
+        bounds=None,
+        operating_point="mean",
+        dt=1.0,
+        n_init=1,
+        max_iter=300,
+        tol=1e-6,
+        max_time=None,
+        validation_fraction=None,
+        n_iter_no_change=10,
+        coarse_samples=15_000,
+        polish_iter=30,
+        method="lm",
+        n_init_samples=50,
+        warm_start=False,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.nx = nx
+        self.n_f = n_f
+        self.n_k = n_k
+        self.feedthrough = feedthrough
+        self.activation = activation
+        self.alpha = alpha
+        self.input_delay = input_delay
+        self.output_weight = output_weight
+        self.linear_start = linear_start
+        self.bounds = bounds
+        self.operating_point = operating_point
+        self.dt = dt
+        self.n_init = n_init
+        self.max_iter = max_iter
+        self.tol = tol
+        self.max_time = max_time
+        self.validation_fraction = validation_fraction
+        self.n_iter_no_change = n_iter_no_change
+        self.coarse_samples = coarse_samples
+        self.polish_iter = polish_iter
+        self.method = method
+        self.n_init_samples = n_init_samples
+        self.warm_start = warm_start
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def _networks(self):
+        return {
+            "n_g": self.n_f,
+            "n_k": self.n_k,
+            "activation": self.activation,
+            "tied_bias": False,
+        }

@@ -1,0 +1,160 @@
+"""Arguments of designs, observers and loops: their sizes, signs and sampling times."""
+
+import numpy as np
+
+
+def check_point(name, value, size, missing=False):
+    """Return a vector of given size; None stands for zero.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like of shape (size,) or None
+        The argument.
+    size : int
+        Its length.
+    missing : bool, default=False
+        Whether entries may be nan.
+
+    Returns
+    -------
+    value : ndarray of shape (size,)
+        The vector.
+
+    Raises
+    ------
+    ValueError
+        If the size is wrong or a value not finite.
+    """
+    if value is None:
+        return np.zeros(size)
+    value = np.asarray(value, dtype=float)
+    if value.shape != (size,):
+        raise ValueError(
+            f"`{name}` must have shape ({size},), got {value.shape}. Give one value "
+            "per signal."
+        )
+    if not (np.isfinite(value) | (missing & np.isnan(value))).all():
+        raise ValueError(f"`{name}` must be finite, got {value}.")
+    return value
+
+
+def check_weight(name, value, size, *, definite=False):
+    """Return a symmetric, positive semidefinite matrix of given size.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like of shape (size, size)
+        The matrix.
+    size : int
+        Its size.
+    definite : bool, default=False
+        Whether it must be positive definite.
+
+    Returns
+    -------
+    value : ndarray of shape (size, size)
+        The matrix.
+
+    Raises
+    ------
+    ValueError
+        If the size is wrong or the matrix is not as required.
+    """
+    value = np.asarray(value, dtype=float)
+    if value.shape != (size, size):
+        raise ValueError(
+            f"`{name}` must have shape ({size}, {size}), got {value.shape}. Multiply "
+            "np.eye by the weights."
+        )
+    kind = "definite" if definite else "semidefinite"
+    symmetric = np.allclose(value, value.T) and np.isfinite(value).all()
+    least = np.linalg.eigvalsh(value).min() if symmetric else np.nan
+    # rounding makes eigenvalues of a semidefinite matrix slightly negative
+    if not (least > 0 if definite else least >= -1e-12 * np.abs(value).max()):
+        raise ValueError(
+            f"`{name}` must be symmetric and positive {kind}, got smallest eigenvalue "
+            f"{least:.3g}. Use positive weights on the diagonal."
+        )
+    return value
+
+
+def check_limits(letter, lower, upper, size):
+    """Return lower and upper limits of every signal.
+
+    Parameters
+    ----------
+    letter : str
+        Name of the signal, for the message: its limits are ``u_min`` and ``u_max``.
+    lower : float, array_like of shape (size,) or None
+        Lower limits; None means none.
+    upper : float, array_like of shape (size,) or None
+        Upper limits; None means none.
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    lower, upper : ndarray of shape (size,)
+        Limits; infinite where there is none.
+
+    Raises
+    ------
+    ValueError
+        If a limit has the wrong size, is NaN, or the lower one is not below the upper.
+    """
+    lower = _limit(f"{letter}_min", lower, size, -np.inf)
+    upper = _limit(f"{letter}_max", upper, size, np.inf)
+    if not np.all(lower < upper):
+        raise ValueError(
+            f"`{letter}_min` must be below `{letter}_max`, got {lower} and {upper}. "
+            "Exchange them."
+        )
+    return lower, upper
+
+
+def _limit(name, value, size, default):
+    """Return a limit for every signal."""
+    if value is None:
+        return np.full(size, default)
+    value = np.asarray(value, dtype=float)
+    if value.shape not in [(), (size,)] or np.isnan(value).any():
+        raise ValueError(
+            f"`{name}` must be a number or have shape ({size},), without NaN, got "
+            f"{value}. Use -inf or inf for signals without a limit."
+        )
+    return np.broadcast_to(value, size).copy()
+
+
+def check_dt(name, sys, dt):
+    """Refuse continuous time and other sampling times.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    sys : system of python-control
+        The argument.
+    dt : float
+        Sampling time of the model, in seconds.
+
+    Raises
+    ------
+    ValueError
+        If the system is continuous in time, or sampled at another rate.
+    """
+    if sys.dt == 0:
+        raise ValueError(
+            f"`{name}` must be discrete in time with dt={dt}, got a continuous-time "
+            "system. Discretize it, for example with control.sample_system."
+        )
+    if sys.dt is None or sys.dt is True:  # not specified
+        return
+    if not np.isclose(sys.dt, dt, rtol=1e-9, atol=0):
+        raise ValueError(
+            f"`{name}` must have the sampling time of the model, dt={dt}, got "
+            f"{sys.dt}. Resample it, or give the estimator the right `dt`."
+        )

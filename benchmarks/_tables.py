@@ -1,0 +1,38 @@
+"""Tables of runs: where they are kept, and the machine that they come from."""
+
+import csv
+import os
+import platform
+from datetime import date
+from pathlib import Path
+
+OUT = Path(__file__).parents[1] / "doc" / "benchmarks"
+
+
+def machine(load, *modules):
+    """Return the line that says where and when: versions, cores, load at the start."""
+    versions = [f"{module.__name__} {module.__version__}" for module in modules]
+    system = [platform.machine(), f"Python {platform.python_version()}", *versions]
+    system += [f"{os.cpu_count()} cores", f"load {load:.2f}", str(date.today())]
+    return ", ".join(system)
+
+
+def replace_runs(path, columns, rows, note):
+    """Write runs as CSV in place of those with their first cells; return all cells.
+
+    The last column, which `columns` does not name, is the machine of the run.
+    """
+    table = [[*map(_cell, row), note] for row in rows]
+    if path.exists():
+        with path.open(newline="") as file:
+            old = list(csv.reader(file))[1:]
+        table = [row for row in old if row[0] not in {r[0] for r in table}] + table
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerows([(*columns, "system"), *table])
+    return table
+
+
+def _cell(value):
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
