@@ -1,6 +1,7 @@
-"""Scorers of free-run simulations, for `scoring=` of scikit-learn's searches.
+"""Scorers of simulations and predictions, for `scoring=` of scikit-learn's searches.
 
     neg_rmse, neg_nrmse, fit_percent    accuracy of the simulation (`metrics`)
+    k_step(...)                         accuracy some samples ahead of an observer
     neg_linearization_error             rms(e) / rms(y) (eq. gauge)
     accuracy_subject_to(...)            accuracy, if the model is linear enough
     best_subject_to(...)                the same as a choice among all candidates
@@ -17,17 +18,20 @@ the operating point and knows no experiments.
 """
 
 from functools import partial
+from numbers import Integral
 
 import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
 
 from . import metrics
+from .validation import deviations
 
 __all__ = [
     "Scorer",
     "accuracy_subject_to",
     "best_subject_to",
     "fit_percent",
+    "k_step",
     "neg_linearization_error",
     "neg_nrmse",
     "neg_rmse",
@@ -92,6 +96,35 @@ def _accuracy(model, u, y, experiment, *, metric, sign):
     return sign * getattr(metrics, metric)(y_true, y_pred)
 
 
+def _k_step(model, u, y, experiment, *, steps, metric, sign):
+    """Return a metric of the predictions `steps` ahead, -inf where there are none."""
+    u, y, parts = model._test_data(u, y, experiment)
+    labels = np.repeat(np.arange(len(parts)), [p.stop - p.start for p in parts])
+    x0 = np.vstack([start for *_, start in deviations(model, u, y, labels)])
+    try:
+        observer = model.observer()
+    except ValueError:  # not detectable: nothing follows the record
+        return -np.inf
+    with np.errstate(over="ignore", invalid="ignore"):
+        y_hat = model.predict_ahead(u, y, steps, labels, x0=x0, observer=observer)
+    # the first `steps` rows are simulated, those of the window made x0
+    scored = np.concatenate(
+        [
+            np.arange(max(model._window(u[p]), steps), p.stop - p.start) + p.start
+            for p in parts
+        ]
+    )
+    y_true, y_pred = (np.reshape(z, (len(u), -1))[scored] for z in (y, y_hat))
+    if not np.isfinite(y_true).any(axis=0).all():
+        raise ValueError(
+            f"`y` must have measured samples behind the first {steps} of an "
+            "experiment, got none in an output. Take fewer `steps` or a longer record."
+        )
+    if not np.isfinite(y_pred).all():
+        return -np.inf
+    return sign * getattr(metrics, metric)(y_true, y_pred)
+
+
 def _linearity(model, u, y, experiment):
     error = np.mean(model.linearizability(u, y, experiment).linearization_error)
     return -error if np.isfinite(error) else -np.inf
@@ -109,6 +142,56 @@ neg_rmse = Scorer("neg_rmse", _accuracy, metric="rmse", sign=-1)
 neg_nrmse = Scorer("neg_nrmse", _accuracy, metric="nrmse", sign=-1)
 fit_percent = Scorer("fit_percent", _accuracy, metric="fit_percent", sign=1)
 neg_linearization_error = Scorer("neg_linearization_error", _linearity)
+
+
+def k_step(steps, *, metric="nrmse"):
+    """Return a scorer of predictions some samples ahead.
+
+    The observer of the model, with its defaults, follows the record; from every
+    estimate the model runs alone (`predict_ahead`).  As the samples that estimate the
+    initial state, the first `steps` of every experiment are not scored.
+
+    Parameters
+    ----------
+    steps : int
+        Number of samples ahead, such as the horizon of a predictive controller.
+    metric : {"rmse", "nrmse", "fit_percent"}, default="nrmse"
+        Measure of accuracy in `metrics`, mean over the outputs.
+
+    Returns
+    -------
+    scorer : Scorer
+        The metric, errors with a minus sign: the greater the better. Minus infinity
+        where predictions diverge or the model is not detectable.
+
+    Raises
+    ------
+    ValueError
+        If `steps` is no positive integer or the metric unknown; when scoring, if no
+        experiment is longer than `steps`.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.scorers import k_step
+    >>> k_step(10)
+    alssnn.scorers.k_step(10, metric='nrmse')
+    >>> k_step(1)(model, *record) > k_step(10)(model, *record)
+    True
+    """
+    if isinstance(steps, bool) or not isinstance(steps, Integral) or steps < 1:
+        raise ValueError(
+            f"`steps` must be a positive integer, got {steps!r}. It counts samples; "
+            "`neg_nrmse` scores the free run."
+        )
+    signs = {"rmse": -1, "nrmse": -1, "fit_percent": 1}
+    if metric not in signs:
+        raise ValueError(
+            f"`metric` must be 'rmse', 'nrmse' or 'fit_percent', got {metric!r}."
+        )
+    name = f"k_step({steps}, metric={metric!r})"
+    return Scorer(name, _k_step, steps=int(steps), metric=metric, sign=signs[metric])
 
 
 def accuracy_subject_to(*, linearization_error):

@@ -335,6 +335,9 @@ class ParameterCovariance:
     def sample(self, n_models=1, random_state=None):
         """Draw parameters from their normal approximation.
 
+        Of no use along directions that the data hardly determine: see `data` of
+        ``sample_models``.
+
         Parameters
         ----------
         n_models : int, default=1

@@ -11,6 +11,8 @@ import pytest
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
+import alssnn.model_selection
+import alssnn.scorers
 
 ROOT = Path(__file__).parents[1]
 THEORY = (ROOT / "doc" / "theory.rst").read_text(encoding="utf-8")
@@ -93,6 +95,34 @@ def test_the_code_of_the_guide_runs(page):
         warnings.simplefilter("ignore", ConvergenceWarning)
         for block in blocks:
             exec(textwrap.dedent(block), names)
+
+
+def test_the_study_of_optuna_runs(monkeypatch):
+    optuna = pytest.importorskip("optuna", reason="optuna is not installed")
+    page = (ROOT / "doc" / "scikit_learn.rst").read_text(encoding="utf-8")
+    blocks = re.findall(r"::\n\n((?:    .*\n|\n)+)", page)
+    (code,) = [block for block in blocks if "import optuna" in block]
+    code = textwrap.dedent(code)
+    # as it stands, but for the cost of 50 trials
+    assert "n_trials=50" in code
+    code = code.replace("n_trials=50", "n_trials=2")
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    record = alssnn.datasets.make_wiener_hammerstein(1200, random_state=0)
+    names = {
+        "model": alssnn.AlSsnn(n_g=2, max_iter=2, tol=1e-1, random_state=0),
+        "scorers": alssnn.scorers,
+        "BlockedTimeSeriesSplit": alssnn.model_selection.BlockedTimeSeriesSplit,
+        "u": record.u,
+        "y": record.y,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        exec(code, names)
+    trials = names["study"].trials
+    assert [trial.state.name for trial in trials] == ["COMPLETE"] * 2
+    assert names["study"].best_value == max(trial.value for trial in trials)
+    assert names["best"].nx_ == names["study"].best_params["nx"]
+    assert not hasattr(names["model"], "A_")  # the template stays what it was
 
 
 def test_every_page_is_in_the_contents():

@@ -6,6 +6,7 @@ import numpy as np
 import pandas
 import polars
 import pytest
+from scipy.signal import lfilter
 from sklearn import config_context
 from sklearn.base import clone
 from sklearn.experimental import enable_halving_search_cv  # noqa: F401
@@ -142,6 +143,77 @@ def test_scorers_are_the_metrics_under_the_policy(record, network):
     assert scorers.neg_linearization_error(model, *test) == -error
     again = pickle.loads(pickle.dumps(scorers.fit_percent))
     assert again(model, *test) == scorers.fit_percent(model, *test)
+
+
+@pytest.mark.parametrize("metric", ["rmse", "nrmse", "fit_percent"])
+def test_k_step_scores_predict_ahead_of_every_experiment(metric):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((900, 2))
+    y = np.column_stack([lfilter([0, 1], [1, -0.9], z) for z in u.T])
+    y += np.cumsum(0.05 * rng.standard_normal((900, 2)), axis=0)
+    y[700:705, 1] = np.nan
+    model = LinearStateSpace(nx=2, n_init_samples=30, input_delay=[0, 1]).fit(u, y)
+    test, labels = slice(500, 900), np.repeat([7, 3], [180, 220])
+    us, ys = u[test], y[test]
+    truth, guess = [], []
+    for part in (slice(0, 180), slice(180, 400)):
+        x0 = model.estimate_x0(us[part], ys[part])
+        truth.append(ys[part][45:])
+        guess.append(model.predict_ahead(us[part], ys[part], 45, x0=x0)[45:])
+    sign = 1 if metric == "fit_percent" else -1
+    expected = sign * getattr(metrics, metric)(np.vstack(truth), np.vstack(guess))
+    scorer = scorers.k_step(45, metric=metric)
+    assert scorer(model, us, ys, labels) == pytest.approx(expected, rel=1e-12)
+    lists = [us[:180], us[180:]], [ys[:180], ys[180:]]
+    assert scorer(model, *lists) == scorer(model, us, ys, labels)
+    near = scorers.k_step(1, metric=metric)  # the window is longer
+    x0 = model.estimate_x0(us, ys)
+    ahead = model.predict_ahead(us, ys, 1, x0=x0)
+    expected = sign * getattr(metrics, metric)(ys[30:], ahead[30:])
+    assert near(model, us, ys) == pytest.approx(expected, rel=1e-12)
+    assert pickle.loads(pickle.dumps(near))(model, us, ys) == near(model, us, ys)
+
+
+def test_k_step_in_searches_gets_the_labels(record):
+    labels = np.repeat([0, 1, 2, 3], [400, 350, 400, 350])
+    scoring = {"near": scorers.k_step(2), "far": scorers.k_step(20)}
+    with config_context(enable_metadata_routing=True):
+        search = GridSearchCV(
+            LinearStateSpace(),
+            {"nx": [1, 4]},
+            cv=ExperimentKFold(2),
+            scoring=scoring,
+            refit="far",
+        ).fit(record.u, record.y, experiment=labels)
+        result = cross_validate(
+            LinearStateSpace(nx=4),
+            record.u,
+            record.y,
+            cv=ExperimentKFold(2),
+            scoring=scoring,
+            params={"experiment": labels},
+            return_estimator=True,
+            return_indices=True,
+        )
+    assert search.best_params_ == {"nx": 4}
+    test, model = result["indices"]["test"][0], result["estimator"][0]
+    data = record.u[test], record.y[test]
+    expected = scoring["far"](model, *data, labels[test])
+    assert result["test_far"][0] == expected != scoring["far"](model, *data)
+
+
+def test_k_step_says_what_it_cannot_score(record):
+    for bad in (0, 2.5, True, np.inf):
+        with pytest.raises(ValueError, match="`steps` must be a positive integer"):
+            scorers.k_step(bad)
+    with pytest.raises(ValueError, match="`metric` must be 'rmse'"):
+        scorers.k_step(1, metric="r2")
+    model = LinearStateSpace(nx=2).fit(record.u, record.y)
+    with pytest.raises(ValueError, match="Take fewer `steps` or a longer record"):
+        scorers.k_step(300)(model, record.u[:300], record.y[:300])
+    model._theta = model._theta * 1e3
+    with np.errstate(all="ignore"):
+        assert scorers.k_step(200)(model, record.u, record.y) == -np.inf
 
 
 def test_a_constraint_ranks_what_meets_it_first(record, network):

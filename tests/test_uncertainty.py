@@ -1,11 +1,14 @@
 """Uncertainty: rank, derivatives of what is reported, and coverage over many noises."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from alssnn import AlSsnn, LinearStateSpace, stack_experiments
+from alssnn import AlSsnn, FlSsnn, LinearStateSpace, stack_experiments
+from alssnn.datasets import make_pendulum
 from alssnn.uncertainty import FrequencyBand, PoleRegions
 from helpers import complex_step, simulate_linear
 
@@ -140,6 +143,77 @@ def test_samples_spread_like_the_band_and_leave_the_model_alone(fitted):
     assert models[0].predict(u).shape == (600, 2)
     again = model.sample_models(covariance, 1, random_state=1)[0]
     np.testing.assert_array_equal(again.A_, models[0].A_)
+
+
+def test_refits_spread_like_the_band_where_the_first_order_holds(fitted):
+    model, covariance, (u, y) = fitted
+    models = model.sample_models(covariance, 120, random_state=0, data=(u, y))
+    G = np.array([response(m.A_, m.B_, m.C_, OMEGA) for m in models])
+    band = covariance.frequency_response(OMEGA)
+    # 120 draws: 6.5 % is one standard error, of 24 correlated entries
+    np.testing.assert_allclose(np.abs(G).std(0), band.magnitude_std, rtol=0.3)
+    ratio = np.abs(G).std(0) / band.magnitude_std
+    assert np.mean(ratio) == pytest.approx(1, abs=0.07)
+    bias = np.abs(G).mean(0) - np.abs(band.response)
+    assert np.max(np.abs(bias) / band.magnitude_std) < 4 / np.sqrt(120)
+    again = model.sample_models(covariance, 1, random_state=0, data=(u, y, [0] * 600))
+    np.testing.assert_array_equal(again[0].A_, models[0].A_)
+    assert not np.array_equal(models[0].x0_, model.x0_)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_refits_of_a_network_stay_where_the_theory_says():
+    record = make_pendulum(1000, noise=0.05, random_state=0)
+    model = FlSsnn(nx=2, n_h=4, max_iter=100, dt=record.dt, random_state=0)
+    model.fit(*record)
+    covariance = model.parameter_covariance(*record)
+    bound = chi2.ppf(0.99, covariance.n_effective)
+
+    def increase(models):
+        E = [record.y - m.predict(record.u, x0=m.x0_) for m in (model, *models)]
+        squares = np.sum(np.square(E), axis=1) / covariance.noise_covariance[0, 0]
+        return squares[1:] - squares[0]
+
+    draws = model.sample_models(covariance, 20, random_state=0, data=tuple(record))
+    inside = increase(draws)
+    assert np.mean(inside < bound) >= 0.9
+    assert np.median(inside) > 0.2 * covariance.n_effective  # they do spread
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # they diverge
+        normal = increase(model.sample_models(covariance, 20, random_state=0))
+    assert np.mean(normal < bound) < 0.2  # why there is the other way
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_refits_keep_bounds_gaps_and_experiments(rng):
+    u, y = mimo(rng, 400)
+    y[50:60, 1] = np.nan
+    label = np.repeat([0, 1], 200)
+    model = LinearStateSpace(linear_start=(A, B, C), bounds={"B": (B, B)})
+    model.fit(u, y, label)
+    covariance = model.parameter_covariance(u, y, label)
+    draws = model.sample_models(covariance, 3, random_state=0, data=(u, y, label))
+    for draw in draws:
+        np.testing.assert_array_equal(draw.B_, B)
+        assert draw.x0_.shape == (2, 3)
+        assert 0 < np.max(np.abs(draw.A_ - model.A_)) < 0.2
+    contractive = AlSsnn(
+        nx=3, n_h=2, n_g=2, stability="contractive", max_iter=20, tol=1e-3
+    ).fit(u, y, label)
+    covariance = contractive.parameter_covariance(u, y, label)
+    draws = contractive.sample_models(covariance, 2, 0, data=(u, y, label))
+    for draw in draws:
+        A_scaled = draw._structure.split(draw._theta)["A"]
+        limit = np.sqrt(1 - contractive.phi)
+        assert np.linalg.norm(A_scaled, 2) <= limit + 1e-9
+
+
+def test_refits_want_the_training_data(fitted):
+    model, covariance, (u, y) = fitted
+    with pytest.raises(ValueError, match="must be the 600 samples of `covariance`"):
+        model.sample_models(covariance, data=(u[:500], y[:500]))
+    with pytest.raises(ValueError, match="`data` must be a tuple"):
+        model.sample_models(covariance, data=u)
 
 
 def test_regions_of_known_covariance():

@@ -3,7 +3,7 @@ import warnings
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import binom, chi2, kstest
+from scipy.stats import binom, chi2, f, kstest
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
@@ -12,8 +12,11 @@ from alssnn.validation import (
     frequency_response,
     loop_deviation,
     residual_tests,
+    scored_experiments,
+    scored_sensitivities,
     sine_response,
 )
+from alssnn.validation._regression import lagged
 
 A = np.array([[0.8, 0.3], [-0.2, 0.7]])
 B = np.array([[1.0, 0.2], [0.1, 0.5]])
@@ -142,7 +145,8 @@ def test_short_chunks_give_the_same_tests(monkeypatch):
     rng = np.random.default_rng(0)
     u, y, y_hat = rng.standard_normal((3, 900, 1))
     whole = residual_tests([(u, y, y_hat)])
-    monkeypatch.setattr("alssnn.validation._residuals.CHUNK", 70)
+    monkeypatch.setattr("alssnn.validation._regression.CHUNK", 70)
+    monkeypatch.setattr("alssnn.validation._regression.ENTRIES", 0)
     parts = residual_tests([(u, y, y_hat)])
     for name in TESTS:
         np.testing.assert_allclose(parts.p_values[name], whole.p_values[name])
@@ -236,6 +240,82 @@ def test_a_model_of_too_low_order_fails_independence(true_model):
     assert "raise `nx`" in check.sentence
     assert true_model.validate(u[700:], y)["independence"].passed
     assert "fails: independence" in repr(found)
+
+
+def test_identified_models_of_the_right_structure_pass():
+    """Errors of the parameters are no dependence, on training data or on others."""
+    seeds, pole = 30, 0.9
+    failed = {name: dict.fromkeys(TESTS, 0) for name in ("train", "fresh", "exact")}
+    low = 0
+    for seed in range(seeds):
+        rng = np.random.default_rng(1000 + seed)
+        u, fresh = rng.standard_normal((2, 500, 2))
+        records = [
+            (z, plant(z) + 0.1 * colored(rng, (500, 2), pole)) for z in (u, fresh)
+        ]
+        model = LinearStateSpace(nx=2, dt=0.1).fit(*records[0])
+        options = {"n_lags": 15, "horizons": [1]}
+        for name, found in {
+            "train": model.validate(*records[0], **options),
+            "fresh": model.validate(*records[1], **options),
+            "exact": model.validate(*records[1], **options, exact=True),
+        }.items():
+            for test in TESTS:
+                failed[name][test] += not found[test].passed
+        if seed < 5:
+            model = LinearStateSpace(nx=1, dt=0.1).fit(*records[0])
+            low += not model.validate(*records[1], **options)["independence"].passed
+    most = binom.ppf(0.999, seeds, 0.01)  # 3
+    assert max(failed["train"].values()) <= most
+    assert max(failed["fresh"].values()) <= most
+    assert failed["exact"]["independence"] > most  # what the sensitivities spare
+    assert low == 5
+
+
+def test_parameters_are_eliminated_as_by_a_dense_regression(true_model):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((900, 2))
+    y = plant(u) + 0.3 * rng.standard_normal((900, 2))
+    y[300:310, 1] = np.nan
+    label = np.repeat([0, 1], 450)
+    experiments, _ = scored_experiments(true_model, u, y, label)
+    parts = scored_sensitivities(true_model, u, y, label)
+    tests = residual_tests(experiments, sensitivities=parts, n_lags=4)
+    # one output, dense: null columns, F-test of the lags of u
+    rows = [[], [], []]
+    for i, (u_i, y_i, y_hat) in enumerate(experiments):
+        both = [[z.copy() for z in chunk] for chunk in parts[i]()]
+        J, J_x0 = (np.concatenate(z)[:, 1] for z in zip(*both, strict=True))
+        start = np.zeros((len(J), 4))
+        start[:, 2 * i : 2 * i + 2] = J_x0
+        rows[0].append(np.hstack([J, start, np.ones((len(J), 1))]))
+        rows[1].append(lagged(u_i, range(5)))
+        rows[2].append((y_i - y_hat)[:, 1])
+    J, past, r = (np.concatenate(z) for z in rows)
+    assert tests.ar_order[1] == 0  # white noise: the filter is one
+    kept = np.isfinite(past).all(axis=1) & np.isfinite(r)
+    J = J[:, np.linalg.norm(J[kept], axis=0) > 0]  # C of the other output
+    X0, X1, r = J[kept] / np.linalg.norm(J[kept], axis=0), past[kept], r[kept]
+
+    def rss(X):
+        return np.sum((r - X @ np.linalg.lstsq(X, r, rcond=1e-10)[0]) ** 2)
+
+    rank = np.linalg.matrix_rank(X0, tol=1e-10)
+    assert rank == 6 + 4 + 1  # of 10 columns of J, 4 belong to the basis of the states
+    dof = len(r) - rank - 10
+    F = (rss(X0) / rss(np.hstack([X0, X1])) - 1) / 10 * dof
+    assert tests.p_values["independence"][1] == pytest.approx(f.sf(F, 10, dof))
+    assert tests.n_parameters == true_model._structure.n_params
+
+
+def test_a_changed_plant_is_found_by_exact_parameters(true_model):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((800, 2))
+    y = 1.1 * plant(u) + 0.1 * rng.standard_normal((800, 2))  # another gain
+    found = true_model.validate(u, y)
+    assert found["independence"].passed  # the structure still fits ...
+    assert found.residuals.p_values["parameters"].max() < 1e-10  # ... with others
+    assert not true_model.validate(u, y, exact=True)["independence"].passed
 
 
 def test_a_nonlinear_remainder_is_caught_by_squares():

@@ -3,13 +3,14 @@
 import copy
 
 import numpy as np
-from sklearn.utils import Bunch
+from scipy.linalg import eigh
+from sklearn.utils import Bunch, check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ..criterion import Criterion
 from ..mapping import count_measured
 from ..optimizers import single_threaded
-from ..training import estimate_x0
+from ..training import estimate_x0, train
 from ..uncertainty import (
     ParameterCovariance,
     pseudo_inverse,
@@ -124,7 +125,16 @@ class UncertaintyMixin(Fitted):
         fit = self._gauss_newton(u, y, experiment)
         return self._criterion_value(fit, np.log(fit.n_samples))
 
-    def sample_models(self, covariance, n_models=10, random_state=None):
+    def sample_models(
+        self,
+        covariance,
+        n_models=10,
+        random_state=None,
+        *,
+        data=None,
+        max_iter=30,
+        tol=1e-4,
+    ):
         """Return models drawn from the uncertainty of this one.
 
         Parameters
@@ -135,17 +145,34 @@ class UncertaintyMixin(Fitted):
             Number of models.
         random_state : int, RandomState instance or None, default=None
             Source of the draws.
+        data : tuple of array_like or None, default=None
+            The training data (u, y) or (u, y, experiment): every draw is then the
+            optimum of the training cost for y plus a draw of the noise
+            (eq. bootstrap). None draws parameters from their normal approximation,
+            which is of use where the data determine all of them, as for a linear
+            model.
+        max_iter : int, default=30
+            Largest number of trial steps of every draw from `data`.
+        tol : float, default=1e-4
+            Relative change of the cost that ends a draw from `data`.
 
         Returns
         -------
         models : list of object
-            Fitted copies that differ in their parameters. The draws are normal: one
-            of them may be unstable where this model almost is.
+            Fitted copies that differ in their parameters. Normal draws of a network
+            with neurons that the data hardly determine leave the range of the first
+            order: they fit badly or diverge. Those from `data` do not.
 
         Raises
         ------
         ValueError
-            If the covariance belongs to another model.
+            If the covariance belongs to another model or other data.
+
+        Notes
+        -----
+        Without `data` this is nearly free. With it, every model costs one short
+        training from the parameters of this one, without its networks' random start;
+        where the first order holds both have the same distribution.
         """
         check_is_fitted(self)
         if not np.array_equal(covariance.theta, self._theta):
@@ -153,13 +180,55 @@ class UncertaintyMixin(Fitted):
                 "`covariance` must be that of this model, got that of another one. "
                 "Call `parameter_covariance` again after a fit."
             )
+        if data is None:
+            draws = ((z, self.x0_) for z in covariance.sample(n_models, random_state))
+        else:
+            draws = self._refits(
+                covariance, n_models, random_state, data, max_iter=max_iter, tol=tol
+            )
         models = []
-        for theta in covariance.sample(n_models, random_state):
+        for theta, x0 in draws:
             model = copy.deepcopy(self)
-            model._theta = theta
+            model._theta, model.x0_ = theta, x0
             model._publish_parameters()
             models.append(model)
         return models
+
+    def _refits(self, covariance, n_models, random_state, data, **options):
+        """Yield optima (theta, x0) for data with more noise (eq. bootstrap)."""
+        if not isinstance(data, tuple | list) or len(data) not in (2, 3):
+            raise ValueError(
+                "`data` must be a tuple (u, y) or (u, y, experiment), got "
+                f"{type(data).__name__}. Pass the training data."
+            )
+        u, y, parts = self._test_data(*data, *[None] * (3 - len(data)))
+        if len(u) != covariance.n_samples:
+            raise ValueError(
+                f"`data` must be the {covariance.n_samples} samples of `covariance`, "
+                f"got {len(u)}. Pass the training data."
+            )
+        experiments = self._experiments(u, y, parts)
+        scale = self._scaling.y_scale
+        values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
+        root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
+        structure, weights = self._criterion_terms(self._structure)
+        contractive = getattr(self, "stability", None) == "contractive"
+        random_state = check_random_state(random_state)
+        for _ in range(n_models):
+            noisy = []
+            for u_s, y_s in experiments:
+                noise = random_state.standard_normal((len(u_s), len(root))) @ root.T
+                noisy.append((u_s, y_s[:] + noise))
+            result = train(
+                structure,
+                noisy,
+                [self._theta],
+                weights=weights,
+                phi=getattr(self, "phi", None) if contractive else None,
+                bounds=self._scaled_bounds(structure, contractive=contractive),
+                **options,
+            )
+            yield result.theta, result.x0 * self._x_scale
 
     def _gauss_newton(self, u, y, experiment):
         """Return the Gauss-Newton matrices of the training and its residuals."""

@@ -1,6 +1,11 @@
 """Correlations of the residuals of a free run, with their bands."""
 
-from ..validation import column_names, residual_tests, scored_experiments
+from ..validation import (
+    column_names,
+    residual_tests,
+    scored_experiments,
+    scored_sensitivities,
+)
 from ._axes import BAND, color, finish, grid_of_axes
 
 
@@ -77,6 +82,7 @@ class ResidualDisplay:
         inputs, outputs = column_names(model)
         tests = residual_tests(
             experiments,
+            sensitivities=scored_sensitivities(model, u, y, experiment),
             level=level,
             n_lags=n_lags,
             dt=model.dt,

@@ -1,6 +1,7 @@
 """Validation: what a model says about records that it was not trained on.
 
 _residuals  correlations and tests of the residuals of a free run
+_regression  the regression behind them, which knows errors of the parameters
 _ahead      fit of predictions against their horizon
 _loops      responses at finite amplitudes, the linearized loop along a record
 _validate   all checks in one table
@@ -14,7 +15,12 @@ from ._ahead import AheadFit, ahead_fit
 from ._loops import LoopDeviation, frequency_response, loop_deviation, sine_response
 from ._record import Check, Validation
 from ._residuals import ResidualTests, residual_tests
-from ._scored import column_names, deviations, scored_experiments
+from ._scored import (
+    column_names,
+    deviations,
+    scored_experiments,
+    scored_sensitivities,
+)
 from ._validate import validate
 
 __all__ = [
@@ -30,6 +36,7 @@ __all__ = [
     "loop_deviation",
     "residual_tests",
     "scored_experiments",
+    "scored_sensitivities",
     "sine_response",
     "validate",
 ]

@@ -10,27 +10,30 @@ by Akaike's criterion),
 which is noise if r is, whatever the color.  Then r_w is regressed on what it must not
 depend on (eq. residuals), block by block,
 
-    r_w ~ constant | lags of u | lags of squares | lags of cubes,
+    r_w ~ sensitivities | constant | lags of u | lags of squares | lags of cubes,
 
 squares and cubes being those of u and of the *simulated* output (the measured one
 carries the noise), and an F-test asks whether a block explains more of r_w than chance
 does, beyond the blocks before it.  All of it comes out of one QR factorization.
-Regression, unlike one correlation after the other, is right for any color of u.
+Regression, unlike one correlation after the other, is right for any color of u.  The
+sensitivities of the simulation, whitened alike, take up what errors of the estimated
+parameters do (`_regression`); without them the model is taken for exact.
 
 Experiments are pooled; no lag reaches across a seam, and what was not measured drops
 out.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.stats import chi2, f, norm
+from scipy.stats import chi2, norm
+
+from ._regression import Triangle, lagged, regress
 
 BLOCKS = ("independence", "squares", "cubes")
 POWER_LAGS = 10  # lags of squares and cubes: the simulated output has memory itself
-CHUNK = 20_000  # rows of a regression treated at a time
-RANK_TOL = 1e-8  # share of a column below which the others explain it
 PERFECT = 1e-10  # residual over output that is rounding
 
 
@@ -55,11 +58,17 @@ class ResidualTests:
     cross_band : ndarray of shape (2 * n_lags + 1, ny)
         Half width of its band if r does not depend on u.
     p_values : dict of str to ndarray of shape (ny,)
-        Of the tests "whiteness" (Ljung and Box), "independence" (of u), "squares" and
-        "cubes" (of u and the simulated output).
+        Of the tests "whiteness" (of Ljung and Box; with sensitivities of Breusch and
+        Godfrey, which allows for the parameters), "independence" (of u), "squares" and
+        "cubes" (of u and the simulated output); of "parameters", whether others fit
+        better, which they always do on data that the model was not trained on.
     shares : dict of str to ndarray of shape (ny,)
-        Share of the variance of the whitened residual that each block explains; for
+        Share of the variance of the whitened residual, but for what initial states
+        explain, that each block explains; for
         "whiteness", the share of r that its own past explains.
+    n_parameters : int
+        Number of parameters whose errors the tests allow for; 0 if the model is taken
+        for exact.
     ar_order : ndarray of int of shape (ny,)
         Order of the whitening filters.
     n_samples : ndarray of int of shape (ny,)
@@ -89,6 +98,7 @@ class ResidualTests:
     cross_band: np.ndarray
     p_values: dict
     shares: dict
+    n_parameters: int
     ar_order: np.ndarray
     n_samples: np.ndarray
     level: float
@@ -100,6 +110,7 @@ class ResidualTests:
 def residual_tests(
     experiments,
     *,
+    sensitivities=None,
     level=0.01,
     n_lags=25,
     dt=1.0,
@@ -113,6 +124,10 @@ def residual_tests(
     experiments : sequence of tuple of ndarray
         Tuples (u, y, y_hat) of shapes (N, nu), (N, ny), (N, ny): inputs, measured
         outputs, nan where not measured, and simulated outputs.
+    sensitivities : sequence of callable or None, default=None
+        What `scored_sensitivities` returns: the derivatives of the simulation by the
+        parameters that were estimated, so that their errors, to first order, count for
+        no dependence. None takes the model for exact, and finds these errors.
     level : float, default=0.01
         Probability of a false alarm, of each test and of the bands at each lag.
     n_lags : int, default=25
@@ -154,13 +169,32 @@ def residual_tests(
     u, powers = _deviations(u), _powers(u, [y_hat for _, _, y_hat in experiments])
     nu, ny = u[0].shape[1], r[0].shape[1]
     z = norm.isf(level / 2)
-    columns = []
+    n_parameters = 0
+    if sensitivities is not None:
+        n_parameters = next(sensitivities[0]())[0].shape[2]
+    columns, white, filters = [], [], []
     for i in range(ny):
         r_i = [part[:, i] for part in r]
         y_i = [y[:, i] for _, y, _ in experiments]
-        columns.append(_test_output(r_i, y_i, u, powers, n_lags, z))
+        _check_rows(r_i, (u, *powers), n_lags, n_parameters)
+        column, white_i, a = _test_output(r_i, y_i, u, n_lags, z)
+        columns.append(column)
+        white.append(white_i)
+        filters.append(a)
+    few = range(min(n_lags, POWER_LAGS) + 1)
+    blocks = [(u, range(n_lags + 1)), *((q, few) for q in powers)]
+    found = regress(white, filters, blocks, sensitivities)
+    for i, (column, (p, share)) in enumerate(zip(columns, found, strict=True)):
+        if column["share"] is None:  # nothing is left
+            p, column["share"], share = [1.0] * len(p), 0.0, [0.0] * len(share)
+        elif sensitivities is not None:
+            column["p"] = _own_past(
+                [part[:, [i]] for part in r], n_lags, sensitivities, i
+            )
+        column["p"] = np.array([column["p"], *p])
+        column["share"] = np.array([column["share"], *share])
     stack = {key: np.stack([c[key] for c in columns], axis=-1) for key in columns[0]}
-    names = ("whiteness", *BLOCKS)
+    names = ("whiteness", "parameters", *BLOCKS)
     return ResidualTests(
         lags=np.arange(n_lags + 1),
         autocorrelation=stack["auto"],
@@ -170,6 +204,7 @@ def residual_tests(
         cross_band=stack["cross_band"],
         p_values=dict(zip(names, stack["p"], strict=True)),
         shares=dict(zip(names, stack["share"], strict=True)),
+        n_parameters=n_parameters,
         ar_order=stack["order"],
         n_samples=stack["n"],
         level=float(level),
@@ -206,42 +241,49 @@ def check_options(level, n_lags):
         )
 
 
-def _test_output(r, y, u, powers, n_lags, z):
-    """Return correlations and tests of one output."""
+def _check_rows(r, blocks, n_lags, n_parameters):
+    """Refuse a record that is too short for its regression."""
+    lags = (n_lags, *[min(n_lags, POWER_LAGS)] * (len(blocks) - 1))
+    n_columns = 1 + sum(
+        z[0].shape[1] * (n + 1) for z, n in zip(blocks, lags, strict=True)
+    )
+    rows = sum(int(np.isfinite(part[n_lags:]).sum()) for part in r)
+    needed = 2 * n_columns + n_parameters
+    if rows < needed:
+        raise ValueError(
+            f"`y` must have at least {needed} measured samples behind the "
+            f"first {n_lags} of the experiments, got {rows}. Take fewer `n_lags` or a "
+            "longer record" + (", or exact=True." if n_parameters else ".")
+        )
+
+
+def _test_output(r, y, u, n_lags, z):
+    """Return correlations of one output, its whitened residual and the filter."""
     n = sum(int(np.isfinite(part).sum()) for part in r)
     nu = u[0].shape[1]
-    n_columns = 1 + nu * (n_lags + 1)
-    n_columns += sum(q[0].shape[1] for q in powers) * (min(n_lags, POWER_LAGS) + 1)
-    rows = sum(int(np.isfinite(part[n_lags:]).sum()) for part in r)
-    if rows < 2 * n_columns:
-        raise ValueError(
-            f"`y` must have at least {2 * n_columns} measured samples behind the "
-            f"first {n_lags} of the experiments, got {rows}. Take fewer `n_lags` or a "
-            "longer record."
-        )
     mean = sum(np.nansum(part) for part in r) / n
     r = [part - mean for part in r]
     size = max(np.nanmax(np.abs(part)) for part in y)
     if max(np.nanmax(np.abs(part)) for part in r) <= PERFECT * size:
-        return _nothing_left(n, n_lags, nu)
+        return _nothing_left(n, n_lags, nu), [0 * part for part in r], np.zeros(0)
     auto, auto_pairs = _correlation(r, r, range(n_lags + 1))
     # Ljung and Box; pairs = n - k without gaps
     Q = n * (n + 2) * np.sum(auto[1:] ** 2 / np.maximum(auto_pairs[1:], 1))
-    white, order, own_share = whiten(r)
+    white, a, own_share = whiten(r)
     lags = range(-n_lags, n_lags + 1)
     cross = [_correlation(white, [part[:, [j]] for part in u], lags) for j in range(nu)]
     n_white = sum(int(np.isfinite(part).sum()) for part in white)
-    p, share = _regress(white, u, powers, n_lags)
-    return {
+    column = {
         "auto": auto,
         "auto_band": z * np.sqrt(auto_pairs) / n,
         "cross": np.stack([c for c, _ in cross], axis=-1),
         "cross_band": z * np.sqrt(cross[0][1]) / n_white,
-        "p": np.array([chi2.sf(Q, n_lags), *p]),
-        "share": np.array([own_share, *share]),
-        "order": np.array(order),
+        "p": chi2.sf(Q, n_lags),
+        "share": own_share,
+        "order": np.array(len(a)),
         "n": np.array(n),
     }
+    return column, white, a
 
 
 def _nothing_left(n, n_lags, nu):
@@ -253,8 +295,8 @@ def _nothing_left(n, n_lags, nu):
         "auto_band": np.zeros(n_lags + 1),
         "cross": np.zeros((2 * n_lags + 1, nu)),
         "cross_band": np.zeros(2 * n_lags + 1),
-        "p": np.ones(4),
-        "share": np.zeros(4),
+        "p": 1.0,
+        "share": None,
         "order": np.array(0),
         "n": np.array(n),
     }
@@ -291,6 +333,20 @@ def _correlation(a, b, lags):
     return sums / (total if total > 0 else 1.0), pairs
 
 
+def _own_past(r, n_lags, sensitivities, i):
+    """Return the p-value of the lags of one output's residual (Breusch, Godfrey)."""
+    only = [partial(_of_output, parts, i) for parts in sensitivities]
+    past = [(r, range(1, n_lags + 1))]
+    (([_, p], _),) = regress([[part[:, 0] for part in r]], [np.zeros(0)], past, only)
+    return p
+
+
+def _of_output(parts, i):
+    """Yield the sensitivities of one output."""
+    for J, J_x0 in parts():
+        yield J[:, [i]], J_x0[:, [i]]
+
+
 # -- whitening -------------------------------------------------------------------------
 
 
@@ -307,8 +363,8 @@ def whiten(r):
     white : list of ndarray of shape (N,)
         Prediction errors of an autoregressive model; nan at the first samples of
         every experiment and behind unknown ones.
-    order : int
-        Order of the model, by Akaike's criterion, at most 10 log10(N).
+    a : ndarray of shape (order,)
+        Coefficients of the model; order by Akaike's criterion, at most 10 log10(N).
     share : float
         Share of the variance that the past explains.
     """
@@ -317,87 +373,20 @@ def whiten(r):
     while True:
         lags = range(1, highest + 1)
         rows = [np.column_stack([lagged(part[:, None], lags), part]) for part in r]
-        if sum(len(block) for block in _complete(rows)) > 4 * highest:
+        triangle = Triangle(highest + 1)
+        for block in rows:
+            triangle.add(block)
+        if triangle.n_rows > 4 * highest:
             break
         highest //= 2  # gaps leave too few complete rows
-    R = _triangle(rows)
+    R = triangle.factor()
     target = R[:, -1]
     rss = np.cumsum(target[::-1] ** 2)[::-1]  # of the orders 0, 1, ..., highest
     rss = np.maximum(rss, np.finfo(float).tiny)
     order = int(np.argmin(n * np.log(rss) + 2 * np.arange(highest + 1)))
     a = np.linalg.lstsq(R[:order, :order], target[:order], rcond=None)[0]
     white = [part - lagged(part[:, None], range(1, order + 1)) @ a for part in r]
-    return white, order, float(1.0 - rss[order] / rss[0])
-
-
-def lagged(z, lags):
-    """Return the past of signals.
-
-    Parameters
-    ----------
-    z : ndarray of shape (N, n)
-        Signals.
-    lags : sequence of int
-        Lags, not negative.
-
-    Returns
-    -------
-    past : ndarray of shape (N, len(lags) * n)
-        ``z[k - lag]``, lag by lag; nan before the first sample.
-    """
-    past = np.full((len(z), len(lags), z.shape[1]), np.nan)
-    for i, lag in enumerate(lags):
-        past[lag:, i] = z[: len(z) - lag]
-    return past.reshape(len(z), -1)
-
-
-# -- regression ------------------------------------------------------------------------
-
-
-def _regress(white, u, powers, n_lags):
-    """Return p-values and explained shares of the blocks (eq. residuals)."""
-    few = range(min(n_lags, POWER_LAGS) + 1)
-    lags = [range(n_lags + 1), few, few]
-    sizes = [z[0].shape[1] * len(k) for z, k in zip((u, *powers), lags, strict=True)]
-
-    def rows():
-        for i, part in enumerate(white):
-            past = [lagged(z[i], k) for z, k in zip((u, *powers), lags, strict=True)]
-            yield np.column_stack([np.ones(len(part)), *past, part])
-
-    R = _triangle(rows())
-    length = np.linalg.norm(R, axis=0)
-    # a column that others explain leaves a direction of rounding: counts for nothing
-    counts = np.abs(np.diag(R)) > RANK_TOL * length
-    n = sum(int(np.isfinite(block[:, -1]).sum()) for block in _complete(rows()))
-    squares = R[:-1, -1] ** 2
-    left = np.sum(squares[1:]) + R[-1, -1] ** 2  # what the constant leaves
-    variance, dof, start = max(left, np.finfo(float).tiny), n - 1, 1
-    p, share = [], []
-    for size in sizes:
-        block = slice(start, start + size)
-        d, explained = int(counts[block].sum()), squares[block][counts[block]].sum()
-        left, dof, start = left - squares[block].sum(), dof - size, start + size
-        left = max(left, np.finfo(float).eps * variance)  # all but rounding explained
-        p.append(f.sf(explained / d / (left / dof), d, dof) if d else 1.0)
-        share.append(explained / variance)
-    return p, share
-
-
-def _complete(blocks):
-    """Yield the rows of blocks that hold no nan."""
-    for block in blocks:
-        yield block[np.isfinite(block).all(axis=1)]
-
-
-def _triangle(blocks):
-    """Return the factor R of all complete rows of blocks, chunk by chunk."""
-    R = None
-    for block in _complete(blocks):
-        for start in range(0, len(block), CHUNK):
-            part = block[start : start + CHUNK]
-            R = np.linalg.qr(part if R is None else np.vstack([R, part]), mode="r")
-    return R
+    return white, a, float(1.0 - rss[order] / rss[0])
 
 
 def _powers(u, y_hat):

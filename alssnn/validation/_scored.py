@@ -4,10 +4,12 @@ The initial state of every experiment is estimated from its first samples, as `s
 does, and these samples are left out.
 """
 
+from functools import partial
+
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from ..simulation import channels, simulate
+from ..simulation import channels, sensitivities, simulate
 
 
 def scored_experiments(model, u, y, experiment=None):
@@ -52,6 +54,55 @@ def scored_experiments(model, u, y, experiment=None):
         experiments.append((u_k + model.u_offset_, y_k + offset, y_hat + offset))
         starts.append(start)
     return experiments, starts
+
+
+def scored_sensitivities(model, u, y, experiment=None):
+    """Return the derivatives of the simulations of `scored_experiments`.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    parts : list of callable
+        Per experiment, a function of no argument that yields (J, J_x0) of consecutive
+        scored samples, of shapes (L, ny, n) and (L, ny, nx): derivatives of the scaled
+        outputs by the parameters that were free in the training and by the initial
+        state.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the data do not fit the model.
+    """
+    check_is_fitted(model)
+    structure = model._structure
+    free = model._free_entries(structure.n_params)
+    u, y, parts = model._test_data(u, y, experiment)
+
+    def one(u_s, y_s):
+        start = model._window(u_s)
+        x0 = model._initial_state(u_s, y_s, start) / model._x_scale
+        ones = np.ones(structure.nz)
+        for part, _, J in sensitivities(structure, model._theta, x0, u_s, ones):
+            J = J[max(start - part.start, 0) :]
+            if len(J):
+                yield (
+                    J[..., : structure.n_params][..., free],
+                    J[..., structure.n_params :],
+                )
+
+    return [partial(one, u_s, y_s) for u_s, y_s in model._experiments(u, y, parts)]
 
 
 def column_names(model):

@@ -6,7 +6,7 @@ from ..metrics import fit_percent
 from ._ahead import ahead_fit
 from ._record import Check, Validation
 from ._residuals import BLOCKS, check_options, residual_tests
-from ._scored import column_names, scored_experiments
+from ._scored import column_names, scored_experiments, scored_sensitivities
 
 OUTSIDE = 0.01  # share of samples outside the training region that is accepted
 
@@ -36,6 +36,7 @@ def validate(
     n_lags=25,
     horizons=(1, 2, 5, 10, 20, 50),
     linear_within=0.05,
+    exact=False,
 ):
     """Check a model on a record that it was not trained on.
 
@@ -57,6 +58,11 @@ def validate(
         Samples ahead at which predictions are compared.
     linear_within : float, default=0.05
         Share rms(e) / rms(y) up to which the model counts as linearizable.
+    exact : bool, default=False
+        Whether the tests of residuals take the parameters for exact. By default, what
+        other values of the parameters would explain to first order is no fault, so
+        that a right structure passes whose parameters have errors; with True it is,
+        which finds a plant that has changed since the training.
 
     Returns
     -------
@@ -73,7 +79,8 @@ def validate(
     Notes
     -----
     With several outputs a p-value is the smallest one times their number (Bonferroni).
-    Costs five simulations and one pass of an observer.
+    Costs five simulations, one pass of an observer, and unless `exact` one of the
+    sensitivities with a QR factorization of as many columns as parameters per output.
 
     Examples
     --------
@@ -94,8 +101,12 @@ def validate(
     linear = model.linearizability(u, y, experiment)
     residuals = None
     if all(np.isfinite(y_hat).all() for _, _, y_hat in experiments):
+        sensitivities = None
+        if not exact:
+            sensitivities = scored_sensitivities(model, u, y, experiment)
         residuals = residual_tests(
             experiments,
+            sensitivities=sensitivities,
             level=level,
             n_lags=n_lags,
             dt=model.dt,
@@ -138,7 +149,10 @@ def _block(residuals, name):
     passed = value >= residuals.level
     what, remedy = MEANING[name]
     if passed:
-        sentence = f"The residual does not depend on {what}."
+        sentence = f"The residual does not depend on {what}"
+        sentence += (
+            " beyond errors of the parameters." if residuals.n_parameters else "."
+        )
     else:
         sentence = (
             f"The residual of {residuals.output_names[worst]} depends on {what}, which "
@@ -154,7 +168,7 @@ def _whiteness(residuals):
     value = _bonferroni(p)
     passed = value >= residuals.level
     if passed:
-        sentence = "The residual is white (Ljung-Box), as white measurement noise is."
+        sentence = "The residual is white, as white measurement noise is."
     else:
         worst = int(p.argmin())
         sentence = (
