@@ -165,12 +165,14 @@ def finish(ax, legend=True):
     ----------
     ax : matplotlib.axes.Axes
         Axes.
-    legend : bool, default=True
-        Whether to draw a legend, where there are labels.
+    legend : bool or "above", default=True
+        Whether to draw a legend, where there are labels; "above" keeps it off the data.
     """
     ax.grid(True, which="major", color="0.88", linewidth=0.7)
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     if legend and ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, fontsize="small")
+        above = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2}
+        place = above if legend == "above" else {}
+        ax.legend(frameon=False, fontsize="small", **place)

@@ -17,6 +17,10 @@ class LoopDisplay:
         Labels of the outputs to draw; None means those that all responses have.
     design : str or None, default=None
         Name of the response that the others are meant to follow: drawn dashed.
+    names : dict of str to str or None, default=None
+        What stands beside the axes of an output, by its label; None means the label.
+    references : dict of str to float or None, default=None
+        Levels that outputs are to reach, by label: drawn dotted.
 
     Attributes
     ----------
@@ -47,7 +51,9 @@ class LoopDisplay:
     >>> display.figure_.savefig("loop.png")  # doctest: +SKIP
     """
 
-    def __init__(self, responses, *, outputs=None, design=None):
+    def __init__(
+        self, responses, *, outputs=None, design=None, names=None, references=None
+    ):
         if not responses:
             raise ValueError("`responses` must hold at least one, got none.")
         if outputs is None:
@@ -70,9 +76,20 @@ class LoopDisplay:
                 f"`design` must be one of {', '.join(responses)}, got {design!r}."
             )
         self.responses, self.outputs, self.design = responses, list(outputs), design
+        self.names, self.references = names or {}, references or {}
 
     @classmethod
-    def from_responses(cls, responses, *, outputs=None, design=None, ax=None, **kwargs):
+    def from_responses(
+        cls,
+        responses,
+        *,
+        outputs=None,
+        design=None,
+        names=None,
+        references=None,
+        ax=None,
+        **kwargs,
+    ):
         """Draw responses.
 
         Parameters
@@ -83,6 +100,11 @@ class LoopDisplay:
             Labels of the outputs to draw; None means those that all responses have.
         design : str or None, default=None
             Name of the response that the others are meant to follow.
+        names : dict of str to str or None, default=None
+            What stands beside the axes of an output, by its label; None means the
+            label.
+        references : dict of str to float or None, default=None
+            Levels that outputs are to reach, by label.
         ax : sequence of matplotlib.axes.Axes or None, default=None
             One axes per output; None makes a figure.
         **kwargs : dict
@@ -98,7 +120,14 @@ class LoopDisplay:
         ValueError
             If an output is missing or the number of axes is wrong.
         """
-        return cls(responses, outputs=outputs, design=design).plot(ax, **kwargs)
+        display = cls(
+            responses,
+            outputs=outputs,
+            design=design,
+            names=names,
+            references=references,
+        )
+        return display.plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):
         """Draw the outputs against time.
@@ -136,7 +165,10 @@ class LoopDisplay:
                     label = f"{name}, RMS from design {self.distance_[name][i]:.3g}"
                 t, y = response.time, _signal(response, self.outputs[i])
                 one.plot(t, y, **{"label": label, **style, **kwargs})
-            one.set_ylabel(self.outputs[i])
+            if self.outputs[i] in self.references:
+                level = self.references[self.outputs[i]]
+                one.axhline(level, color="0.4", linestyle=":", label="reference")
+            one.set_ylabel(self.names.get(self.outputs[i], self.outputs[i]))
             finish(one)
         time_axis(axes[-1, 0])
         self.axes_, self.figure_ = axes, axes[0, 0].figure
