@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, LogFormatter, MaxNLocator, ScalarFormatter
 
 MEASURED = {"color": "0.65", "linewidth": 4.0}
 # Okabe and Ito's palette: told apart by color-blind readers, too
@@ -144,6 +144,27 @@ def time_axis(ax, label="time"):
     ax.set_xlabel(label)
 
 
+def few_ticks(axis):
+    """Keep the ticks of small or large numbers apart, with one power of ten for all.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+        Linear axis.
+    """
+    formatter = ScalarFormatter(useMathText=True)
+    formatter.set_powerlimits((-2, 4))
+    axis.set_major_formatter(formatter)
+    axis.set_major_locator(MaxNLocator(6))
+
+
+class _MinorHertz(LogFormatter):
+    """Label, in hertz, the minor ticks that a short axis has labels for."""
+
+    def __call__(self, x, pos=None):
+        return EngFormatter(unit="Hz")(x) if super().__call__(x, pos) else ""
+
+
 def frequency_axis(ax, label="frequency"):
     """Label the abscissa as frequency.
 
@@ -155,6 +176,7 @@ def frequency_axis(ax, label="frequency"):
         Label; the ticks carry the unit.
     """
     ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
+    ax.xaxis.set_minor_formatter(_MinorHertz())
     ax.set_xlabel(label)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..simulation import simulate
 from ..validation import column_names, deviations, scored_experiments
-from ._axes import MEASURED, color, finish, frequency_axis, grid_of_axes
+from ._axes import MEASURED, color, few_ticks, finish, frequency_axis, grid_of_axes
 from ._spectrum import amplitude_spectrum
 
 N_POINTS = 200  # of a curve of h
@@ -269,6 +269,7 @@ class ResidualNonlinearityDisplay:
             left.hist(e[:, i], BINS, color=style["color"], label=label)
             left.set_xlabel(f"e, in units of {name}")
             left.set_ylabel("samples")
+            few_ticks(left.xaxis)
             outputs = amplitude_spectrum(self.y[longest][:, i], self.dt)
             right.loglog(*outputs, label=name, **MEASURED)
             if np.any(self.e[longest][:, i]):
