@@ -346,6 +346,16 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
     np.testing.assert_array_equal(held["A"], alssnn.load(saved).A_)
 
 
+def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    assert run("export", saved, "--onnx", tmp_path / "graphs") == 0
+    paths = [tmp_path / "graphs" / f"plant_{name}.onnx" for name in ("step", "law")]
+    assert capsys.readouterr().out.split() == [str(path) for path in paths]
+    assert all(path.stat().st_size > 100 for path in paths)
+    assert run("export", saved, "--onnx", tmp_path, "--gain", linear_plant) == 2
+    assert_one_line(capsys, "`--gain` must be left out with --onnx")
+
+
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
@@ -361,7 +371,7 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
         (["report", "{npz}", "--data", "{csv}", "--last", "2"], "a share above 0"),
         (["control", "{npz}", "--qx", "-1"], "must be a number of at least 0, got -1"),
         (["control", "{npz}", "--step", "high"], "must be a number, got high"),
-        (["export", "{npz}"], "one of the arguments --c --mat is required"),
+        (["export", "{npz}"], "one of the arguments --c --mat --onnx is required"),
     ],
 )
 def test_wrong_usage_of_commands_on_models(argv, message, saved, linear_plant, capsys):
