@@ -126,7 +126,7 @@ def _step(parts):
 
 
 def _law(parts):
-    """Return the graph of v, s -> u (eq. law), s the measured y or the state x."""
+    """Return the graph of v, s -> u (eq. loop), s the measured y or the state x."""
     nx, nu = parts.B.shape
     by_state = parts.feedback == "state"
     graph = _Graph()

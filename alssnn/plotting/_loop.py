@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..validation import column_names
 from ._axes import color, finish, grid_of_axes, time_axis
 
 
@@ -128,6 +129,46 @@ class LoopDisplay:
             references=references,
         )
         return display.plot(ax, **kwargs)
+
+    @classmethod
+    def from_steps(cls, model, responses, step=None, *, ax=None, **kwargs):
+        """Draw the step responses of a model beside their references.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model.
+        responses : dict of str to control.TimeResponseData
+            What `feedback.step_comparison` returned for it.
+        step : float, array_like of shape (ny,) or None, default=None
+            Height of the step that it was given.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One axes per output and input; None makes a figure.
+        **kwargs : dict
+            Options of all curves.
+
+        Returns
+        -------
+        display : LoopDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        inputs, outputs = column_names(model)
+        labels = responses["design"].output_labels
+        names = [*outputs, *(f"v, in units of {name}" for name in inputs)]
+        step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
+        return cls.from_responses(
+            responses,
+            design="design",
+            names=dict(zip(labels, names, strict=True)),
+            references=dict(zip(labels, model.y_offset_ + step, strict=False)),
+            ax=ax,
+            **kwargs,
+        )
 
     def plot(self, ax=None, **kwargs):
         """Draw the outputs against time.

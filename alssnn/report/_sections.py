@@ -492,17 +492,7 @@ def _step(model, K):
     from ..feedback import step_comparison
     from ..plotting import LoopDisplay
 
-    inputs, outputs = column_names(model)
-    responses = step_comparison(model, K)
-    labels = responses["design"].output_labels
-    names = [*outputs, *(f"v, in units of {name}" for name in inputs)]
-    goals = model.y_offset_ + model._scaling.y_scale
-    drawn = LoopDisplay.from_responses(
-        responses,
-        design="design",
-        names=dict(zip(labels, names, strict=True)),
-        references=dict(zip(labels, goals, strict=False)),
-    ).figure_
+    drawn = LoopDisplay.from_steps(model, step_comparison(model, K)).figure_
     caption = (
         "Step of all references by one standard deviation of the training data: the "
         "design, and the whole model under its law."
