@@ -182,8 +182,7 @@ class CertificateDisplay:
                 )
         axes.set_xlabel(self.labels[0])
         axes.set_ylabel(self.labels[1])
-        for one in (axes.xaxis, axes.yaxis):
-            few_ticks(one)
+        few_ticks(axes.xaxis)  # that of y would stand where the legend is
         finish(axes, legend="above")
         self.ax_, self.figure_ = axes, axes.figure
         return self
