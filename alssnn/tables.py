@@ -1,12 +1,15 @@
 """Records from CSV files: named columns, and errors that say where to look."""
 
 import csv
+import difflib
+import re
 import textwrap
 
 import numpy as np
 
 DELIMITERS = ",;\t"
 COLUMNS_SHOWN = 300  # characters of a header in a message
+TIME = re.compile(r"(?:time|t)(?:\s*[\[(_ ]\s*s(?:ec|econds?)?\s*[\])]?)?", re.I)
 
 
 def read_csv(path, inputs, outputs, experiment=None):
@@ -75,7 +78,7 @@ def _find_columns(path, columns, wanted):
             found = "none" if name not in columns else "several"
             raise ValueError(
                 f"`{path}` must have one column {name!r}, got {found}. Its first "
-                f"line names the columns: {found_columns}."
+                f"line names the columns: {found_columns}.{_meant(name, columns)}"
             )
         if wanted.count(name) != 1:
             raise ValueError(
@@ -83,6 +86,45 @@ def _find_columns(path, columns, wanted):
                 f"columns, got {name!r} twice. Its role can only be one."
             )
     return [columns.index(name) for name in wanted]
+
+
+def _meant(name, columns):
+    """Return a hint at the one column that a wrong name may stand for."""
+    near = [c for c in columns if c.lower().split("[")[0].split("(")[0].strip() == name]
+    near = near or difflib.get_close_matches(name, columns, n=1)
+    if len(near) != 1 or name in columns:
+        return ""
+    return f" Did you mean {near[0]!r}? In a shell, quote names with blanks."
+
+
+def read_steps(path):
+    """Return the steps of a column of time, in seconds.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File that `read_csv` reads.
+
+    Returns
+    -------
+    name : str
+        Name of the column: time or t, without a unit or in seconds; empty if there is
+        none, or more than one.
+    steps : ndarray of shape (N - 1,)
+        Differences of its values; none where one is not a number.
+    """
+    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+        header = file.readline()
+    delimiter = max(DELIMITERS, key=header.count)
+    columns = [c.strip() for c in next(csv.reader([header], delimiter=delimiter), [])]
+    times = [c for c in columns if TIME.fullmatch(c)]
+    if len(times) != 1:
+        return "", np.zeros(0)
+    try:
+        t, _, _ = read_csv(path, times, [])
+    except ValueError:  # such as dates
+        return times[0], np.zeros(0)
+    return times[0], np.diff(t[:, 0])
 
 
 def _numbers(path, names, cells, line):

@@ -29,7 +29,7 @@ suppress_warnings = []
 # Equations are numbered by section and cited by label: :eq:`compress`.
 numfig = True
 math_numfig = True
-math_eqref_format = "({number})"
+math_eqref_format = "eq. {number}"
 
 autosummary_generate = True
 numpydoc_show_class_members = False  # the class template lists them

@@ -48,12 +48,12 @@ print(record.name)
 common = {"nx": 6, "n_h": 6, "n_g": 8, "dt": record.dt, "random_state": 0}
 models = {
     "penalty on g, output feedback": AlSsnn(
-        gamma=1 / np.var(train[1]), max_iter=100, **common
+        gamma=1 / np.var(train[1]), max_iter=40, **common
     ),
     "penalty on e, state feedback": AlSsnn(
         gamma=0.01,
         continuation=4,
-        max_iter=8,
+        max_iter=6,
         feedback="state",
         penalty="output",
         stability="contractive",

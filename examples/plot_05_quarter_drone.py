@@ -101,6 +101,8 @@ for name in ("FL-SSNN", "AL-SSNN"):
     law = models[name].linearizing_law()
     v = np.full_like(angle, models[name].u_offset_[0])
     bottom.plot(angle, law(v, angle) - v, label=name)
-bottom.set(xlabel=f"angle, {unit}", ylabel="u - v", title="what the law adds")
+bottom.set(
+    xlabel=f"angle, {unit}", ylabel="u - v, units of u", title="what the law adds"
+)
 bottom.legend()
 plt.show()

@@ -113,6 +113,8 @@ axes.set(
     yscale="log",
     title="Candidates of the grid",
 )
+axes.yaxis.set_minor_formatter("{x:g}")
+axes.yaxis.set_major_formatter("{x:g}")
 axes.legend()
 plt.show()
 

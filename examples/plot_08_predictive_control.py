@@ -67,5 +67,5 @@ for limit in (-8, 8):
     bottom.axhline(limit, color="0.6", lw=0.8)
 top.set(ylabel="angle, rad", title="The true pendulum under predictive control")
 top.legend(fontsize="small", ncols=2)
-bottom.set(xlabel="time, s", ylabel="torque")
+bottom.set(xlabel="time, s", ylabel="torque, rad/s²")
 plt.show()

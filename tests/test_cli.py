@@ -328,7 +328,10 @@ def test_control_writes_gain_and_step(saved, tmp_path, capsys):
     # a linear model is its own design, and integrators leave no offset
     np.testing.assert_allclose(steps[:, 1:5], steps[:, 5:], atol=1e-9)
     assert (folder / "s.svg").read_text().startswith("<?xml")
-    assert "RMS distance" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "K, columns x0 x1 z0 z1 =" in out
+    assert re.search(r"^  speed: \S+, \S+ % of the range of the design$", out, re.M)
+    assert re.search(r"^  v, in units of a: ", out, re.M)
     assert run("control", saved, "--qi", 1, "--ru", 0.1, "-o", folder) == 0
     faster = np.loadtxt(folder / "gain.csv", delimiter=",", skiprows=1)
     assert np.linalg.norm(faster) > np.linalg.norm(gain)
@@ -346,6 +349,16 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
     np.testing.assert_array_equal(held["A"], alssnn.load(saved).A_)
 
 
+def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    assert run("export", saved, "--onnx", tmp_path / "graphs") == 0
+    paths = [tmp_path / "graphs" / f"plant_{name}.onnx" for name in ("step", "law")]
+    assert capsys.readouterr().out.split() == [str(path) for path in paths]
+    assert all(path.stat().st_size > 100 for path in paths)
+    assert run("export", saved, "--onnx", tmp_path, "--gain", linear_plant) == 2
+    assert_one_line(capsys, "`--gain` must be left out with --onnx")
+
+
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
@@ -361,7 +374,7 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
         (["report", "{npz}", "--data", "{csv}", "--last", "2"], "a share above 0"),
         (["control", "{npz}", "--qx", "-1"], "must be a number of at least 0, got -1"),
         (["control", "{npz}", "--step", "high"], "must be a number, got high"),
-        (["export", "{npz}"], "one of the arguments --c --mat is required"),
+        (["export", "{npz}"], "one of the arguments --c --mat --onnx is required"),
     ],
 )
 def test_wrong_usage_of_commands_on_models(argv, message, saved, linear_plant, capsys):
@@ -445,6 +458,7 @@ def test_reads_columns_in_the_order_asked_for(tmp_path):
     [
         ("u,z\n1,2\n", r"must have one column 'y', got none\. .* the columns: u, z\."),
         ("u,y,y\n1,2,3\n", r"must have one column 'y', got several\. .* u, y, y\."),
+        ("u [V],y\n1,2\n", r"names the columns: u \[V\], y\. Did you mean 'u \[V\]'\?"),
         ("u,y\n", r"must hold samples below its header, got none\. Write one line"),
         ("", r"must have one column 'u', got none\."),
         ("u,y\n1,2\n\n1,off\n", r"got 'off' in column 'y' at line 4\. Fill the gap"),
@@ -460,6 +474,38 @@ def test_wrong_files(tmp_path, text, message, capsys):
     path.write_text(text, encoding="utf-8")
     assert run_fit(path) == 2
     assert re.search(message, capsys.readouterr().err)
+
+
+@pytest.mark.filterwarnings("always")
+@pytest.mark.parametrize(
+    ("name", "step", "message"),
+    [
+        ("time [s]", 0.05, None),
+        ("t", 0.05000001, None),
+        ("Time", 2.0, "'Time' are 2, but the sampling time is 0.05 s. .* use --dt 2"),
+        ("t_s", -0.05, "between -0.05 and -0.05. Models need a fixed rate"),
+        ("time [ms]", 50.0, None),
+        ("throttle", 50.0, None),
+        ("time (s)", None, "between 0.01 and 0.09. Models need a fixed rate"),
+    ],
+)
+def test_a_column_of_time_is_compared(name, step, message, tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(400)
+    y = np.convolve(u, [0, 0.5, 0.3, 0.1])[:400]
+    t = np.arange(400) * (step or 0.05)
+    if step is None:
+        t[1::2] += 0.04
+        t -= t[0]
+    path = tmp_path / "plant.csv"
+    table = np.column_stack([t, u, y])
+    np.savetxt(path, table, delimiter=",", header=f"{name},u,y", comments="")
+    assert run_fit(path, "--models", "lti", "--nx", 2, "--dt", 0.05, "-q") == 0
+    err = capsys.readouterr().err
+    if message is None:
+        assert "column" not in err
+    else:
+        assert re.search(message, err)
 
 
 def test_long_headers_are_shortened(tmp_path):

@@ -2,6 +2,10 @@
 
 import json
 import pickle
+import re
+import shutil
+import subprocess
+import textwrap
 from pathlib import Path
 
 import control
@@ -221,7 +225,7 @@ def test_a_failed_save_keeps_the_old_file(fitted, path):
 
 
 def test_only_fitted_models_are_saved(path):
-    for export in ("save", "to_mat", "to_c"):
+    for export in ("save", "to_mat", "to_c", "to_onnx"):
         with pytest.raises(NotFittedError):
             getattr(AlSsnn(), export)(path)
 
@@ -435,6 +439,68 @@ def test_a_mat_file_simulates_as_the_model(fitted, path):
         assert [cell[0][0] for cell in m["outputs"]] == ["level", "flow"]
         assert [cell[0][0] for cell in m["inputs"]] == ["valve_a", "p*/"]
         np.testing.assert_array_equal(m["x0"], model.x0_)
+
+
+def documented_functions(folder):
+    """Write the functions of the manual, each to a file of its name."""
+    text = (Path(__file__).parents[1] / "doc" / "files.rst").read_text(encoding="utf-8")
+    blocks = re.findall(r"code-block:: matlab\n\n((?:   .*\n|\n)+)", text)
+    for block in blocks:
+        source = textwrap.dedent(block)
+        name = re.match(r"function \w+ = (\w+)\(", source)[1]
+        (folder / f"{name}.m").write_text(source, encoding="ascii")
+    return {path.stem for path in folder.glob("*.m")}
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no octave-cli")
+def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
+    from scipy.io import loadmat, savemat
+
+    names = documented_functions(tmp_path)
+    assert names == {"simulate_alssnn", "network", "law_alssnn"}
+    u, y, _ = record(2, 2, seed=4)
+    rng = np.random.default_rng(0)
+    models, expected = [], []
+    for i, name in enumerate(MODELS):
+        model = lively(fit(MODELS[name]))
+        models.append(model)
+        law = s = None
+        if not (np.any(model.D_) or "W_k" in model.params_ or model.input_delay_.any()):
+            law = model.linearizing_law(u_max=model.u_offset_)
+            s = y.to_numpy()
+            if law.feedback == "state":
+                s = rng.standard_normal((len(u), model.nx_))
+        model.to_mat(tmp_path / f"model_{i}.mat", law=law)
+        expected.append((model.predict(u), None if law is None else law(u, s)))
+        given = {"u": u.to_numpy(), "s": np.zeros((0, 0)) if s is None else s}
+        savemat(tmp_path / f"given_{i}.mat", given)
+    assert sum(law is not None for _, law in expected) >= 4
+    script = f"""
+        for i = 0:{len(models) - 1}
+            load(sprintf("model_%d.mat", i)); load(sprintf("given_%d.mat", i));
+            y = simulate_alssnn(model, u);
+            limited = zeros(size(u));
+            for k = 1:size(s, 1)
+                limited(k, :) = law_alssnn(model, u(k, :).', s(k, :).').';
+            end
+            save("-v7", sprintf("found_%d.mat", i), "y", "limited");
+        end
+    """
+    done = subprocess.run(
+        ["octave-cli", "--norc", "--quiet", "--eval", script],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    for i, (y, limited) in enumerate(expected):
+        found = loadmat(tmp_path / f"found_{i}.mat")
+        atol = 1e-11 * np.ptp(y)
+        np.testing.assert_allclose(found["y"], y, rtol=1e-11, atol=atol)
+        if limited is not None:
+            np.testing.assert_allclose(found["limited"], limited, rtol=1e-11)
+            assert (limited == models[i].u_offset_).any()
 
 
 def test_a_mat_file_holds_law_observer_and_gain(fitted, path):

@@ -1,13 +1,12 @@
 """The report: one page, valid, complete, without network, with every name escaped."""
 
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
+import browser
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn.feedback import (
     balanced_weights,
@@ -28,7 +27,9 @@ SECTIONS = {
     "control",
 }
 VOID = {"meta", "img", "br", "hr", "link", "input"}
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+SHOWN_SECTIONS = """[...document.querySelectorAll("section")]
+    .filter(s => s.getBoundingClientRect().height > 50).map(s => s.id)"""
+BROKEN_IMAGES = "[...document.images].filter(i => !i.naturalWidth).length"
 HOSTILE = ["<script>alert(1)</script>", 'a"&b']
 
 pytestmark = pytest.mark.filterwarnings(
@@ -172,24 +173,53 @@ def test_wrong_arguments(tmp_path):
 
 
 def test_a_browser_shows_the_page(tmp_path):
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
-    path = tmp_path / "report.html"
-    MODELS["fl"].fit(*RECORD).report(path, *TEST)
-    done = subprocess.run(
-        [
-            *(browser, "--headless", "--no-sandbox", "--disable-gpu"),
-            *("--window-size=390,844", f"--user-data-dir={tmp_path / 'profile'}"),
-            *("--dump-dom", path.as_uri()),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
+    if browser.find() is None:
+        pytest.skip(f"none of {', '.join(browser.NAMES)} is installed")
+    pages = {name: tmp_path / f"{name}.html" for name in ("fl", "al", "delay")}
+    for name, path in pages.items():
+        MODELS[name].fit(*RECORD).report(path, *TEST)
+    with browser.Browser(tmp_path / "profile") as window:
+        for path in pages.values():
+            for width in (375, 1200):
+                window.open(path, width)
+                sections = window.evaluate(SHOWN_SECTIONS)
+                assert set(sections) == SECTIONS
+                assert window.evaluate("document.documentElement.scrollWidth") == width
+                assert window.overflowing() == []
+                assert window.complaints() == []
+                asked = window.requests()
+                assert asked.count(path.as_uri()) == 1  # so that requests are seen
+                assert all(a.startswith(("file:", "data:")) for a in asked)
+                assert window.evaluate(BROKEN_IMAGES) == 0
+
+
+def test_the_browser_sees_what_is_wrong(tmp_path):
+    if browser.find() is None:
+        pytest.skip(f"none of {', '.join(browser.NAMES)} is installed")
+    path = tmp_path / "wrong.html"
+    path.write_text(
+        '<!DOCTYPE html><meta name="viewport" content="width=device-width"><body>'
+        '<p style="width: 500px">wide</p><script>console.error("no")</script>'
+        '<img src="http://127.0.0.1:9/no.png">'
     )
-    assert done.returncode == 0, done.stderr
-    for section in SECTIONS:
-        assert f'id="{section}"' in done.stdout
+    with browser.Browser(tmp_path / "profile") as window:
+        window.open(path, 375)
+        assert any("wide" in node for node in window.overflowing())
+        assert window.complaints()
+        assert "http://127.0.0.1:9/no.png" in window.requests()
+        assert window.evaluate(BROKEN_IMAGES) == 1
+
+
+def test_missing_outputs_and_experiments_are_told(tmp_path):
+    model = MODELS["delay"].fit(*RECORD)
+    u, y, runs = TEST
+    y = y.copy()
+    y[::4, 1] = np.nan
+    model.report(tmp_path / "report.html", u, y, runs)
+    _, text = check(tmp_path / "report.html")
+    assert "not measured" in text and "y0 0 %, y1 25 %" in text
+    assert "in the first of 2 experiments alone" in text
+    assert "u1 arrives 2 samples late" in text
 
 
 # the proposal

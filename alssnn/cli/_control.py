@@ -117,11 +117,19 @@ def run(args):
     write_csv(folder / "gain.csv", _columns(K, model), K.tolist())
     header, table = _table(responses)
     write_csv(folder / "step.csv", header, table.tolist())
-    display = _draw(responses, folder / args.figure)
-    print("K =")
+    display = _draw(model, responses, _scalar(args.step), folder / args.figure)
+    print(f"K, columns {' '.join(_columns(K, model))} =")
     print(np.array2string(K, precision=6))
-    for name, distance in zip(display.outputs, display.distance_["model"], strict=True):
-        print(f"{name}: RMS distance of the model from the design {distance:.3g}")
+    print("RMS distance of the model from the design, step of all references:")
+    for label, distance in zip(
+        display.outputs, display.distance_["model"], strict=True
+    ):
+        design = responses["design"].outputs[display.outputs.index(label)]
+        share = 100 * distance / (np.ptp(design) or 1.0)
+        print(
+            f"  {display.names[label]}: {distance:.3g}, {share:.2g} % of the range of "
+            "the design"
+        )
     print(
         f"Files: {folder / 'gain.csv'}, {folder / 'step.csv'}, {folder / args.figure}"
     )
@@ -150,10 +158,10 @@ def _table(responses):
     return header, np.column_stack(columns)
 
 
-def _draw(responses, path):
+def _draw(model, responses, step, path):
     from ..plotting import LoopDisplay
 
-    display = LoopDisplay.from_responses(responses, design="design")
+    display = LoopDisplay.from_steps(model, responses, step)
     path.parent.mkdir(parents=True, exist_ok=True)
     display.figure_.savefig(path, dpi=150)
     return display

@@ -8,12 +8,14 @@ from ._arguments import add_command
 from ._record import add_model
 
 EPILOG = """\
-Both hold the model, its law and an observer, and with --gain the controller.
+C sources and the file for MATLAB hold the model, its law and an observer, and with
+--gain the controller; ONNX graphs hold one step of the model, and the law.
 
 examples:
   alssnn export plant.npz --c firmware
   alssnn export plant.npz --c firmware --gain design/gain.csv --dtype float
   alssnn export plant.npz --mat plant.mat
+  alssnn export plant.npz --onnx graphs
 """
 
 
@@ -29,14 +31,17 @@ def add(commands):
         commands,
         "export",
         run,
-        "Write a saved model as C sources or for MATLAB.",
+        "Write a saved model as C sources, for MATLAB, or as ONNX graphs.",
         EPILOG,
-        help="write a saved model as C sources or for MATLAB",
+        help="write a saved model as C sources, for MATLAB or ONNX",
     )
     add_model(parser)
     target = parser.add_mutually_exclusive_group(required=True)
     target.add_argument("--c", type=Path, metavar="DIR", help="folder of C99 sources")
     target.add_argument("--mat", type=Path, metavar="FILE", help="file for MATLAB")
+    target.add_argument(
+        "--onnx", type=Path, metavar="DIR", help="folder of ONNX graphs (extra onnx)"
+    )
     parser.add_argument(
         "--gain",
         type=Path,
@@ -59,12 +64,19 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
+    if args.onnx is not None and args.gain is not None:
+        raise ValueError(
+            "`--gain` must be left out with --onnx, whose graphs hold no controller. "
+            "Use --c or --mat for one."
+        )
     model = load(args.model)
     gain = None if args.gain is None else _read_gain(args.gain, model)
     if args.mat is not None:
         args.mat.parent.mkdir(parents=True, exist_ok=True)
         model.to_mat(args.mat, gain=gain)
         paths = [args.mat]
+    elif args.onnx is not None:
+        paths = model.to_onnx(args.onnx)
     else:
         paths = model.to_c(args.c, gain=gain, dtype=args.dtype)
     print("\n".join(map(str, paths)))

@@ -1,11 +1,12 @@
 """`alssnn fit`: models of your own record."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 
 from ..ladder import PRESETS
-from ..tables import read_csv
+from ..tables import read_csv, read_steps
 from ._arguments import (
     add_command,
     add_common,
@@ -18,6 +19,7 @@ from ._arguments import (
 )
 from ._comparison import prepare_figure, report, run_ladder
 
+TIME_TOL = 0.05  # of a step: above the rounding of printed times
 FIT_EPILOG = """\
 The file has one header line with the names of the columns and one line per sample, in
 time order, sampled at a fixed rate; columns are separated by comma, semicolon or tab.
@@ -178,6 +180,7 @@ def run(args):
         args.save.parent.mkdir(parents=True, exist_ok=True)
     figure = prepare_figure(args)
     u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
+    _compare_times(args)
     ladder = run_ladder(
         args,
         u,
@@ -200,4 +203,30 @@ def run(args):
         row.model.feature_names_in_ = np.array(args.input, dtype=object)
         row.model.output_names_ = list(args.output)
         row.model.save(args.save)
-        print(f"\nModel: {args.save}")
+        print(
+            f"\nModel: {args.save}. It was not trained on the last "
+            f"{100 * args.test_size:g} %: validate it there, by --last "
+            f"{args.test_size:g}."
+        )
+
+
+def _compare_times(args):
+    """Warn where a column of time contradicts the sampling time."""
+    if args.experiment is not None:
+        return  # its time may start anew
+    name, steps = read_steps(args.file)
+    if not len(steps):
+        return
+    middle = float(np.median(steps))
+    if middle <= 0 or np.abs(steps - middle).max() > TIME_TOL * middle:
+        warnings.warn(
+            f"The steps of the column {name!r} are between {steps.min():g} and "
+            f"{steps.max():g}. Models need a fixed rate: resample the record.",
+            stacklevel=2,
+        )
+    elif abs(middle - args.dt) > TIME_TOL * args.dt:
+        warnings.warn(
+            f"The steps of the column {name!r} are {middle:g}, but the sampling time "
+            f"is {args.dt:g} s. If the column is in seconds, use --dt {middle:g}.",
+            stacklevel=2,
+        )

@@ -1,4 +1,4 @@
-"""How a fitted model is kept and handed on: files, MATLAB, C."""
+"""How a fitted model is kept and handed on: files, MATLAB, C, ONNX."""
 
 from sklearn.utils.validation import check_is_fitted
 
@@ -143,3 +143,45 @@ class FilesMixin(Fitted):
             dtype=dtype,
             prefix=prefix,
         )
+
+    def to_onnx(self, directory, *, law=None, prefix="plant"):
+        """Write one step of the model, and its law, as ONNX graphs.
+
+        The step takes x and u to x_next and y, the law takes v and y, or x with state
+        feedback, to u. All is in double precision and in the units of the data; every
+        signal has the shape (N, n), with one row per plant. The past of late inputs
+        stands behind the states. Names and sampling time are in the metadata.
+
+        Parameters
+        ----------
+        directory : str or path-like
+            Folder, made if need be; files of the same names are replaced.
+        law : LinearizingLaw or None, default=None
+            Law, for example with limits; None takes `linearizing_law`, or leaves it
+            out where it is ill-posed (then the metadata say why).
+        prefix : str, default="plant"
+            Begins the names of the files.
+
+        Returns
+        -------
+        paths : list of Path
+            The files, ``plant_step.onnx`` and, where there is a law,
+            ``plant_law.onnx``.
+
+        Raises
+        ------
+        ImportError
+            If onnx is not installed, the extra ``onnx``.
+        NotFittedError
+            If the model is not fitted.
+        OSError
+            If a file cannot be written.
+        TypeError
+            If `law` is of another type.
+        ValueError
+            If the law is of another model, `prefix` is no name, or an activation is
+            your own.
+        """
+        from ..persistence import to_onnx
+
+        return to_onnx(self, directory, law=law, prefix=prefix)

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, LogFormatter, MaxNLocator, ScalarFormatter
 
 MEASURED = {"color": "0.65", "linewidth": 4.0}
 # Okabe and Ito's palette: told apart by color-blind readers, too
@@ -144,6 +144,27 @@ def time_axis(ax, label="time"):
     ax.set_xlabel(label)
 
 
+def few_ticks(axis):
+    """Keep the ticks of small or large numbers apart, with one power of ten for all.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+        Linear axis.
+    """
+    formatter = ScalarFormatter(useMathText=True)
+    formatter.set_powerlimits((-2, 4))
+    axis.set_major_formatter(formatter)
+    axis.set_major_locator(MaxNLocator(6))
+
+
+class _MinorHertz(LogFormatter):
+    """Label, in hertz, the minor ticks that a short axis has labels for."""
+
+    def __call__(self, x, pos=None):
+        return EngFormatter(unit="Hz")(x) if super().__call__(x, pos) else ""
+
+
 def frequency_axis(ax, label="frequency"):
     """Label the abscissa as frequency.
 
@@ -155,6 +176,7 @@ def frequency_axis(ax, label="frequency"):
         Label; the ticks carry the unit.
     """
     ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
+    ax.xaxis.set_minor_formatter(_MinorHertz())
     ax.set_xlabel(label)
 
 
@@ -165,12 +187,14 @@ def finish(ax, legend=True):
     ----------
     ax : matplotlib.axes.Axes
         Axes.
-    legend : bool, default=True
-        Whether to draw a legend, where there are labels.
+    legend : bool or "above", default=True
+        Whether to draw a legend, where there are labels; "above" keeps it off the data.
     """
     ax.grid(True, which="major", color="0.88", linewidth=0.7)
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     if legend and ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, fontsize="small")
+        above = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2}
+        place = above if legend == "above" else {}
+        ax.legend(frameon=False, fontsize="small", **place)

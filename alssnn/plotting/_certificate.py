@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..validation import column_names, loop_deviation
-from ._axes import color, finish, grid_of_axes
+from ._axes import color, few_ticks, finish, grid_of_axes
 
 POINTS = 200  # of an ellipse
 
@@ -182,6 +182,7 @@ class CertificateDisplay:
                 )
         axes.set_xlabel(self.labels[0])
         axes.set_ylabel(self.labels[1])
-        finish(axes)
+        few_ticks(axes.xaxis)  # that of y would stand where the legend is
+        finish(axes, legend="above")
         self.ax_, self.figure_ = axes, axes.figure
         return self

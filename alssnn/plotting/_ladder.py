@@ -133,6 +133,7 @@ def _draw_outputs(ax, ladder, window, output):
         ax.plot(t, row.y_hat[window, output], label=row.name, **style)
     ax.set_ylim(*_limits(y, [row.y_hat[window, output] for row in ladder.rows]))
     ax.set_xlim(t[0], t[-1])
+    ax.xaxis.set_major_formatter(EngFormatter(unit="s"))
     ax.set_title("Test data: measured and simulated output", loc="left")
     _finish(ax)
 

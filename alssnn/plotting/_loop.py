@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..validation import column_names
 from ._axes import color, finish, grid_of_axes, time_axis
 
 
@@ -17,6 +18,10 @@ class LoopDisplay:
         Labels of the outputs to draw; None means those that all responses have.
     design : str or None, default=None
         Name of the response that the others are meant to follow: drawn dashed.
+    names : dict of str to str or None, default=None
+        What stands beside the axes of an output, by its label; None means the label.
+    references : dict of str to float or None, default=None
+        Levels that outputs are to reach, by label: drawn dotted.
 
     Attributes
     ----------
@@ -47,7 +52,9 @@ class LoopDisplay:
     >>> display.figure_.savefig("loop.png")  # doctest: +SKIP
     """
 
-    def __init__(self, responses, *, outputs=None, design=None):
+    def __init__(
+        self, responses, *, outputs=None, design=None, names=None, references=None
+    ):
         if not responses:
             raise ValueError("`responses` must hold at least one, got none.")
         if outputs is None:
@@ -70,9 +77,20 @@ class LoopDisplay:
                 f"`design` must be one of {', '.join(responses)}, got {design!r}."
             )
         self.responses, self.outputs, self.design = responses, list(outputs), design
+        self.names, self.references = names or {}, references or {}
 
     @classmethod
-    def from_responses(cls, responses, *, outputs=None, design=None, ax=None, **kwargs):
+    def from_responses(
+        cls,
+        responses,
+        *,
+        outputs=None,
+        design=None,
+        names=None,
+        references=None,
+        ax=None,
+        **kwargs,
+    ):
         """Draw responses.
 
         Parameters
@@ -83,6 +101,11 @@ class LoopDisplay:
             Labels of the outputs to draw; None means those that all responses have.
         design : str or None, default=None
             Name of the response that the others are meant to follow.
+        names : dict of str to str or None, default=None
+            What stands beside the axes of an output, by its label; None means the
+            label.
+        references : dict of str to float or None, default=None
+            Levels that outputs are to reach, by label.
         ax : sequence of matplotlib.axes.Axes or None, default=None
             One axes per output; None makes a figure.
         **kwargs : dict
@@ -98,7 +121,54 @@ class LoopDisplay:
         ValueError
             If an output is missing or the number of axes is wrong.
         """
-        return cls(responses, outputs=outputs, design=design).plot(ax, **kwargs)
+        display = cls(
+            responses,
+            outputs=outputs,
+            design=design,
+            names=names,
+            references=references,
+        )
+        return display.plot(ax, **kwargs)
+
+    @classmethod
+    def from_steps(cls, model, responses, step=None, *, ax=None, **kwargs):
+        """Draw the step responses of a model beside their references.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted model.
+        responses : dict of str to control.TimeResponseData
+            What `feedback.step_comparison` returned for it.
+        step : float, array_like of shape (ny,) or None, default=None
+            Height of the step that it was given.
+        ax : sequence of matplotlib.axes.Axes or None, default=None
+            One axes per output and input; None makes a figure.
+        **kwargs : dict
+            Options of all curves.
+
+        Returns
+        -------
+        display : LoopDisplay
+            The display, drawn.
+
+        Raises
+        ------
+        ValueError
+            If the number of axes is wrong.
+        """
+        inputs, outputs = column_names(model)
+        labels = responses["design"].output_labels
+        names = [*outputs, *(f"v, in units of {name}" for name in inputs)]
+        step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
+        return cls.from_responses(
+            responses,
+            design="design",
+            names=dict(zip(labels, names, strict=True)),
+            references=dict(zip(labels, model.y_offset_ + step, strict=False)),
+            ax=ax,
+            **kwargs,
+        )
 
     def plot(self, ax=None, **kwargs):
         """Draw the outputs against time.
@@ -136,7 +206,10 @@ class LoopDisplay:
                     label = f"{name}, RMS from design {self.distance_[name][i]:.3g}"
                 t, y = response.time, _signal(response, self.outputs[i])
                 one.plot(t, y, **{"label": label, **style, **kwargs})
-            one.set_ylabel(self.outputs[i])
+            if self.outputs[i] in self.references:
+                level = self.references[self.outputs[i]]
+                one.axhline(level, color="0.4", linestyle=":", label="reference")
+            one.set_ylabel(self.names.get(self.outputs[i], self.outputs[i]))
             finish(one)
         time_axis(axes[-1, 0])
         self.axes_, self.figure_ = axes, axes[0, 0].figure

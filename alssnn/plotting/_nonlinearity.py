@@ -4,7 +4,7 @@ import numpy as np
 
 from ..simulation import simulate
 from ..validation import column_names, deviations, scored_experiments
-from ._axes import MEASURED, color, finish, frequency_axis, grid_of_axes
+from ._axes import MEASURED, color, few_ticks, finish, frequency_axis, grid_of_axes
 from ._spectrum import amplitude_spectrum
 
 N_POINTS = 200  # of a curve of h
@@ -138,7 +138,7 @@ class NonlinearityDisplay:
                 one.plot(s[:, j], h[:, i], label=cuts, **style)
                 one.set_xlabel(f"{self.argument_names[j]} (gray: density of the data)")
                 one.set_ylabel(f"h, in units of {self.input_names[i]}")
-                finish(one, legend=i == j == 0)
+                finish(one, legend="above" if i == j == 0 else False)
         self.axes_, self.figure_ = axes, axes[0, 0].figure
         return self
 
@@ -158,6 +158,8 @@ class ResidualNonlinearityDisplay:
         Sampling time, in seconds.
     output_names : list of str
         Names of the outputs.
+    share : ndarray of shape (ny,) or None, default=None
+        Linearization error, for the legend; None means that of `e` and `y`.
 
     Attributes
     ----------
@@ -166,7 +168,7 @@ class ResidualNonlinearityDisplay:
     figure_ : matplotlib.figure.Figure
         The figure.
     share_ : ndarray of shape (ny,)
-        Share rms(e) / rms(y), which the legend shows.
+        Linearization error rms(e) / rms(y), which the legend shows.
 
     Examples
     --------
@@ -178,8 +180,9 @@ class ResidualNonlinearityDisplay:
     >>> display.figure_.savefig("residual.png")  # doctest: +SKIP
     """
 
-    def __init__(self, e, y, dt, output_names):
+    def __init__(self, e, y, dt, output_names, share=None):
         self.e, self.y, self.dt, self.output_names = e, y, dt, output_names
+        self.share = share
 
     @classmethod
     def from_estimator(cls, model, u, y, experiment=None, *, ax=None, **kwargs):
@@ -211,7 +214,8 @@ class ResidualNonlinearityDisplay:
             If the simulation diverges, or the number of axes is wrong.
         """
         experiments, starts = scored_experiments(model, u, y, experiment)
-        every = model.linearizability(u, y, experiment).e
+        record = model.linearizability(u, y, experiment)
+        every = record.e
         if not np.isfinite(every).all():
             raise ValueError(
                 "`u` must keep the simulation bounded, got a residual that diverges. "
@@ -225,7 +229,9 @@ class ResidualNonlinearityDisplay:
             for _, y_k, y_hat in experiments
         ]
         names = column_names(model)[1]
-        return cls(e, measured, model.dt, names).plot(ax, **kwargs)
+        # of all samples, as everywhere; the first ones are not drawn
+        share = record.linearization_error
+        return cls(e, measured, model.dt, names, share).plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):
         """Draw histogram and spectrum.
@@ -251,8 +257,10 @@ class ResidualNonlinearityDisplay:
         axes = grid_of_axes(ax, (ny, 2), size=(5.0, 2.8))
         longest = max(range(len(self.y)), key=lambda i: len(self.y[i]))
         e, y = np.vstack(self.e), np.vstack(self.y)
-        size = np.sqrt(np.mean(y**2, axis=0))
-        share = np.sqrt(np.mean(e**2, axis=0)) / np.where(size > 0, size, 1.0)
+        share = self.share
+        if share is None:
+            size = np.sqrt(np.mean(y**2, axis=0))
+            share = np.sqrt(np.mean(e**2, axis=0)) / np.where(size > 0, size, 1.0)
         self.share_ = share
         style = {"color": color(0), "linewidth": 1.4, **kwargs}
         for i, (left, right) in enumerate(axes):
@@ -261,6 +269,7 @@ class ResidualNonlinearityDisplay:
             left.hist(e[:, i], BINS, color=style["color"], label=label)
             left.set_xlabel(f"e, in units of {name}")
             left.set_ylabel("samples")
+            few_ticks(left.xaxis)
             outputs = amplitude_spectrum(self.y[longest][:, i], self.dt)
             right.loglog(*outputs, label=name, **MEASURED)
             if np.any(self.e[longest][:, i]):

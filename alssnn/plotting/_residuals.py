@@ -1,5 +1,7 @@
 """Correlations of the residuals of a free run, with their bands."""
 
+from matplotlib.ticker import EngFormatter
+
 from ..validation import (
     column_names,
     residual_tests,
@@ -203,7 +205,9 @@ class ResidualDisplay:
                 one.plot(lags, r, ".", color=style["color"], markersize=4)
                 one.set_ylabel(label, fontsize="small")
                 one.set_title(title, loc="left", fontsize="medium")
-                finish(one)
-            column[-1].set_xlabel(f"lag, samples of {tests.dt:g} s")
+                # the band is the same everywhere, and correlations may fill it
+                finish(one, legend=one is axes[0, 0])
+            dt = EngFormatter(unit="s", places=None)(tests.dt)
+            column[-1].set_xlabel(f"lag, samples of {dt}")
         self.axes_, self.figure_ = axes, axes[0, 0].figure
         return self

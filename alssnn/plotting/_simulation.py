@@ -184,7 +184,8 @@ class SimulationDisplay:
         """
         ny = self.y_true.shape[1]
         options = {"sharex": "col", "height_ratios": (2, 1)}
-        axes = grid_of_axes(ax, (2, ny), size=(6.0, 2.2), **options)
+        size = (6.0 if ny == 1 else 4.5, 2.2)
+        axes = grid_of_axes(ax, (2, ny), size=size, **options)
         fit = np.full(ny, -np.inf)
         if np.isfinite(self.y_pred).all():
             fit = fit_percent(self.y_true, self.y_pred, multioutput="raw_values")
@@ -198,7 +199,7 @@ class SimulationDisplay:
             top.set_ylabel(self.output_names[i])
             bottom.set_ylabel("residual")
             time_axis(bottom)
-            finish(top)
+            finish(top, legend="above")
             finish(bottom, legend=False)
         self.axes_, self.figure_ = axes, axes[0, 0].figure
         return self

@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 
 DPI = 110
+LEGIBLE = 0.45  # smallest scale of a figure
 STYLE = """
 :root { color-scheme: light; }
 * { box-sizing: border-box; }
@@ -24,7 +25,8 @@ table { border-collapse: collapse; margin: .5rem 0;
   font-variant-numeric: tabular-nums; overflow-wrap: normal; }
 th, td { padding: .25rem .6rem; text-align: left; vertical-align: top;
   border-bottom: 1px solid #e4e4e4; }
-td.n { text-align: right; white-space: nowrap; }
+td.n, th.n { text-align: right; }
+td.n { white-space: nowrap; }
 table.matrix { border-left: 2px solid #444; border-right: 2px solid #444; }
 table.matrix td { border: 0; padding: .1rem .6rem; }
 pre { overflow-x: auto; background: #f5f5f5; padding: .6rem; font-size: .85rem; }
@@ -33,6 +35,14 @@ pre { overflow-x: auto; background: #f5f5f5; padding: .6rem; font-size: .85rem; 
 .equation { font-family: Cambria, Georgia, serif; font-style: italic;
   font-size: 1.1rem; }
 summary { cursor: pointer; padding: .3rem 0; }
+@media (max-width: 40rem) {
+  table { font-size: .875rem; }
+  th, td { padding: .2rem .4rem; }
+  table.checks thead { display: none; }
+  table.checks tr { display: flex; flex-wrap: wrap; border-bottom: 1px solid #e4e4e4; }
+  table.checks td { border: 0; }
+  table.checks td:last-child { flex-basis: 100%; }
+}
 """
 
 
@@ -120,40 +130,60 @@ def number(value, digits=4):
     return f"{value:.{digits}g}" if np.isfinite(value) else str(value)
 
 
-def table(header, rows):
+def table(header, rows, kind=""):
     """Return a table; numbers are aligned right, strings are escaped.
 
     Parameters
     ----------
     header : sequence of str
-        Names of the columns.
-    rows : iterable
+        Names of the columns; empty for a table without a head.
+    rows : sequence
         Rows of cells.
+    kind : str, default=""
+        Class of the table, for its style.
 
     Returns
     -------
     html : str
         HTML.
     """
-    head = "".join(f'<th scope="col">{escape(str(cell))}</th>' for cell in header)
+    head = (
+        "".join(
+            f'<th scope="col"{_kind(column)}>{escape(name)}</th>'
+            for name, *column in zip(header, *rows, strict=True)
+        )
+        if header
+        else ""
+    )
+    head = f"<thead><tr>{head}</tr></thead>" if head else ""
     body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
+    attribute = f' class="{kind}"' if kind else ""
     return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f'<div class="scroll"><table{attribute}>{head}'
         f"<tbody>{body}</tbody></table></div>"
     )
+
+
+def _kind(column):
+    """Return the attribute of a heading: right above numbers."""
+    return ' class="n"' if any(map(_is_number, column)) else ""
+
+
+def _is_number(value):
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
 
 
 def _cell(value):
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         return f'<td class="n">{value}</td>'
-    if value is None or isinstance(value, (float, np.floating)):
+    if value is None or _is_number(value):
         return f'<td class="n">{number(value)}</td>'
     kind = {"pass": ' class="pass"', "FAIL": ' class="fail"'}.get(value, "")
     return f"<td{kind}>{escape(str(value))}</td>"
 
 
-def matrix(name, values):
-    """Return a named matrix or vector.
+def matrix(name, values, what=""):
+    """Return a named matrix, or a vector as a column.
 
     Parameters
     ----------
@@ -161,20 +191,24 @@ def matrix(name, values):
         Name.
     values : array_like
         Numbers, one or two dimensions.
+    what : str, default=""
+        What it is, in a few words.
 
     Returns
     -------
     html : str
         HTML.
     """
-    rows = np.atleast_2d(np.asarray(values, dtype=float))
+    rows = np.asarray(values, dtype=float)
+    rows = rows[:, None] if rows.ndim == 1 else rows
     body = "".join(
         "<tr>" + "".join(f'<td class="n">{number(z, 5)}</td>' for z in row) + "</tr>"
         for row in rows
     )
-    shape = " x ".join(map(str, rows.shape))
+    words = f"{name}, {' x '.join(map(str, rows.shape))}"
+    words += f": {what}" if what else ""
     return (
-        f'<p class="note">{escape(name)}, {shape}</p><div class="scroll">'
+        f'<p class="note">{escape(words)}</p><div class="scroll">'
         f'<table class="matrix"><tbody>{body}</tbody></table></div>'
     )
 
@@ -222,7 +256,10 @@ def figure(drawn, caption):
     buffer = io.BytesIO()
     drawn.savefig(buffer, format="png", dpi=DPI)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    # narrower than this the page scrolls the figure, for its letters to be read
+    least = LEGIBLE * DPI * drawn.get_size_inches()[0]
     return (
-        f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+        f'<figure><div class="scroll"><img style="min-width: {least:.0f}px" '
+        f'alt="{escape(caption)}" src="data:image/png;base64,{data}"></div>'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )

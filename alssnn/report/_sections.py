@@ -4,7 +4,7 @@ import numpy as np
 
 from ..metrics import fit_percent, nrmse, rmse
 from ..networks import Perceptron
-from ..validation import column_names
+from ..validation import column_names, deviations
 from ._page import (
     figure,
     heading,
@@ -74,18 +74,26 @@ def summary(model, data, validation):
         HTML.
     """
     inputs, outputs = column_names(model)
+    y = np.vstack([y for _, y, _ in data])
     rows = [
         ("model", type(model).__name__),
         ("inputs", ", ".join(inputs)),
         ("outputs", ", ".join(outputs)),
-        ("states", model.nx_),
-        ("sampling time", f"{model.dt:g} s"),
-        ("trained parameters", len(model._theta)),
+        ("states", str(model.nx_)),
+        ("sampling time", f"{model.dt:.10g} s"),
+        ("trained parameters", str(len(model._theta))),
         ("end of the training", f"{model.n_iter_} trial steps: {model.message_}"),
-        ("samples of this record", len(np.vstack([y for _, y, _ in data]))),
-        ("experiments of this record", len(data)),
+        ("samples of this record", str(len(y))),
+        ("experiments of this record", str(len(data))),
     ]
-    if validation is not None:
+    if np.isnan(y).any():
+        missing = 100 * np.isnan(y).mean(axis=0)
+        shares = zip(outputs, missing, strict=True)
+        words = ", ".join(f"{name} {share:.3g} %" for name, share in shares)
+        rows.append(("not measured", words))
+    if validation is None:
+        rows.append(("validation", "not available, see below"))
+    else:
         failed = [c.name for c in validation if c.decides and not c.passed]
         rows.append(("validation", "pass" if not failed else "FAIL"))
         if failed:
@@ -96,8 +104,8 @@ def summary(model, data, validation):
         if np.ndim(value) == 0
     ]
     return (
-        table(("", ""), rows)
-        + f"<details><summary>Settings</summary>{table(('', ''), settings)}</details>"
+        table((), rows)
+        + f"<details><summary>Settings</summary>{table((), settings)}</details>"
     )
 
 
@@ -139,7 +147,16 @@ def equations(model):
         "u_e": model.u_offset_,
         "y_e": model.y_offset_,
     }
-    parts += [matrix(name, values) for name, values in arrays.items()]
+    inputs, outputs = column_names(model)
+    words = {
+        "u_e": f"operating point of {', '.join(inputs)}",
+        "y_e": f"operating point of {', '.join(outputs)}",
+    }
+    parts += [
+        matrix(name, values, words.get(name, ""))
+        for name, values in arrays.items()
+        if name != "D" or np.any(values)
+    ]
     for net in (name for name, there in nets.items() if there):
         sigma = model._structure.activations[f"w_{net}"]
         network = Perceptron.of(net, p, sigma)
@@ -166,7 +183,7 @@ def _delay_words(model):
         return "x+ is x one sample later"
     inputs, _ = column_names(model)
     late = ", ".join(
-        f"{name} arrives {delay} samples late"
+        f"{name} arrives {delay} {'sample' if delay == 1 else 'samples'} late"
         for name, delay in zip(inputs, model.input_delay_, strict=True)
         if delay
     )
@@ -220,7 +237,11 @@ def _simulation(model, test):
     from ..plotting import SimulationDisplay
 
     drawn = SimulationDisplay.from_estimator(model, *test).figure_
-    return figure(drawn, "Measured and simulated output, and their difference.")
+    caption = "Measured and simulated output, and their difference"
+    lengths = [len(y) for _, y, _ in deviations(model, *test)]
+    if len(lengths) > 1:
+        caption += f", in the first of {len(lengths)} experiments alone"
+    return figure(drawn, f"{caption}.")
 
 
 def checks(model, validation, reason):
@@ -258,7 +279,7 @@ def checks(model, validation, reason):
         else "At least one check failed that decides."
     )
     content = paragraph(verdict, "pass" if validation.passed else "fail")
-    content += table(("", "check", "value", "quantity", "meaning"), rows)
+    content += table(("", "check", "value", "quantity", "meaning"), rows, "checks")
     if validation.residuals is not None:
         content += attempt(lambda: _residuals(validation), "Figure of the residuals")
     return content
@@ -306,12 +327,12 @@ def linearity(model, test, record):
         for name, gain in zip(outputs, record.h2_gain, strict=True)
     ]
     bands = record.bands
-    header = ["band"]
+    header = ["band, Hz"]
     for name in outputs:
         header += [f"e of {name}, %", f"{name}, %"]
     limits = zip(bands.edges[:-1], bands.edges[1:], strict=True)
     by_band = [
-        (f"{low:g} to {high:g} Hz", *(100 * np.column_stack([e, y]).ravel()))
+        (f"{low:g}\u00a0to\u00a0{high:g}", *(100 * np.column_stack([e, y]).ravel()))
         for (low, high), e, y in zip(limits, bands.error, bands.output, strict=True)
     ]
     parts = [
@@ -323,6 +344,10 @@ def linearity(model, test, record):
         ),
         table(("", "open loop", "closed loop"), rows),
         heading("By frequency"),
+        paragraph(
+            "e and the output itself in frequency bands: rms in the band, in % of "
+            "rms(y) over all frequencies."
+        ),
         table(header, by_band),
     ]
     if "W_h" in model.params_:
@@ -459,15 +484,17 @@ def _poles(model, K):
     from ..feedback import designed_loop
 
     poles = sorted(designed_loop(model, K).poles(), key=abs, reverse=True)
-    rows = [(z.real, z.imag, abs(z)) for z in poles]
-    return table(("pole of the design, real part", "imaginary part", "modulus"), rows)
+    rows = [(z.real, z.imag, abs(z)) for z in np.round(poles, 12) + 0.0]
+    return table(("design poles: real part", "imaginary part", "modulus"), rows)
 
 
 def _step(model, K):
     from ..feedback import step_comparison
     from ..plotting import LoopDisplay
 
-    responses = step_comparison(model, K)
-    drawn = LoopDisplay.from_responses(responses, design="design").figure_
-    caption = "Step of the references: the design, and the whole model under its law."
+    drawn = LoopDisplay.from_steps(model, step_comparison(model, K)).figure_
+    caption = (
+        "Step of all references by one standard deviation of the training data: the "
+        "design, and the whole model under its law."
+    )
     return figure(drawn, caption)
