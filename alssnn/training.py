@@ -146,6 +146,7 @@ def train(
     weights=None,
     phi=None,
     bounds=None,
+    at_rest=False,
     continuation=0,
     coarse_samples=None,
     polish_iter=20,
@@ -170,6 +171,9 @@ def train(
         Rate of stability by construction (eq. contract); None leaves A free.
     bounds : dict of str to tuple of ndarray, or None, default=None
         Lower and upper bounds of parameters by name; equal ones hold an entry.
+    at_rest : bool, default=False
+        Whether the initial states are held at zero; a stretch of a record begins
+        anywhere, and its initial states are free in any case.
     continuation : int, default=0
         Number of larger gammas that come first, each half a decade above the next.
     coarse_samples : int or None, default=None
@@ -204,8 +208,9 @@ def train(
         Criterion(structure, first, **_times(weights, factor))
         for factor in GAMMA_STEP ** np.arange(continuation, -1, -1)
     ]
-    limits = Limits(structure, phi, bounds)
-    best = _best_start(criteria, starts, limits, watch, n_jobs, options)
+    limits = Limits(structure, phi, bounds, at_rest)
+    first_limits = Limits(structure, phi, bounds) if is_coarse else limits
+    best = _best_start(criteria, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
         steps = best.nfev
         criterion = Criterion(structure, experiments, **weights)
@@ -300,9 +305,11 @@ def _start_of_stage(criterion, theta, limits, x0):
     """Return the free vector of theta and x0 from which the simulation is finite."""
     structure, experiments = criterion.structure, criterion.experiments
     theta = limits.clip(theta)
-    if x0 is None:
-        at_rest = criterion.join(theta, np.zeros((len(experiments), structure.n_x0)))
-        noise = Criterion(structure, experiments).norm(at_rest) ** 2
+    zero = np.zeros((len(experiments), structure.n_x0))
+    if limits.at_rest:
+        x0 = zero
+    elif x0 is None:
+        noise = Criterion(structure, experiments).norm(criterion.join(theta, zero)) ** 2
         x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
     free = criterion.join(theta, x0)
     if not criterion.norm(free) < DIVERGED_NORM:
@@ -382,10 +389,13 @@ class Limits:
         Rate of stability by construction (eq. contract); None leaves A free.
     bounds : dict of str to tuple of ndarray, or None, default=None
         Lower and upper bounds of parameters by name; equal ones hold an entry.
+    at_rest : bool, default=False
+        Whether the initial states are held at zero.
     """
 
-    def __init__(self, structure, phi=None, bounds=None):
+    def __init__(self, structure, phi=None, bounds=None, at_rest=False):
         self.phi = phi
+        self.at_rest = at_rest
         self.low = np.full(structure.n_params, -np.inf)
         self.high = np.full(structure.n_params, np.inf)
         for name, (low, high) in (bounds or {}).items():
@@ -432,7 +442,10 @@ class Limits:
             problem = Contractive(criterion, self.phi)
             start = problem.from_free(free)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
-        low[: len(self.low)], high[: len(self.high)] = self.low, self.high
+        n_params = len(self.low)
+        low[:n_params], high[:n_params] = self.low, self.high
+        if self.at_rest:
+            low[n_params:] = high[n_params:] = 0.0
         held = low == high
         part = Restricted(problem, start, ~held) if held.any() else None
         bounds = low[~held], high[~held]

@@ -80,7 +80,7 @@ class HammersteinSsnn(Ssnn):
     alpha, max_iter, tol, polish_iter, coarse_samples = 0.0, 100, 1e-3, 20, None
     n_init, n_jobs, method, warm_start, n_init_samples = 1, None, "lm", False, 20
     input_delay, output_weight, linear_start, bounds = 0, None, None, None
-    operating_point, verbose = "zero", 0
+    operating_point, initial_state, verbose = "zero", "estimate", 0
     max_time, validation_fraction, n_iter_no_change = None, None, 20
 
     def _networks(self):

@@ -19,6 +19,7 @@ import alssnn
 from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, training
 from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.estimators import _base
+from benchmarks import model_class
 
 DT = 0.25
 SMALL = {"nx": 2, "max_iter": 6, "tol": 1e-2, "random_state": 0, "dt": DT}
@@ -754,6 +755,47 @@ def test_bounds_of_D_need_no_basis(data):
 def test_wrong_bounds(data, options, message):
     with pytest.raises(ValueError, match=message):
         AlSsnn(n_h=2, n_g=2, **options).fit(*data)
+
+
+# -- initial states --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cls", [LinearStateSpace, FlSsnn, AlSsnn, GrSsnn])
+def test_initial_states_at_rest(data, cls):
+    """Held on whole records, after a coarse stretch as well."""
+    u, y = data
+    labels = np.repeat([0, 1], [len(u) // 3, len(u) - len(u) // 3])
+    model = cls(nx=2, initial_state="rest", max_iter=10, tol=1e-12)
+    if cls is AlSsnn:
+        model.set_params(stability="contractive", penalty="output")
+    for coarse in (None, 60):
+        if "coarse_samples" in model.get_params():
+            model.set_params(coarse_samples=coarse, polish_iter=5, random_state=0)
+        model.fit(u, y, labels)
+        np.testing.assert_array_equal(model.x0_, np.zeros((2, 2)))
+        # the cost is that of a simulation from there
+        np.testing.assert_array_equal(
+            model.predict(u, labels, x0="training"), model.predict(u, labels, x0="rest")
+        )
+    free = model.parameter_covariance(u, y, labels)
+    estimated = model.set_params(initial_state="estimate")
+    known = free.n_effective
+    assert known < estimated.parameter_covariance(u, y, labels).n_effective
+
+
+def test_a_network_that_starts_at_rest_is_right_there():
+    """With x0 free, another state with C x = 0 may take the place of rest.
+
+    The training cost is the same, but a simulation from rest begins wrong.
+    """
+    system = model_class.KINDS["two-layer g"]
+    (us, ys), (u, y, noise) = model_class.data(system, seed=0)
+    options = {"operating_point": "zero", "max_iter": 150, "random_state": 2}
+    free = GrSsnn(2, n_f=(2, 2), **options).fit(us, ys)
+    rest = GrSsnn(2, n_f=(2, 2), initial_state="rest", **options).fit(us, ys)
+    assert rest.cost_ == pytest.approx(free.cost_, rel=1e-3)
+    error, wrong = (np.std(y - model.predict(u)) for model in (rest, free))
+    assert error < 1.05 * noise.std() < 1.4 * noise.std() < wrong
 
 
 # -- weights of outputs ----------------------------------------------------------------

@@ -80,6 +80,9 @@ class AlSsnn(Ssnn):
         B, in the units of the data; equal ones hold an entry.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    initial_state : {"estimate", "rest"}, default="estimate"
+        Initial state of the training experiments: estimated with the parameters, or
+        held at the operating point, where a record begins that starts from rest.
     dt : float, default=1.0
         Sampling time, in seconds.
     n_init : int, default=1
@@ -121,7 +124,7 @@ class AlSsnn(Ssnn):
     A_, B_, C_, D_ : ndarray
         Linear part in the user's units (deviations).
     x0_ : ndarray of shape (n_experiments, nx)
-        Estimated initial states of the training experiments.
+        Initial states of the training experiments.
     params_ : Bunch
         All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, W_g, W_x,
         W_u, b_x), in the user's units.
@@ -219,6 +222,7 @@ class AlSsnn(Ssnn):
         linear_start=None,
         bounds=None,
         operating_point="mean",
+        initial_state="estimate",
         dt=1.0,
         n_init=1,
         max_iter=300,
@@ -256,6 +260,7 @@ class AlSsnn(Ssnn):
         self.linear_start = linear_start
         self.bounds = bounds
         self.operating_point = operating_point
+        self.initial_state = initial_state
         self.dt = dt
         self.n_init = n_init
         self.max_iter = max_iter

@@ -67,6 +67,7 @@ class StateSpaceModel(
     _parameter_constraints: ClassVar[dict] = {
         "nx": [POSITIVE, StrOptions({"auto"})],
         "operating_point": [StrOptions({"mean", "zero"}), tuple],
+        "initial_state": [StrOptions({"estimate", "rest"})],
         "dt": [Interval(Real, 0, None, closed="neither")],
         "input_delay": [COUNT, "array-like", StrOptions({"auto"})],
         "output_weight": ["array-like", None],
@@ -241,9 +242,10 @@ class StateSpaceModel(
         return model
 
     def _shapes_linear(self):
-        """Tell whether the user shapes the linear part beyond its identification."""
+        """Tell whether the user shapes the linear model beyond its identification."""
         shapes = (self.linear_start, self.output_weight)
-        return bool(self.bounds) or any(shape is not None for shape in shapes)
+        shaped = bool(self.bounds) or any(shape is not None for shape in shapes)
+        return shaped or self._at_rest
 
     def _scaled_bounds(self, structure, contractive=False):
         return check_bounds(

@@ -16,6 +16,7 @@ class Fitted:
     """Declare the attributes that `fit` sets and the helpers that mixins share."""
 
     dt: float
+    initial_state: str
     n_features_in_: int
 
     # The fit in scaled deviations; the public attributes are made from it.
@@ -59,3 +60,8 @@ class Fitted:
     _publish_parameters: Callable  # what follows from structure, theta and scales
     _criterion_terms: Callable  # structure with its penalties, and all weights
     _publish: Callable  # sets the public attributes from theta and a result
+
+    @property
+    def _at_rest(self):
+        """Whether the training experiments begin at the operating point."""
+        return self.initial_state == "rest"

@@ -21,6 +21,9 @@ class LinearStateSpace(StateSpaceModel):
         Number of states; "auto" chooses 1 to 10 from the singular values.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    initial_state : {"estimate", "rest"}, default="estimate"
+        Initial state of the training experiments: estimated with the parameters, or
+        held at the operating point, where a record begins that starts from rest.
     dt : float, default=1.0
         Sampling time, in seconds.
     max_iter : int, default=100
@@ -54,7 +57,7 @@ class LinearStateSpace(StateSpaceModel):
     A_, B_, C_, D_ : ndarray
         Matrices in the user's units (deviations).
     x0_ : ndarray of shape (n_experiments, nx)
-        Estimated initial states of the training experiments.
+        Initial states of the training experiments.
     params_ : Bunch
         All parameters by name, in the user's units.
     singular_values_ : ndarray
@@ -117,6 +120,7 @@ class LinearStateSpace(StateSpaceModel):
         nx="auto",
         *,
         operating_point="mean",
+        initial_state="estimate",
         dt=1.0,
         max_iter=100,
         tol=1e-8,
@@ -131,6 +135,7 @@ class LinearStateSpace(StateSpaceModel):
     ):
         self.nx = nx
         self.operating_point = operating_point
+        self.initial_state = initial_state
         self.dt = dt
         self.max_iter = max_iter
         self.tol = tol
@@ -157,6 +162,7 @@ class LinearStateSpace(StateSpaceModel):
             [theta],
             weights={"output_weight": self._output_weight(len(linear.C))},
             bounds=self._scaled_bounds(structure),
+            at_rest=self._at_rest,
             max_iter=self.max_iter,
             tol=self.tol,
             watch=watch,

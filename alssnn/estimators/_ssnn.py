@@ -180,6 +180,7 @@ class Ssnn(StateSpaceModel):
             weights=weights,
             phi=phi,
             bounds=self._scaled_bounds(plain, contractive=phi is not None),
+            at_rest=self._at_rest,
             continuation=self.continuation,
             coarse_samples=self.coarse_samples,
             polish_iter=self.polish_iter,

@@ -24,7 +24,7 @@ class UncertaintyMixin(Fitted):
     """Share what the training data say about the uncertainty of a model.
 
     All methods take the training data, which a fitted model does not keep.  Initial
-    states are estimated from whole experiments.
+    states are estimated from whole experiments, unless the training held them at rest.
     """
 
     def parameter_covariance(self, u, y, experiment=None):
@@ -226,6 +226,7 @@ class UncertaintyMixin(Fitted):
                 weights=weights,
                 phi=getattr(self, "phi", None) if contractive else None,
                 bounds=self._scaled_bounds(structure, contractive=contractive),
+                at_rest=self._at_rest,
                 **options,
             )
             yield result.theta, result.x0 * self._x_scale
@@ -239,7 +240,12 @@ class UncertaintyMixin(Fitted):
         penalized, weights = self._criterion_terms(structure)
         longest = max(len(u_s) for u_s, _ in experiments)
         with single_threaded():
-            x0 = estimate_x0(structure, theta, experiments, window=longest, noise=0.0)
+            if self._at_rest:
+                x0 = np.zeros((len(experiments), structure.n_x0))
+            else:
+                x0 = estimate_x0(
+                    structure, theta, experiments, window=longest, noise=0.0
+                )
             try:
                 JJ = [
                     criterion.normal_equations(criterion.join(theta, x0))[0]
@@ -276,8 +282,9 @@ class UncertaintyMixin(Fitted):
         )
 
     def _free_entries(self, n):
-        """Return which entries of (theta, x0) no equal bounds hold."""
+        """Return which entries of (theta, x0) nothing holds."""
         free = np.ones(n, dtype=bool)
+        free[self._structure.n_params :] = not self._at_rest
         limits = self._scaled_bounds(self._structure) or {}
         for name, (low, high) in limits.items():
             where, shape = self._structure.slices[name], self._structure.shapes[name]
