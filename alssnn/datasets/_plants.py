@@ -61,11 +61,9 @@ def _sampled_plant(step, output_index, dt, names, name):
     inputs, output_name, states = names
 
     def update(t, x, u, params):
-        """Return the next state."""
         return np.array(step(x.tolist(), u.tolist()))
 
     def output(t, x, u, params):
-        """Return the output."""
         return x[output_index : output_index + 1]
 
     return control.nlsys(

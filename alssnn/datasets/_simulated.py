@@ -185,12 +185,10 @@ def _wiener_hammerstein_plant(first, second, dt):
     n1 = len(A1)
 
     def update(t, x, u, params):
-        """Return the next state."""
         x1, x2 = x[:n1], x[n1:]
         return np.concatenate([A1 @ x1 + B1 @ u, A2 @ x2 + B2 @ _saturate(C1 @ x1)])
 
     def output(t, x, u, params):
-        """Return the output."""
         return C2 @ x[n1:]
 
     return control.nlsys(
