@@ -17,13 +17,13 @@ from scipy.linalg import qr
 from scipy.stats import chi2
 
 from .experiments import stretch
+from .regression import Triangle, lagged
 from .subspace import identify_linear, simulation_error
 
 PAST = 10  # samples of every output in the regression
 TAIL = 20  # lags of every input beyond the largest delay
 LEVEL = 1e-4  # chance of calling a response that is none significant
 RANK = 1e-7  # relative size of what a lag adds to those before it; below, none
-BLOCK = 5_000  # rows factored at a time
 SIMULATED = 5_000  # samples on which linear models are compared
 STEPS = 5  # of the refinement of each
 TRIFLE = 0.001  # relative growth of the simulation error that is none
@@ -86,7 +86,7 @@ def _allowed_by_prediction(experiments, feedthrough, max_delay):
         return np.zeros(nu, dtype=int)
     responds = np.zeros((nu, candidates), dtype=bool)
     for j in range(ny):
-        R, rows = _triangle(experiments, j, first, lags)
+        R, rows = _factor(experiments, j, first, lags)
         degrees = rows - R.shape[1] + 1
         if degrees < 1:  # too few samples of this output for a test
             continue
@@ -126,33 +126,21 @@ def _delayed(experiments, delay, before):
     ]
 
 
-def _triangle(experiments, j, first, lags):
+def _factor(experiments, j, first, lags):
     """Return R of the rows (past outputs, u lags of every input, y_j), and their count.
 
     The lags of an input stand from the oldest to the most recent.
     """
-    start = max(PAST, first + lags - 1)
-    R, rows = None, 0
+    nu, ny = (signal.shape[1] for signal in experiments[0])
+    triangle = Triangle(PAST * ny + lags * nu + 1)
     for u, y in experiments:
         u, y = np.asarray(u), np.asarray(y)
-        held = _hold(y)
-        at = np.arange(start, len(y))
-        at = at[~np.isnan(y[at, j])]
-        for k in np.split(at, range(BLOCK, len(at), BLOCK)):
-            past = held[k[:, None] - np.arange(1, PAST + 1)]
-            window = u[k[:, None] - np.arange(first + lags - 1, first - 1, -1)]
-            block = np.concatenate(
-                [
-                    past.reshape(len(k), -1),
-                    np.swapaxes(window, 1, 2).reshape(len(k), -1),
-                    y[k, j : j + 1],
-                ],
-                axis=1,
-            )
-            R = qr(block if R is None else np.vstack([R, block]), mode="r")[0]
-            R = R[: block.shape[1]]
-            rows += len(k)
-    return R, rows
+        past = lagged(_hold(y), range(1, PAST + 1))
+        inputs = [
+            lagged(u[:, [i]], range(first + lags - 1, first - 1, -1)) for i in range(nu)
+        ]
+        triangle.add(np.hstack([past, *inputs, y[:, [j]]]))
+    return triangle.factor(), triangle.n_rows
 
 
 def _growth(R, i, lags, nu):
@@ -161,7 +149,7 @@ def _growth(R, i, lags, nu):
     Parameters
     ----------
     R : ndarray
-        Triangle of `_triangle`.
+        Factor of `_factor`.
     i : int
         The input.
     lags : int

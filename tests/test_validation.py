@@ -7,6 +7,7 @@ from scipy.stats import binom, chi2, f, kstest
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn.regression import lagged
 from alssnn.validation import (
     ahead_fit,
     frequency_response,
@@ -16,7 +17,6 @@ from alssnn.validation import (
     scored_sensitivities,
     sine_response,
 )
-from alssnn.validation._regression import lagged
 
 A = np.array([[0.8, 0.3], [-0.2, 0.7]])
 B = np.array([[1.0, 0.2], [0.1, 0.5]])
@@ -146,7 +146,7 @@ def test_short_chunks_give_the_same_tests(monkeypatch):
     u, y, y_hat = rng.standard_normal((3, 900, 1))
     whole = residual_tests([(u, y, y_hat)])
     monkeypatch.setattr("alssnn.validation._regression.CHUNK", 70)
-    monkeypatch.setattr("alssnn.validation._regression.ENTRIES", 0)
+    monkeypatch.setattr("alssnn.regression.ENTRIES", 0)
     parts = residual_tests([(u, y, y_hat)])
     for name in TESTS:
         np.testing.assert_allclose(parts.p_values[name], whole.p_values[name])

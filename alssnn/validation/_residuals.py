@@ -30,7 +30,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 from scipy.stats import chi2, norm
 
-from ._regression import Triangle, lagged, regress
+from ..regression import Triangle, lagged
+from ._regression import regress
 
 BLOCKS = ("independence", "squares", "cubes")
 POWER_LAGS = 10  # lags of squares and cubes: the simulated output has memory itself
