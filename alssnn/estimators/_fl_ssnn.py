@@ -52,7 +52,7 @@ class FlSsnn(Ssnn):
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     initial_state : {"estimate", "rest"}, default="estimate"
         Initial state of the training experiments: estimated with the parameters, or
-        held at the operating point, where a record begins that starts from rest.
+        held at `operating_point`, which must be where the records begin.
     dt : float, default=1.0
         Sampling time, in seconds.
     n_init : int, default=1
