@@ -324,7 +324,7 @@ class LinearizingMPC:
         ----------
         plant : estimator or system of python-control
             What is controlled, from u to y in the units of the user: a fitted model or
-            any strictly proper discrete-time system.
+            any discrete-time system.
         reference : array_like of shape (N, ny) or (N,)
             Reference of every sample.
         x0 : array_like of shape (n_states,) or None, default=None
@@ -348,8 +348,14 @@ class LinearizingMPC:
         TypeError
             If `plant` is neither a model nor a system.
         ValueError
-            If sizes or sampling times do not fit, the plant is continuous in time or
-            not strictly proper, or a value is not finite.
+            If sizes or sampling times do not fit, the plant is continuous in time, or
+            a value is not finite.
+
+        Notes
+        -----
+        The output is measured before the input moves: where it depends on u at once,
+        it is that of the last u, at first of the operating point. There is no
+        algebraic loop.
         """
         plant = check_plant(plant, self._plant)
         reference = check_signal("reference", reference, None, self._ny)
@@ -360,10 +366,12 @@ class LinearizingMPC:
         self.reset()
         t, u = self._model.dt * np.arange(n), np.zeros((n, self._nu))
         y, steps = np.zeros((n, self._ny)), []
+        held = self._model.u_offset  # until this sample's input is known
         for k in range(n):
-            y[k] = plant.output(t[k], x, u[k]) + noise[k]
+            y[k] = plant.output(t[k], x, held) + noise[k]
             ahead = np.minimum(np.arange(k + 1, k + 1 + self.horizon), n - 1)
             u[k] = self.step(reference[ahead] if preview else reference[k], y[k])
             steps.append(self.info_)
-            x = np.asarray(plant.dynamics(t[k], x, u[k] + push[k]))
+            held = u[k] + push[k]
+            x = np.asarray(plant.dynamics(t[k], x, held))
         return MpcRecord(t, y, u, reference, steps)
