@@ -184,6 +184,26 @@ def test_limits_in_an_algebraic_loop(fitted):
     assert at_limit.any() and not at_limit.all()
 
 
+def test_large_offsets_leave_a_solution(fitted):
+    model = fitted["linear"]
+    u_e, far = model.u_offset_, 1e6 * np.diag(S_Y)  # F is a staircase
+    D = S_Y @ np.linalg.inv(S_U)
+    back = 30 * np.linalg.inv(D)
+    plant = control.nlsys(
+        None,
+        lambda t, x, u, params: (D @ (u - u_e) + far) - far + model.y_offset_,
+        inputs=2,
+        outputs=2,
+        dt=DT,
+    )
+    loop = closed_loop(plant, model, controller=control.ss([], [], [], back, DT))
+    r = references(model.y_offset_, model._scaling.y_scale, 20)
+    _, u, _ = run(loop, r)
+    # u - u_e = 30 (D^-1 (r - y_e) - (u - u_e)), up to the rounding of far
+    expected = u_e + (r - model.y_offset_) @ np.linalg.inv(D) * 30 / 31
+    np.testing.assert_allclose(u / np.diag(S_U), expected / np.diag(S_U), atol=1e-6)
+
+
 def test_loops_that_are_not_well_posed_are_refused(fitted):
     model, plant = fitted["linear"], control.ss(A_P, B_P, C_P, D_P, DT)
     gain = -np.linalg.inv(D_P)  # I + gain D = 0

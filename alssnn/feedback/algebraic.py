@@ -14,6 +14,7 @@ import control
 import numpy as np
 
 SOLVED = 1e-11  # |u - F(u)|, in standard deviations of u
+ROUNDING = 1e-7  # the same where it stalls: large offsets and gains leave no digits
 MAX_ITER = 50
 STEP = 1e-4  # of finite differences, in standard deviations: F may be the user's
 REGULAR = 1e-7  # smallest singular value, relative, of I - F'
@@ -135,7 +136,12 @@ class AlgebraicLoop:
                 signals, last = self._around(t, x, r, u - share * step)
                 if _size(last) < _size(error):
                     break
+            else:
+                if _size(error) < ROUNDING * (1 + _size(u / self.u_scale)):
+                    return self._around(t, x, r, u)[0]
             u, error = u - share * step, last
+        if _size(error) < ROUNDING * (1 + _size(u / self.u_scale)):
+            return signals
         raise ValueError(_ILL_POSED.format(f"no solution in {MAX_ITER} iterations"))
 
     def update(self, t, x, r, params):
