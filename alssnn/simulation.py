@@ -29,32 +29,56 @@ SENSITIVITY_BYTES = 3_000_000  # T and J of one chunk together: about the caches
 DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
 
 
-def _stepper(lure, dtype):
-    """Return a function that fills states: step(u, x, X) for samples u from x."""
-    nx, layers = lure.nx, lure.layers
-    P = np.vstack([lure.V[:, :nx], lure.M[:nx, :nx]]).astype(dtype)
-    Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]]).T
-    c = np.concatenate([lure.b, lure.c[:nx]])
-    W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
-    E = np.ascontiguousarray(lure.E, dtype=dtype)
-    starts = np.array([*(layer.start for layer in layers), lure.nw])
-    functions = [lure.sigma[layer.start] for layer in layers]
-    codes = np.array([function.code for function in functions], dtype=np.int64)
-    sigma: np.ndarray | tuple
-    if advance.is_compiled and dtype.kind == "f" and OTHER not in codes:
-        kernel, sigma = advance, codes
-    else:
-        kernel = advance.plain
-        sigma = tuple(function.value for function in functions)
+class Stepper:
+    """Step one Lur'e form; what does not depend on the record is prepared once.
 
-    def step(u, x, X):
-        base = (u @ Pu + c).astype(dtype, copy=False)
-        kernel(base, P, E, starts, sigma, W, x, X)
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    dtype : dtype, default=float
+        Type of the states.
+    """
+
+    def __init__(self, lure, dtype=float):
+        self.lure, self.dtype = lure, np.dtype(dtype)
+        nx, layers = lure.nx, lure.layers
+        self._P = np.vstack([lure.V[:, :nx], lure.M[:nx, :nx]]).astype(dtype)
+        self._Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]]).T
+        self._c = np.concatenate([lure.b, lure.c[:nx]])
+        self._W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
+        self._E = np.ascontiguousarray(lure.E, dtype=dtype)
+        self._starts = np.array([*(layer.start for layer in layers), lure.nw])
+        functions = [lure.sigma[layer.start] for layer in layers]
+        codes = np.array([function.code for function in functions], dtype=np.int64)
+        self._sigma: np.ndarray | tuple
+        if advance.is_compiled and self.dtype.kind == "f" and OTHER not in codes:
+            self._kernel, self._sigma = advance, codes
+        else:
+            self._kernel = advance.plain
+            self._sigma = tuple(function.value for function in functions)
+
+    def __reduce__(self):
+        """Leave out the kernel, which cannot be pickled."""
+        return Stepper, (self.lure, self.dtype)
+
+    def __call__(self, u, x, X):
+        """Fill the states that follow a state.
+
+        Parameters
+        ----------
+        u : ndarray of shape (L, nu)
+            Inputs.
+        x : ndarray of shape (nx,)
+            State at the first sample.
+        X : ndarray of shape (L, nx)
+            Receives the states one sample later; inf if they diverge.
+        """
+        base = (u @ self._Pu + self._c).astype(self.dtype, copy=False)
+        self._kernel(base, self._P, self._E, self._starts, self._sigma, self._W, x, X)
         # "not <": nan must count as diverged
         if not np.abs(X).max(initial=0.0) < DIVERGED:
             X[:] = np.inf
-
-    return step
 
 
 def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
@@ -82,7 +106,7 @@ def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
         within the chunk, all but the first are inf, and it is the last chunk.
     """
     dtype = np.result_type(lure.Theta, u.dtype, x0, float)
-    step = _stepper(lure, dtype)
+    step = Stepper(lure, dtype)
     x = x0
     for start in range(0, len(u), chunk):
         part = slice(start, min(start + chunk, len(u)))

@@ -70,11 +70,11 @@ def time_steps(model, soft, n_steps):
 
 def time_forms(mpc, n_solves=300):
     """Return the median time in ms of a program, condensed and with the states."""
-    maps, n, nu = mpc._prediction, HORIZON, mpc._nu
-    A, B, E = mpc._A, mpc._B, mpc._soft.rows
+    program, model, E = mpc._planner.program, mpc._model, mpc._soft.rows
+    maps, condensed, n = program.prediction, program.qp, HORIZON
+    A, B, C, nu = model.A, model.B, model.C, model.B.shape[1]
     ns, nX, nV = n * len(E), n * NX, n * nu
-    Q = block_diag(*[mpc._C.T @ mpc._C] * (n - 1), mpc.P)
-    condensed = mpc._qp
+    Q = block_diag(*[C.T @ C] * (n - 1), mpc.P)
     R = np.diag(np.full(nV, 0.1))
     S = np.eye(nX) - np.kron(np.eye(n, k=-1), A)
     eye, Y = np.eye(ns), np.kron(np.eye(n), E)
@@ -86,12 +86,12 @@ def time_forms(mpc, n_solves=300):
         [np.zeros((ns, nV + nX)), eye],
     ]
     sparse = QuadraticProgram(
-        block_diag(R, Q, mpc._qp.P.toarray()[nV:, nV:]),
+        block_diag(R, Q, condensed.P.toarray()[nV:, nV:]),
         np.vstack([np.hstack(row) for row in rows]),
-        tol=mpc._qp.settings["eps_abs"],
-        max_iter=mpc._qp.settings["max_iter"],
+        tol=condensed.settings["eps_abs"],
+        max_iter=condensed.settings["max_iter"],
     )
-    price, inf = mpc._slack_price, np.full(ns, np.inf)
+    price, inf = program.price, np.full(ns, np.inf)
     x, rng, times = np.zeros(NX), np.random.default_rng(0), ([], [])
     worst = 0.0
     for k in range(n_solves):

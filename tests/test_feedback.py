@@ -485,10 +485,6 @@ ERRORS = {
         lambda m: closed_loop(static((1, 2)), m, Z),
         r"`plant` must have as many inputs and outputs as the model, \(2, 2\), got",
     ),
-    "feedthrough": (
-        lambda m: closed_loop(static((2, 2), D=1.0), m, Z),
-        "`plant` must be strictly proper",
-    ),
 }
 
 

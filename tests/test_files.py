@@ -124,6 +124,29 @@ def test_nothing_of_a_fit_is_forgotten(model, path):
         assert_same(getattr(model._structure, name), getattr(loaded._structure, name))
 
 
+def test_a_linear_start_keeps_form_and_sampling_time(path):
+    u, y, _ = record(2, 2, seed=0)
+    system = control.ss(*START, np.zeros((2, 2)), 0.25)
+    parent = LinearStateSpace(linear_start=START, dt=0.25, max_iter=50, tol=1e-2)
+    parent.fit(u, y)
+    for start in (system, parent):
+        model = LinearStateSpace(linear_start=start, dt=0.25, max_iter=50, tol=1e-2)
+        kept = again(model.fit(u, y), path).linear_start
+        assert kept.dt == 0.25
+        names = "ABCD" if start is system else ("A_", "B_", "C_", "D_")
+        for own, name in zip("ABCD", names, strict=True):
+            np.testing.assert_array_equal(getattr(kept, own), getattr(start, name))
+        np.testing.assert_array_equal(again(model, path).fit(u, y).A_, model.A_)
+        with pytest.raises(ValueError, match=r"dt=0.5, got 0.25"):
+            again(model, path).set_params(dt=0.5).fit(u, y)
+    kept = again(parent, path).linear_start  # matrices alone have no dt
+    assert isinstance(kept, tuple)
+    np.testing.assert_array_equal(kept[2], START[2])
+    unknown = LinearStateSpace(linear_start=control.ss(*START, 0, True), dt=0.25)
+    unknown.set_params(max_iter=50, tol=1e-2).fit(u, y)
+    assert again(unknown, path).linear_start.dt is True
+
+
 def test_the_loaded_model_computes_the_same_bits(model, path):
     loaded, data = again(model, path), record(2, 2, seed=3)
     u, _, experiment = data

@@ -294,14 +294,6 @@ def test_integrators_and_the_designed_loop_know_the_feedthrough(fitted):
             assert cost(K + sign * direction) > cost(K)
 
 
-def test_a_model_with_feedthrough_is_no_plant_of_a_loop(fitted):
-    model = fitted["linear, D, late"]
-    K = alssnn.feedback.lqr(model, np.eye(3), np.diag([1.0, 1e4]))
-    for plant in (model, fitted["gr, D, k"]):
-        with pytest.raises(ValueError, match=r"strictly proper.*feedthrough=False"):
-            alssnn.feedback.closed_loop(plant, model, K)
-
-
 def test_observer_takes_the_noise_of_the_states_alone(fitted, data):
     model, (u, y) = fitted["fl, state, late"], data
     observer = model.observer(Q=1e-3 * np.eye(2), kind="ekf")

@@ -87,8 +87,8 @@ def test_without_bounds_it_is_the_regulator_with_riccati_weight(pair):
         u = mpc.step(model.y_offset_, y)
     law = model.linearizing_law()
     s = x0 if law.feedback == "state" else y
-    v_s = mpc._U_s[0] + mpc._h(mpc._X_s)[0]
-    v = v_s - mpc.K @ (x0 - mpc._X_s[0])
+    x_s, v_s = mpc._rest.X[0], mpc._rest.U[0] + mpc._model.h(mpc._rest.X)[0]
+    v = v_s - mpc.K @ (x0 - x_s)
     scale = model._scaling.u_scale
     np.testing.assert_allclose(u / scale, law(v, s) / scale, rtol=0, atol=1e-6)
 
@@ -124,7 +124,7 @@ def test_solution_is_that_of_an_independent_solver(linear, unstable, du_max):
     info = mpc.info_
     assert info.status == "solved"
     # the same program with the states as variables, in the units of the user
-    x_s, v_s = mpc._X_s[0], mpc._U_s[0] - u_e
+    x_s, v_s = mpc._rest.X[0], mpc._rest.U[0] - u_e
     X, V = cp.Variable((9, 3)), cp.Variable((8, 2))
     s = cp.Variable((8, 2), nonneg=True)
     root_Q = C / sy[:, None]
@@ -289,13 +289,14 @@ def test_a_solver_that_fails_leaves_the_shifted_plan(fitted):
     reference = model.y_offset_ + scale.y_scale
     mpc.step(reference, model.y_offset_)
     plan = mpc.info_.u_plan
-    mpc._qp.settings["max_iter"] = 1
-    mpc._qp.reset()
+    qp = mpc._planner.program.qp
+    qp.settings["max_iter"] = 1
+    qp.reset()
     u = mpc.step(reference, model.y_offset_ + 0.1 * scale.y_scale)
     assert mpc.info_.fallback
     assert "maximum iterations" in mpc.info_.status
     np.testing.assert_array_equal(u, plan[1])
-    mpc._qp.settings["max_iter"] = 4000  # and it recovers
+    qp.settings["max_iter"] = 4000  # and it recovers
     mpc.step(reference, model.y_offset_ + 0.1 * scale.y_scale)
     assert not mpc.info_.fallback
 

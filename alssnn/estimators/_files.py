@@ -36,7 +36,8 @@ class FilesMixin(Fitted):
 
         Notes
         -----
-        A `linear_start` that is a model or a system is kept as its matrices.
+        A `linear_start` that is a model or a system is kept as its matrices
+        and sampling time.
         """
         from ..persistence import save
 

@@ -5,32 +5,11 @@ they can be held or bounded.  Inside the fit its states are scaled to unit varia
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from ..given_system import LINEAR, GivenSystem
 from ..subspace import LinearModel, normalize
-
-LINEAR = ("A", "B", "C", "D")
-
-
-@dataclass(frozen=True, eq=False)
-class GivenSystem:
-    """Hold a linear start that can be pickled.
-
-    Parameters
-    ----------
-    A, B, C, D : ndarray
-        Matrices, in the user's units.
-    dt : float, bool or None
-        Sampling time, in seconds, as python-control has it.
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    dt: float | bool | None
 
 
 def portable(start):
@@ -48,8 +27,7 @@ def portable(start):
     """
     if not all(hasattr(start, name) for name in (*LINEAR, "dt")):
         return start
-    A, B, C, D = (np.array(getattr(start, name), dtype=float) for name in LINEAR)
-    return GivenSystem(A, B, C, D, start.dt)
+    return GivenSystem.of(start)
 
 
 def given_model(start, scaling, experiments, dt, feedthrough):
@@ -81,7 +59,16 @@ def given_model(start, scaling, experiments, dt, feedthrough):
         If the sizes do not fit, the system is not of this sampling time, or it has a
         feedthrough that the model lacks.
     """
-    A, B, C, D = _matrices(start, dt)
+    given = GivenSystem.of(start)
+    # dt=True of python-control: discrete, of unknown sampling time
+    if given.dt is not True and not math.isclose(
+        float(given.dt or 0), dt, rel_tol=1e-6
+    ):
+        raise ValueError(
+            f"`linear_start` must have the sampling time dt={dt}, got {given.dt}. Use "
+            "`control.sample_system` for another one, or for continuous time."
+        )
+    A, B, C, D = (getattr(given, name) for name in LINEAR)
     nu, ny = (signal.shape[1] for signal in experiments[0])
     nx = len(A)
     shapes = {"A": (nx, nx), "B": (nx, nu), "C": (ny, nx), "D": (ny, nu)}
@@ -106,31 +93,6 @@ def given_model(start, scaling, experiments, dt, feedthrough):
         feedthrough,
     )
     return normalize(scaled, experiments)
-
-
-def _matrices(start, dt):
-    """Return A, B, C, D of a start in whatever form."""
-    if isinstance(start, tuple | list) and len(start) in (3, 4):
-        A, B, C = (np.atleast_2d(np.asarray(M, dtype=float)) for M in start[:3])
-        D = np.zeros((len(C), B.shape[1])) if len(start) == 3 else start[3]
-        return A, B, C, np.atleast_2d(np.asarray(D, dtype=float))
-    fitted = [f"{name}_" for name in LINEAR]
-    names = fitted if all(hasattr(start, name) for name in fitted) else LINEAR
-    if not all(hasattr(start, name) for name in names):
-        raise ValueError(
-            "`linear_start` must be a tuple (A, B, C) or (A, B, C, D), a discrete-time "
-            f"`control.StateSpace` or a fitted model, got {type(start).__name__}. If "
-            "the model was fitted, `clone` undid it: pass "
-            "`sklearn.frozen.FrozenEstimator(model)`."
-        )
-    own = getattr(start, "dt", True)
-    # dt=True of python-control: discrete, of unknown sampling time
-    if own is not True and not math.isclose(float(own or 0), dt, rel_tol=1e-6):
-        raise ValueError(
-            f"`linear_start` must have the sampling time dt={dt}, got {own}. Use "
-            "`control.sample_system` for another one, or for continuous time."
-        )
-    return tuple(np.asarray(getattr(start, name), dtype=float) for name in names)
 
 
 def check_bounds(bounds, structure, units, *, own_basis, contractive):

@@ -4,8 +4,9 @@
 
 `dynamics` is the model one step at a time, `export` names the signals of systems, `law`
 cancels h, `observer` estimates the state, `design` computes gains for (A, B, C),
-`controller` gives them the operating point, `loop` connects all, and `proposal` makes a
-first design and compares it with the model.
+`controller` gives them the operating point, `loop` connects all, with `algebraic` where
+the plant has feedthrough, and `proposal` makes a first design and compares it with the
+model.
 
 python-control is imported in this package and nowhere else.  Its objects cannot be
 pickled, so none is ever stored: they are built on demand.  Its axes are (signals,
@@ -13,7 +14,7 @@ time), ours (time, signals).
 """
 
 from .controller import split_gain
-from .design import linear_part, lqi, lqr, place
+from .design import linear_part, lqi, lqr, place, weigh_outputs
 from .disturbance import DisturbanceObserver
 from .dynamics import Dynamics, late_inputs
 from .export import signal_names, to_statespace
@@ -39,4 +40,5 @@ __all__ = [
     "split_gain",
     "step_comparison",
     "to_statespace",
+    "weigh_outputs",
 ]

@@ -12,22 +12,26 @@ from sklearn.utils.validation import check_is_fitted
 
 from .checks import check_weight
 
+SEMIDEFINITE = 1e-9  # negative eigenvalue, relative, that counts as rounding
 CONTROLLABLE = 1e-9  # smallest singular value, relative, of [A - lambda I, B]
 
 
-def lqr(model, Q, R):
+def lqr(model, Q, R, N=None):
     """Return the gain of the linear-quadratic regulator.
 
-    It minimizes the sum of x' Q x + v' R v by v = -K x (deviations).
+    It minimizes the sum of x' Q x + v' R v + 2 x' N v by v = -K x (deviations).
 
     Parameters
     ----------
     model : estimator
         Fitted model.
     Q : array_like of shape (nx, nx)
-        Weight of the states; ``C_.T @ Qy @ C_`` weighs the outputs.
+        Weight of the states; ``C_.T @ Qy @ C_`` weighs the outputs of a model without
+        feedthrough, `weigh_outputs` those of any.
     R : array_like of shape (nu, nu)
         Weight of the inputs v.
+    N : array_like of shape (nx, nu) or None, default=None
+        Weight of states times inputs; None means zero.
 
     Returns
     -------
@@ -39,12 +43,13 @@ def lqr(model, Q, R):
     NotFittedError
         If the model is not fitted.
     ValueError
-        If a weight is not positive (semi)definite or has the wrong size, or (A, B)
-        has an uncontrollable unstable mode.
+        If a weight, or all of them as [Q N; N' R], is not positive (semi)definite or
+        has the wrong size, or (A, B) has an uncontrollable unstable mode.
 
     See Also
     --------
     lqi : The same with integrators, for references without offset.
+    weigh_outputs : Weights for y instead of x.
 
     Examples
     --------
@@ -58,11 +63,59 @@ def lqr(model, Q, R):
     A, B, _ = linear_part(model)
     Q = check_weight("Q", Q, len(A))
     R = check_weight("R", R, B.shape[1], definite=True)
+    cross = _check_cross(Q, R, N)
     _check_controllable(A, B, radius=1.0)
-    return _solve(control.dlqr, A, B, Q, R)
+    return _solve(control.dlqr, A, B, Q, R, *cross)
 
 
-def lqi(model, Q, R):
+def weigh_outputs(model, Q, R):
+    """Return the weights of `lqr` that weigh outputs, feedthrough included.
+
+    With y = C x + D v, y' Q y + v' R v has cross terms,
+
+        x' C'Q C x + v' (R + D'Q D) v + 2 x' C'Q D v.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    Q : array_like of shape (ny, ny)
+        Weight of the outputs.
+    R : array_like of shape (nu, nu)
+        Weight of the inputs v.
+
+    Returns
+    -------
+    Q : ndarray of shape (nx, nx)
+        Weight of the states.
+    R : ndarray of shape (nu, nu)
+        Weight of the inputs.
+    N : ndarray of shape (nx, nu)
+        Weight of states times inputs, zero without D. The cost of `lqi` has the same
+        ones in the rows and columns of its states.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If a weight is not positive (semi)definite or has the wrong size.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> from alssnn.feedback import lqr, weigh_outputs
+    >>> lqr(model, *weigh_outputs(model, np.eye(1), np.eye(1))).shape
+    (1, 4)
+    """
+    _, B, C, D = linear_system(model)
+    Q = check_weight("Q", Q, len(C))
+    R = check_weight("R", R, B.shape[1], definite=True)
+    return C.T @ Q @ C, R + D.T @ Q @ D, C.T @ Q @ D
+
+
+def lqi(model, Q, R, N=None):
     """Return the gain of the linear-quadratic regulator with integrators.
 
     The state x is augmented by z+ = z + y - r with y = C x + D v, the sum of the
@@ -77,6 +130,8 @@ def lqi(model, Q, R):
         Weight of the states and of the integrators (in the units of y).
     R : array_like of shape (nu, nu)
         Weight of the inputs v.
+    N : array_like of shape (nx + ny, nu) or None, default=None
+        Weight of states and integrators times inputs, as for `lqr`.
 
     Returns
     -------
@@ -88,8 +143,8 @@ def lqi(model, Q, R):
     NotFittedError
         If the model is not fitted.
     ValueError
-        If a weight is not positive (semi)definite or has the wrong size, or v cannot
-        move every output to a constant reference.
+        If a weight, or all of them as [Q N; N' R], is not positive (semi)definite or
+        has the wrong size, or v cannot move every output to a constant reference.
 
     See Also
     --------
@@ -112,13 +167,14 @@ def lqi(model, Q, R):
         )
     Q = check_weight("Q", Q, nx + ny)
     R = check_weight("R", R, nu, definite=True)
+    cross = _check_cross(Q, R, N)
     states, eye = np.hstack([A, np.zeros((nx, ny))]), np.eye(ny)
     size = np.linalg.norm(C, axis=1, keepdims=True)
     size[size == 0] = 1.0  # an output of D alone
     scaled = np.vstack([states, np.hstack([C / size, eye])])
     _check_controllable(scaled, np.vstack([B, D / size]), radius=1.0)
     augmented = np.vstack([states, np.hstack([C, eye])])
-    return _solve(control.dlqr, augmented, np.vstack([B, D]), Q, R)
+    return _solve(control.dlqr, augmented, np.vstack([B, D]), Q, R, *cross)
 
 
 def place(model, poles):
@@ -205,6 +261,28 @@ def linear_system(model):
         return model.A_, model.B_, model.C_, model.D_
     linear = model.to_statespace()  # with the states of late inputs
     return linear.A, linear.B, linear.C, linear.D
+
+
+def _check_cross(Q, R, N):
+    """Return the weight of states times inputs as a tuple, empty without one."""
+    if N is None:
+        return ()
+    shape, N = (len(Q), len(R)), np.asarray(N, dtype=float)
+    if N.shape != shape or not np.isfinite(N).all():
+        raise ValueError(
+            f"`N` must be finite and have shape {shape}, got shape {N.shape}. Use "
+            "`weigh_outputs`."
+        )
+    # in units that make R the identity
+    root = np.linalg.inv(np.linalg.cholesky(R))
+    rest = Q - (N @ root.T) @ (N @ root.T).T
+    size = max(np.abs(Q).max(), np.finfo(float).tiny)
+    if np.linalg.eigvalsh(rest).min() < -SEMIDEFINITE * size:
+        raise ValueError(
+            "`N` must leave [Q N; N' R] positive semidefinite, got a cost that falls "
+            "without limit. Use `weigh_outputs`, or a smaller one."
+        )
+    return (N,)
 
 
 def _check_controllable(A, B, radius):

@@ -242,10 +242,37 @@ class Dynamics:
         D : ndarray of shape (ny, nu) or (N, ny, nu)
             Derivative of y by u.
         """
+        Phi = regressors(self.lure, np.atleast_2d(x), np.atleast_2d(du))
+        return self._slopes(Phi, x.shape[:-1])
+
+    def tangent(self, x, u):
+        """Return the next state with its derivatives, for less than both alone.
+
+        Parameters
+        ----------
+        x : ndarray of shape (N, nx)
+            States.
+        u : ndarray of shape (N, nu)
+            Inputs, in the user's units.
+
+        Returns
+        -------
+        x_next : ndarray of shape (N, nx)
+            States one sample later, as of `step`.
+        A : ndarray of shape (N, nx, nx)
+            Derivatives by x, as of `jacobian`.
+        B : ndarray of shape (N, nx, nu)
+            Derivatives by u.
+        """
+        Phi = regressors(self.lure, x, u - self.u_offset)
+        A, B, _, _ = self._slopes(Phi, x.shape[:-1])
+        return Phi @ self.lure.Theta[: self.lure.nx].T, A, B
+
+    def _slopes(self, Phi, rows):
+        """Return A, B, C and D at regressors."""
         lure, nx = self.lure, self.lure.nx
-        Phi = regressors(lure, np.atleast_2d(x), np.atleast_2d(du))
         J = lure.M + neuron_gains(lure, lure.W, Phi) @ lure.V  # (eq. sens)
-        J = J.reshape(*x.shape[:-1], *J.shape[1:])
+        J = J.reshape(*rows, *J.shape[1:])
         return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
 
     def linearize(self, x=None, u=None):

@@ -121,9 +121,26 @@ class LinearizingLaw:
                 "`v` and `s` must have the same number of rows, got "
                 f"{len(v)} and {len(s)}."
             )
-        wanted = v - self._h(s)
+        wanted = v - self.h(s)
         u = np.clip(wanted, self.u_min, self.u_max)
         return u, wanted - u
+
+    def h(self, s):
+        """Return what the law cancels.
+
+        Parameters
+        ----------
+        s : ndarray of shape (ns,) or (N, ns)
+            Measured output, in the units of y, or estimated state.
+
+        Returns
+        -------
+        h : ndarray of shape (nu,) or (N, nu)
+            Nonlinearity at the input, in the units of u; zero for a model without it.
+        """
+        if self._net is None:
+            return np.zeros((*s.shape[:-1], len(self.u_min)))
+        return self._net(s - self._offset)
 
     def bounds_on_v(self, s):
         """Return the interval of v that the limits of the actuators leave.
@@ -145,7 +162,7 @@ class LinearizingLaw:
         ValueError
             If `s` has the wrong number of columns.
         """
-        h = self._h(_rows("s", s, len(self._offset)))
+        h = self.h(_rows("s", s, len(self._offset)))
         return self.u_min + h, self.u_max + h
 
     def output(self, t, x, signals, params):
@@ -217,11 +234,6 @@ class LinearizingLaw:
             dt=self._dt,
             name="law",
         )
-
-    def _h(self, s):
-        if self._net is None:
-            return np.zeros((*s.shape[:-1], len(self.u_min)))
-        return self._net(s - self._offset)
 
 
 def _check_posed(model, state):

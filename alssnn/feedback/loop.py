@@ -2,13 +2,14 @@
 
     r -> controller -> v -> law -> u -> plant -> y,    observer: (u, y) -> x_hat
 
-All signals are in the user's units.  The plant must be strictly proper, else law and
-observer close an algebraic loop.
+All signals are in the user's units.  Around a strictly proper plant every signal
+follows from those before it; around another one `algebraic` solves for u.
 """
 
 import control
 import numpy as np
 
+from .algebraic import AlgebraicLoop, feeds_through
 from .checks import check_dt
 from .controller import from_gain, from_system
 from .design import linear_system
@@ -27,8 +28,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     ----------
     plant : estimator or system of python-control
         What is controlled, from u to y in the user's units (operating point
-        included): the model itself, another fitted model, or any strictly proper
-        discrete-time system.
+        included): the model itself, another fitted model, or any discrete-time
+        system.
     model : estimator
         Fitted model that law, gain and observer are made from.
     gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
@@ -47,8 +48,9 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
 
     Returns
     -------
-    loop : control.InterconnectedSystem
-        Discrete-time system with inputs ``r[0]``, ... and outputs y, u (names of the
+    loop : control.NonlinearIOSystem
+        Discrete-time system, interconnected of its blocks if the plant is strictly
+        proper, with inputs ``r[0]``, ... and outputs y, u (names of the
         training data) and ``v[0]``, ...; at rest at the operating point, r equals
         u_offset (static gain) or y_offset.
 
@@ -59,9 +61,10 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     TypeError
         If plant, controller, observer or law is of another type.
     ValueError
-        If sizes or sampling times do not fit, a system is continuous in time, the
-        plant is not strictly proper, or not exactly one of `gain` and `controller`
-        is given.
+        If sizes or sampling times do not fit, a system is continuous in time, not
+        exactly one of `gain` and `controller` is given, or the plant has a direct
+        feedthrough with which the loop is not well-posed. A simulation raises it where
+        u has no solution.
 
     Notes
     -----
@@ -69,6 +72,11 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     take the value with which v stays at the limit, z+ = z + y - r + K_z^+ cut, where
     K_z^+ is the pseudoinverse of their gain and cut = v - h - u. A `controller` of your
     own is left as it is.
+
+    A plant with direct feedthrough, y = C x + D u + k(x, u), closes an algebraic loop
+    with what acts on u at once: an observer, which corrects by y; a law of y; a
+    controller with a direct path. It is solved at every sample, by Newton's method
+    from the operating point. With the true state and a law of it there is none.
 
     Examples
     --------
@@ -99,14 +107,15 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     shows_state = plant is model and observer is None
     integrates = gain is not None and len(block.A) > 0
     names = _Names(dynamics, of_y, gain is not None, integrates)
-    blocks = [
-        names.plant(plant, dynamics, needs_state and shows_state),
-        names.controller(block),
-        names.law(law),
-    ]
+    plant = names.plant(plant, dynamics, needs_state and shows_state)
+    blocks = [names.controller(block), names.law(law)]
+    watch = []
     if needs_state and not shows_state:
-        blocks.append(names.observer(observer, model))
-    return names.connect(blocks)
+        watch.append(names.observer(observer, model))
+    u_scale = model._scaling.u_scale
+    if feeds_through(plant, dynamics.u_offset, u_scale):
+        return names.solve([plant, *watch, *blocks], u_scale)
+    return names.connect([plant, *blocks, *watch])
 
 
 def designed_loop(model, gain):
@@ -177,6 +186,7 @@ class _Names:
     def __init__(self, dynamics, of_y, by_state, with_cut):
         nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
         self.dynamics, self.dt, self.by_state = dynamics, dynamics.dt, by_state
+        self.of_y = of_y
         self.x = signal_names(None, "x_hat", nx)
         self.u, self.v = (signal_names(None, letter, nu) for letter in "uv")
         self.y = signal_names(None, "y", ny)
@@ -196,7 +206,6 @@ class _Names:
 
     def plant(self, plant, dynamics, with_state):
         if with_state:
-            _check_proper(dynamics)
             return self._block(
                 dynamics.update,
                 dynamics.output_and_state,
@@ -251,8 +260,25 @@ class _Names:
         sys.update_names(inputs=self.u + self.y, outputs=self.x)
         return sys
 
-    def connect(self, blocks):
+    def _outputs(self):
         outputs = [*self.dynamics.outputs, *self.dynamics.inputs, *self.v]
+        return signal_names(outputs, "", len(outputs))  # makes them unique
+
+    def solve(self, blocks, u_scale):
+        u_e, y_e = self.dynamics.u_offset, self.dynamics.y_offset
+        shown = [*self.y, *self.u, *self.v]
+        loop = AlgebraicLoop(blocks, self.r, self.u, shown, u_e, u_scale)
+        loop.check(y_e if self.of_y else u_e)
+        return self._block(
+            loop.update,
+            loop.output,
+            self.r,
+            self._outputs(),
+            [f"{b.name}_{state}" for b in blocks for state in b.state_labels],
+            "loop",
+        )
+
+    def connect(self, blocks):
         return control.interconnect(
             blocks,
             inplist=[f"controller.{name}" for name in self.r],
@@ -262,7 +288,7 @@ class _Names:
                 *(f"controller.{name}" for name in self.v),
             ],
             inputs=self.r,
-            outputs=signal_names(outputs, "", len(outputs)),  # makes them unique
+            outputs=self._outputs(),
             name="loop",
             check_unused=False,
         )
@@ -274,7 +300,7 @@ def check_plant(plant, dynamics):
     Parameters
     ----------
     plant : estimator or system of python-control
-        A fitted model or a strictly proper discrete-time system.
+        A fitted model or a discrete-time system.
     dynamics : Dynamics
         Model that the controller of this plant is made from.
 
@@ -288,11 +314,9 @@ def check_plant(plant, dynamics):
     TypeError
         If it is neither a model nor a system.
     ValueError
-        If sizes or sampling times do not fit, it is continuous in time, or not
-        strictly proper.
+        If sizes or sampling times do not fit, or it is continuous in time.
     """
     if hasattr(plant, "to_nlsys"):
-        _check_proper(Dynamics.of(plant))
         plant = plant.to_nlsys()
     if isinstance(plant, control.TransferFunction):
         plant = control.ss(plant)
@@ -309,19 +333,4 @@ def check_plant(plant, dynamics):
             "`plant` must have as many inputs and outputs as the model, "
             f"{expected}, got {sizes}. Identify a model of this plant."
         )
-    if isinstance(plant, control.StateSpace) and np.any(plant.D):
-        raise ValueError(
-            "`plant` must be strictly proper, got a nonzero D. Add a delay of one "
-            "sample."
-        )
     return plant
-
-
-def _check_proper(dynamics):
-    """Refuse a model as plant whose output depends on the input of the same sample."""
-    if not dynamics.has_linear_output:
-        raise ValueError(
-            f"`plant` must be strictly proper, got the model {dynamics.name} with D or "
-            "k, whose y depends on u of the same sample. Fit with feedthrough=False "
-            "and n_k=0; `designed_loop` shows the linear loop with D."
-        )

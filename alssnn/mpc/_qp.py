@@ -44,7 +44,7 @@ class QuadraticProgram:
 
     def __init__(self, P, G, tol, max_iter):
         self.P, self.G = csc_matrix(np.triu(P)), csc_matrix(G)
-        self._full = False
+        self._places = None
         self.settings = {"eps_abs": tol, "eps_rel": tol, "max_iter": max_iter}
         self._solver = None
 
@@ -66,9 +66,18 @@ class QuadraticProgram:
         G : ndarray of shape (m, n)
             Constraints.
         """
-        if not self._full:  # from now on zeros are stored, too
-            self._full, self._solver = True, None
-        self.P, self.G = _store_zeros(P, upper=True), _store_zeros(G)
+        if self._places is None:  # from now on zeros are stored, too
+            self._places = _dense(P, upper=True), _dense(G)
+            self.P, self.G = (
+                csc_matrix((M[rows, columns], rows, ends), shape=M.shape)
+                for M, (rows, columns, ends) in zip((P, G), self._places, strict=True)
+            )
+            self._solver = None
+            return
+        for matrix, M, (rows, columns, _) in zip(
+            (self.P, self.G), (P, G), self._places, strict=True
+        ):
+            matrix.data = M[rows, columns]
         if self._solver is not None:
             self._solver.update(Px=self.P.data, Ax=self.G.data)
 
@@ -90,7 +99,7 @@ class QuadraticProgram:
             Solution, or the reason why there is none.
         """
         start = time.perf_counter()
-        if not (np.isfinite(q).all() and np.all(lower <= upper)):  # nan is false
+        if not (np.isfinite(q).all() and (lower <= upper).all()):  # nan is false
             return Solution(None, "data not finite or bounds crossed", 0, 0.0)
         if self._solver is None:
             self._solver = osqp.OSQP()
@@ -108,11 +117,10 @@ class QuadraticProgram:
         return Solution(x.copy(), info.status, info.iter, seconds)
 
 
-def _store_zeros(matrix, upper=False):
-    """Return a sparse matrix whose pattern does not depend on the values."""
+def _dense(matrix, upper=False):
+    """Return rows, columns and column ends of a pattern that has all entries."""
     m, n = matrix.shape
     counts = np.arange(1, n + 1) if upper else np.full(n, m)
     rows = np.concatenate([np.arange(count) for count in counts])
     columns = np.repeat(np.arange(n), counts)
-    ends = np.concatenate([[0], np.cumsum(counts)])
-    return csc_matrix((matrix[rows, columns], rows, ends), shape=(m, n))
+    return rows, columns, np.concatenate([[0], np.cumsum(counts)])

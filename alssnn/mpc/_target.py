@@ -17,7 +17,95 @@ from ._qp import QuadraticProgram
 
 PRIOR = 1e-4  # weight, relative, of |u_s| in directions that the reference leaves free
 RANK = 1e-8  # singular value, relative, below which a direction counts as lost
+SETTLED = 1e-3  # smaller steps are left to the next sample
 STEP = 1.0  # largest step of Newton's method, in standard deviations of x and u
+
+
+class StatesOfRest:
+    """Keep one state of rest for every reference, and improve them.
+
+    Parameters
+    ----------
+    model : DisturbedModel
+        The model.
+    limits : ActuatorLimits
+        Limits of u.
+    target : Target
+        The problem of one of them.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n, nx)
+        States of rest.
+    U : ndarray of shape (n, nu)
+        Their inputs, in the units of u.
+    V : ndarray of shape (n, nu)
+        The same as inputs of the linear system, scaled.
+    """
+
+    def __init__(self, model, limits, target):
+        self.model, self.limits, self.target = model, limits, target
+        self._u_bounds = tuple(
+            (bound - model.u_offset) / model.u_scale
+            for bound in (limits.u_min, limits.u_max)
+        )
+        self.reset()
+
+    def reset(self):
+        """Rest at the operating point, as far as the limits allow it."""
+        self._keep(
+            np.zeros((1, len(self.model.A))),
+            self.limits.clip(self.model.u_offset)[None],
+        )
+        self.target.reset()
+
+    def _keep(self, X, U):
+        self.X, self.U = X, U
+        self.V = self.model.v(U, self.model.h(X))
+
+    def resize(self, n):
+        """Let the number of references be another one.
+
+        Parameters
+        ----------
+        n : int
+            Number of references.
+        """
+        if len(self.X) != n:
+            self._keep(np.tile(self.X[-1], (n, 1)), np.tile(self.U[-1], (n, 1)))
+
+    def improve(self, d, goals, soft_bounds):
+        """Take one step of Newton's method for every reference (eq. target).
+
+        Parameters
+        ----------
+        d : ndarray of shape (nd,)
+            Disturbance.
+        goals : ndarray of shape (n, ny)
+            Desired values of C x_s, scaled.
+        soft_bounds : tuple of two ndarray of shape (n_soft,)
+            Bounds of the soft rows.
+
+        Returns
+        -------
+        status : str
+            That of the last one, or of the last one that failed.
+        settled : bool
+            Whether none has moved any more.
+        """
+        A, B, W = self.model.tangent(self.X, self.U, d)
+        u_e, su = self.model.u_offset, self.model.u_scale
+        X, U, statuses = self.X.copy(), (self.U - u_e) / su, []
+        for i, goal in enumerate(goals):
+            last, linear = (X[i], U[i]), (A[i], B[i], W[i])
+            X[i], U[i], status = self.target.improve(
+                last, linear, goal, self._u_bounds, soft_bounds
+            )
+            statuses.append(status)
+        moved = np.abs(X - self.X).max()
+        self._keep(X, self.limits.clip(u_e + U * su))
+        failed = [s for s in statuses if s not in ("closed form", "solved")]
+        return (failed or statuses)[-1], not moved > SETTLED
 
 
 class Target:
@@ -103,18 +191,10 @@ class Target:
             (lower <= soft) & (soft <= upper)
         ):
             return x, u, "closed form"
-        n_soft = len(soft)
         at, S = self.soft @ p_x, self.soft @ N_x
-        eye, zero = np.eye(n_soft), np.zeros((len(u), n_soft))
-        none = np.full(n_soft, np.inf)
-        blocks = [(N_u, zero), (S, -eye), (S, eye), (0 * S, eye)]
-        P = block_diag(H, self.penalty[1] * eye)
-        rows = np.vstack([np.hstack(row) for row in blocks])
-        if self._qp is None:
-            self._qp = QuadraticProgram(P, rows, **self.options)
-        self._qp.change(P, rows)
-        solution = self._qp.solve(
-            np.concatenate([gradient, np.full(n_soft, self.penalty[0])]),
+        none = np.full(len(soft), np.inf)
+        solution = self._program(H, N_u, S).solve(
+            np.concatenate([gradient, np.full(len(soft), self.penalty[0])]),
             np.concatenate([u_min - p_u, -none, lower - at, 0 * at]),
             np.concatenate([u_max - p_u, upper - at, none, none]),
         )
@@ -122,6 +202,22 @@ class Target:
             return None, None, solution.status
         z = solution.x[: len(z)]
         return p_x + N_x @ z, np.clip(p_u + N_u @ z, u_min, u_max), solution.status
+
+    def _program(self, H, N_u, S):
+        """Return the program in (z, sigma), with what changed in its matrices."""
+        nu, nz = N_u.shape
+        n_soft = len(S)
+        if self._qp is None:
+            eye, zero = np.eye(n_soft), np.zeros((nu, n_soft))
+            blocks = [(N_u, zero), (S, -eye), (S, eye), (0 * S, eye)]
+            self._rows = np.vstack([np.hstack(row) for row in blocks])
+            self._P = block_diag(H, self.penalty[1] * eye)
+            self._qp = QuadraticProgram(self._P, self._rows, **self.options)
+        self._P[:nz, :nz], self._rows[:nu, :nz] = H, N_u
+        self._rows[nu : nu + n_soft, :nz] = S
+        self._rows[nu + n_soft : nu + 2 * n_soft, :nz] = S
+        self._qp.change(self._P, self._rows)
+        return self._qp
 
 
 def _at_rest(A, B, w):

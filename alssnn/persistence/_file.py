@@ -18,6 +18,7 @@ from numbers import Real
 import numpy as np
 
 from ..containers import Container
+from ..given_system import GivenSystem
 from ..linearizability import Region
 from ..scaling import Scaling
 from ..structures import state_space_structure
@@ -39,7 +40,6 @@ ALTERED = (
     OverflowError,
     RecursionError,
 )
-LINEAR = ("A_", "B_", "C_", "D_")
 
 
 def save(model, path):
@@ -139,7 +139,7 @@ def load(path, classes):
 
 def _restore(cls, document, arrays):
     """Return the model of a document and its arrays; all sizes are checked."""
-    model = cls(**{k: decode(v) for k, v in document["params"].items()})
+    model = cls(**{k: _decode_param(k, v) for k, v in document["params"].items()})
     model._validate_params()
     nx, nu, ny = document["structure"]["sizes"]
     options = {k: decode(v) for k, v in document["structure"]["options"].items()}
@@ -277,8 +277,8 @@ def _encode_param(name, value):
             value = {net: _activation_name(v) for net, v in value.items()}
         else:
             value = _activation_name(value)
-    elif name == "linear_start" and value is not None:
-        value = _matrices(value)
+    elif name == "linear_start" and not isinstance(value, tuple | list | None):
+        value = GivenSystem.of(value).as_dict()
     try:
         return encode(value)
     except TypeError as error:
@@ -291,13 +291,13 @@ def _encode_param(name, value):
         ) from error
 
 
+def _decode_param(name, encoded):
+    """Return a parameter of an estimator; a system has its fields in a dict."""
+    value = decode(encoded)
+    if name == "linear_start" and isinstance(value, dict):
+        return GivenSystem(**value)
+    return value
+
+
 def _activation_name(activation):
     return activation if isinstance(activation, str) else shipped_name(activation)
-
-
-def _matrices(start):
-    """Return a linear start as the matrices that it stands for."""
-    if isinstance(start, tuple | list):
-        return start if isinstance(start, tuple) else tuple(start)
-    names = LINEAR if hasattr(start, "A_") else "ABCD"
-    return tuple(np.asarray(getattr(start, name), dtype=float) for name in names)

@@ -1,0 +1,168 @@
+"""The model as the controller sees it, with a constant disturbance (eq. mpc).
+
+    x+ = f(x, u, d) = A x + B v + omega,      v = u + h(s) - u_offset
+
+omega is what the linear model lacks.  v counts in standard deviations of u and C x in
+those of y; u, d and h have the units of the user.  h sees the output or the state of
+the model, without d.
+"""
+
+import numpy as np
+
+from ..feedback import Dynamics, LinearizingLaw
+from ..simulation import Stepper
+
+
+class DisturbedModel:
+    """Evaluate a model along plans and at rest.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    dynamics : Dynamics
+        The same model with the state [x; d], that of the observer.
+
+    Attributes
+    ----------
+    A, B, C : ndarray
+        Linear part, v and y scaled.
+    u_offset, u_scale : ndarray of shape (nu,)
+        Operating point and standard deviation of u.
+    y_scale : ndarray of shape (ny,)
+        Standard deviation of y.
+    dt : float
+        Sampling time, in seconds.
+    """
+
+    def __init__(self, model, dynamics):
+        self._own, self._disturbed = Dynamics.of(model), dynamics
+        self._law, self._stepper = LinearizingLaw(model), Stepper(dynamics.lure)
+        scaling = model._scaling
+        self.u_offset, self.dt = self._own.u_offset, self._own.dt
+        self.u_scale, self.y_scale = scaling.u_scale, scaling.y_scale
+        self.A = model.A_
+        self.B, self.C = model.B_ * self.u_scale, model.C_ / self.y_scale[:, None]
+
+    def trajectory(self, x, d, U):
+        """Return the states under given inputs, by the whole model.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,)
+            State now.
+        d : ndarray of shape (nd,)
+            Disturbance, which stays.
+        U : ndarray of shape (N, nu)
+            Inputs.
+
+        Returns
+        -------
+        X : ndarray of shape (N + 1, nx)
+            States, the present one first; inf if the model diverges.
+        """
+        X = np.empty((len(U) + 1, len(x) + len(d)))
+        X[0, : len(x)], X[0, len(x) :] = x, d
+        self._stepper(U - self.u_offset, X[0], X[1:])
+        return X[:, : len(x)]
+
+    def omega(self, X, V):
+        """Return what the linear model lacks along a trajectory (eq. mpc).
+
+        Parameters
+        ----------
+        X : ndarray of shape (N + 1, nx)
+            States.
+        V : ndarray of shape (N, nu)
+            Inputs of the linear system.
+
+        Returns
+        -------
+        omega : ndarray of shape (N, nx)
+            What remains, f(x, u, d) - A x - B v.
+        """
+        return X[1:] - X[:-1] @ self.A.T - V @ self.B.T
+
+    def tangent(self, X, U, d):
+        """Return the linearization of f at states and inputs.
+
+        Parameters
+        ----------
+        X : ndarray of shape (N, nx)
+            States.
+        U : ndarray of shape (N, nu)
+            Inputs.
+        d : ndarray of shape (nd,)
+            Disturbance.
+
+        Returns
+        -------
+        A : ndarray of shape (N, nx, nx)
+            Derivative by x.
+        B : ndarray of shape (N, nx, nu)
+            Derivative by the scaled input.
+        w : ndarray of shape (N, nx)
+            Rest: f = A x + B (u - u_offset) / u_scale + w there.
+        """
+        nx = X.shape[1]
+        plus, A, B = self._disturbed.tangent(self._with(X, d), U)
+        A, B = A[:, :nx, :nx], B[:, :nx] * self.u_scale
+        du = (U - self.u_offset) / self.u_scale
+        linear = np.einsum("nij,nj->ni", A, X) + np.einsum("nij,nj->ni", B, du)
+        return A, B, plus[:, :nx] - linear
+
+    def output(self, X, d):
+        """Return the outputs, disturbance included.
+
+        Parameters
+        ----------
+        X : ndarray of shape (N, nx)
+            States.
+        d : ndarray of shape (nd,)
+            Disturbance.
+
+        Returns
+        -------
+        y : ndarray of shape (N, ny)
+            Outputs, in the units of y.
+        """
+        return self._disturbed.measure(self._with(X, d))
+
+    def h(self, X):
+        """Return what the law cancels at states.
+
+        Parameters
+        ----------
+        X : ndarray of shape (N, nx)
+            States.
+
+        Returns
+        -------
+        h : ndarray of shape (N, nu)
+            Nonlinearity at the input, in the units of u.
+        """
+        by_state = self._law.feedback == "state"
+        return self._law.h(X if by_state else self._own.measure(X))
+
+    def v(self, U, h):
+        """Return the input of the linear system for one of the plant.
+
+        Parameters
+        ----------
+        U : ndarray of shape (N, nu)
+            Inputs of the plant.
+        h : ndarray of shape (N, nu)
+            What the law cancels.
+
+        Returns
+        -------
+        V : ndarray of shape (N, nu)
+            Deviations u + h - u_offset, scaled.
+        """
+        return (U + h - self.u_offset) / self.u_scale
+
+    def _with(self, X, d):
+        """Return the states with the disturbance behind them."""
+        Xd = np.empty((len(X), X.shape[1] + len(d)))
+        Xd[:, : X.shape[1]], Xd[:, X.shape[1] :] = X, d
+        return Xd

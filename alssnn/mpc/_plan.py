@@ -1,0 +1,128 @@
+"""The online update: the program of this sample, posed along the last plan (eq. mpc).
+
+The last inputs, shifted by one sample, give a trajectory of the whole model.  Along it
+h and omega are numbers, and with them the program of `_condensed` is convex.  Its
+solution is the next plan; a second pass starts from that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._qp import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """Hold one pass: the solution of its program, and what it means.
+
+    Parameters
+    ----------
+    solution : Solution
+        What the solver says.
+    X : ndarray of shape (N, nx)
+        Planned states x_1, ..., x_N; without a solution those of the last plan.
+    h : ndarray of shape (nu,)
+        What the law cancels now, in the units of u.
+    wanted : ndarray of shape (nu,)
+        Input for now, before the limits cut it.
+    slack : ndarray of shape (N, n_soft)
+        Excess of the soft bounds.
+    """
+
+    solution: Solution
+    X: np.ndarray
+    h: np.ndarray
+    wanted: np.ndarray
+    slack: np.ndarray
+
+
+class Planner:
+    """Plan inputs, from one sample to the next.
+
+    Parameters
+    ----------
+    model : DisturbedModel
+        The model.
+    program : CondensedProgram
+        Its program.
+    limits : ActuatorLimits
+        Limits of u.
+
+    Attributes
+    ----------
+    U : ndarray of shape (N, nu)
+        Planned inputs, in the units of u, within the limits.
+    """
+
+    def __init__(self, model, program, limits):
+        self.model, self.program, self.limits = model, program, limits
+        self.horizon = program.prediction.V_c.shape[0] // len(model.u_scale)
+        self.U = np.tile(limits.clip(model.u_offset), (self.horizon, 1))
+
+    def reset(self):
+        """Start from the operating point, as far as the limits allow it."""
+        self.U = np.tile(self.limits.clip(self.model.u_offset), (self.horizon, 1))
+        self.program.qp.reset()
+
+    def shift(self, u_s):
+        """Move the plan on by one sample.
+
+        Parameters
+        ----------
+        u_s : ndarray of shape (nu,)
+            Input behind its end.
+        """
+        U = np.empty_like(self.U)
+        U[:-1], U[-1] = self.U[1:], u_s
+        self.U = U
+
+    def improve(self, x, d, u_last, rest, soft_bounds):
+        """Pose and solve the program along the last plan, and take its solution.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,)
+            State now.
+        d : ndarray of shape (nd,)
+            Disturbance.
+        u_last : ndarray of shape (nu,)
+            Input of the last sample.
+        rest : tuple of ndarray of shape (N, nx) or (1, nx), and (N, nu) or (1, nu)
+            States of rest and their scaled v.
+        soft_bounds : tuple of two ndarray of shape (n_soft,)
+            Bounds of the soft rows.
+
+        Returns
+        -------
+        result : Pass
+            What came of it. Without a solution the last plan stays.
+        """
+        model, limits = self.model, self.limits
+        X = model.trajectory(x, d, self.U)  # (N + 1, nx)
+        h = model.h(X[:-1])
+
+        solution, plan = self.program.solve(
+            x,
+            model.omega(X, model.v(self.U, h)),
+            rest,
+            (model.v(limits.u_min, h), model.v(limits.u_max, h)),
+            self._change(h, u_last) if limits.rated else None,
+            soft_bounds,
+        )
+        if plan is None:
+            n_soft = len(soft_bounds[0])
+            return Pass(
+                solution, X[1:], h[0], self.U[0], np.zeros((self.horizon, n_soft))
+            )
+        X[1:], V, slack = plan
+        wanted = model.u_offset + V * model.u_scale - model.h(X[:-1])
+        self.U = limits.clip(wanted)
+        return Pass(solution, X[1:], h[0], wanted[0], slack)
+
+    def _change(self, h, u_last):
+        """Return the change of h, from which u = v - h moves on from the last input."""
+        model = self.model
+        # an input that the limits allow: else they would cross
+        first = (self.limits.clip(u_last) - model.u_offset) / model.u_scale
+        return np.diff(h / model.u_scale, axis=0, prepend=-first[None])
