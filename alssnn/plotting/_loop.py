@@ -239,8 +239,8 @@ class LoopDisplay:
                 one.axhline(level, color="0.4", linestyle=":", label="reference")
             if self.outputs[i] in self.ranges:
                 low, high = self.ranges[self.outputs[i]]
-                band = {"color": "0.93", "zorder": 0, "label": "range in the training"}
-                one.axhspan(low, high, **band)
+                band = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0}
+                one.axhspan(low, high, label="range of the training data", **band)
             one.set_ylabel(self.names.get(self.outputs[i], self.outputs[i]))
             finish(one)
         time_axis(axes[-1, 0])
