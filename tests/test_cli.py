@@ -543,6 +543,8 @@ def test_gaps_of_outputs_from_fit_to_report(linear_plant, tmp_path, capsys):
     columns = ["--input", "a", "b", "--output", "speed", "angle", "--experiment", "run"]
     options = ["--nx", 2, "--model", "lti", "--dt", 0.1, "--save", model, "-q"]
     figure = tmp_path / "fit.png"
+    columns[4:6] = columns[5:3:-1]  # the first output is drawn: that with gaps
+    assert columns[4] == "angle"
     assert run("fit", path, *columns, *options, "--figure", figure) == 0
     _, err = capsys.readouterr()
     assert err == "angle: not measured at 300 of 1200 samples.\n"

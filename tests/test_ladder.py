@@ -329,7 +329,11 @@ def test_gamma_h_is_that_of_the_preset_unless_given(record):
         ([1.0, 0.5, 0.2, 0.1], "lowered it by 80 % in its last 2 steps. More iter"),
         (
             [1.0, 0.5, 0.4999, 0.4998],
-            "0.04 % in its last 2 steps. More iterations will",
+            "0.04 % in its last 2 steps. More iterations may",  # too few to say
+        ),
+        (
+            [*np.linspace(1.0, 0.5, 20), *np.linspace(0.5, 0.4998, 20)],
+            "0.04 % in its last 20 steps. More iterations will hardly",
         ),
         ([1.0], "settled: more iterations may help."),
     ],

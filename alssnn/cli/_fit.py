@@ -208,12 +208,13 @@ def run(args):
         n_init=args.n_init,
         models=models,
     )
-    report(ladder, figure, label=args.output[0])
     if args.save is not None:
         (row,) = ladder
         row.model.feature_names_in_ = np.array(args.input, dtype=object)
         row.model.output_names_ = list(args.output)
-        row.model.save(args.save)
+        row.model.save(args.save)  # before a figure that may fail
+    report(ladder, figure, label=args.output[0])
+    if args.save is not None:
         print(
             f"\nModel: {args.save}. It was not trained on the last "
             f"{100 * args.test_size:g} %: validate it there, by --last "

@@ -9,7 +9,8 @@ import numpy as np
 from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain
 
-SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter
+SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
+ENOUGH_STEPS = 20  # if it took at least so many
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,7 @@ class Ladder:
             f"{name} lowered it by {100 * fall:.2g} % in its last {n} steps"
             for name, (fall, n) in known.items()
         )
-        if all(fall < SETTLED for fall, _ in known.values()):
+        if all(fall < SETTLED and n >= ENOUGH_STEPS for fall, n in known.values()):
             return f"{text}. More iterations will hardly change the model."
         return f"{text}. More iterations may help."
 
