@@ -311,6 +311,7 @@ def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     assert capsys.readouterr().out == f"Report: {path}\n"
     text = path.read_text(encoding="utf-8")
     assert "speed" in text and "<td>training</td>" in text
+    assert "u is what the plant gets, over its range in the training data" in text
     assert run("report", saved, "--data", linear_plant, "-o", path) == 0
     assert "<td>training</td>" not in path.read_text(encoding="utf-8")
 
