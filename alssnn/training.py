@@ -33,6 +33,7 @@ INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
+ONLY_STAGE = "train"  # label of a training that is one search
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -259,7 +260,7 @@ def _times(weights, factor):
 
 def _stage_labels(gamma, factors, is_coarse):
     """Return what the stages of the training are called, in order."""
-    names = ["train"]
+    names = [ONLY_STAGE]
     if len(factors) > 1:
         names = [
             f"gamma {gamma * factor:.3g}" if gamma > 0 else f"gammas x {factor:.3g}"
@@ -276,7 +277,11 @@ def _of_start(stages, i, n_starts):
     """Return the stages of one of several starts, by their labels."""
     if n_starts == 1:
         return stages
-    return [(f"start {i + 1}/{n_starts}, {label}", one) for label, one in stages]
+    start = f"start {i + 1}/{n_starts}"
+    return [
+        (start if label == ONLY_STAGE else f"{start}, {label}", criterion)
+        for label, criterion in stages
+    ]
 
 
 def _as_they_come(calls, n_jobs):
