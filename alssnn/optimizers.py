@@ -135,9 +135,12 @@ def minimize(
             raise
         watch.stop(INTERRUPTED, interrupt)
         status, message = STOPPED, INTERRUPTED
+    cost = criterion.norm(search.best) ** 2
+    if watch is not None:
+        watch.end(label, search.n_accepted, cost)
     return OptimizeResult(
         x=search.best,
-        cost=criterion.norm(search.best) ** 2,
+        cost=cost,
         nfev=search.nfev,
         njev=search.njev,
         status=status,

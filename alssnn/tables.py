@@ -8,6 +8,11 @@ import textwrap
 import numpy as np
 
 DELIMITERS = ",;\t"
+GAPS = ("", "nan")  # cells of outputs that were not measured
+INPUT_REMEDY = (
+    "An input must be known at every sample: fill the gap, or cut the record there."
+)
+OUTPUT_REMEDY = "Leave the cell empty where the output was not measured."
 COLUMNS_SHOWN = 300  # characters of a header in a message
 TIME = re.compile(r"(?:time|t)(?:\s*[\[(_ ]\s*s(?:ec|econds?)?\s*[\])]?)?", re.I)
 
@@ -32,7 +37,7 @@ def read_csv(path, inputs, outputs, experiment=None):
     u : ndarray of shape (N, nu)
         Inputs.
     y : ndarray of shape (N, ny)
-        Outputs.
+        Outputs; nan where a cell is empty or nan: not measured.
     experiment : ndarray of str of shape (N,) or None
         Labels.
 
@@ -42,7 +47,7 @@ def read_csv(path, inputs, outputs, experiment=None):
         If the file cannot be read.
     ValueError
         If a column is missing, ambiguous or asked for twice, a value is not a finite
-        number, or there are no samples.
+        number, an input has a gap, or there are no samples.
     """
     names = [*inputs, *outputs]
     wanted = names if experiment is None else [*names, experiment]
@@ -58,7 +63,7 @@ def read_csv(path, inputs, outputs, experiment=None):
                 continue  # blank lines, as at the end of many files
             cells = [fields[i].strip() if i < len(fields) else "" for i in places]
             line = reader.line_num + 1  # the header was read before
-            values.append(_numbers(path, names, cells, line))
+            values.append(_numbers(path, names, cells, line, len(inputs)))
             labels.append(cells[-1])
     if not values:
         raise ValueError(
@@ -127,9 +132,15 @@ def read_steps(path):
     return times[0], np.diff(t[:, 0])
 
 
-def _numbers(path, names, cells, line):
+def _numbers(path, names, cells, line, n_inputs):
+    """Return the values of one line; nan where an output was not measured."""
     values = []
-    for name, cell in zip(names, cells, strict=False):  # the label may follow
+    # the label may follow
+    for i, (name, cell) in enumerate(zip(names, cells, strict=False)):
+        is_output = i >= n_inputs
+        if cell.lower() in GAPS and is_output:
+            values.append(np.nan)
+            continue
         try:
             value = float(cell)
         except ValueError:
@@ -137,8 +148,8 @@ def _numbers(path, names, cells, line):
         if not np.isfinite(value):
             raise ValueError(
                 f"`{path}` must hold finite numbers with a decimal point, got "
-                f"{cell!r} in column {name!r} at line {line}. Fill the gap, or cut "
-                "the record there."
+                f"{cell!r} in column {name!r} at line {line}. "
+                + (OUTPUT_REMEDY if is_output else INPUT_REMEDY)
             )
         values.append(value)
     return values

@@ -33,6 +33,7 @@ INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
+ONLY_STAGE = "train"  # label of a training that is one search
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -204,35 +205,35 @@ def train(
     if len(starts) > 1 and first is experiments and experiments.is_here:
         first = Held(experiments)  # the starts are parallel, not the experiments
     first = Held.of(first, n_jobs if len(starts) == 1 else None)
+    factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
     criteria = [
-        Criterion(structure, first, **_times(weights, factor))
-        for factor in GAMMA_STEP ** np.arange(continuation, -1, -1)
+        Criterion(structure, first, **_times(weights, factor)) for factor in factors
     ]
+    *labels, last = _stage_labels(weights.get("gamma", 0.0), factors, is_coarse)
     limits = Limits(structure, phi, bounds, at_rest)
     first_limits = Limits(structure, phi, bounds) if is_coarse else limits
-    best = _best_start(criteria, starts, first_limits, watch, n_jobs, options)
+    stages = list(zip(labels if is_coarse else [*labels, last], criteria, strict=True))
+    best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
         steps = best.nfev
         criterion = Criterion(structure, experiments, **weights)
         options = {**options, "max_iter": polish_iter}
-        best = _stage(
-            criterion, best.theta, limits, watch=watch, label="all samples", **options
-        )
+        best = _stage(criterion, best.theta, limits, watch=watch, label=last, **options)
         best.nfev += steps
     return best
 
 
-def _best_start(criteria, starts, limits, watch, n_jobs, options):
+def _best_start(stages, starts, limits, watch, n_jobs, options):
     """Descend from all starts, in parallel, and return the best result."""
     calls = [
         # in a tuple a start is part of its task; a cluster would place a bare array
         # on one worker, and lose it with that worker
-        (criteria, (theta,), limits, watch.fork(), _label(i, len(starts)), options)
+        (_of_start(stages, i, len(starts)), (theta,), limits, watch.fork(), options)
         for i, theta in enumerate(starts)
     ]
     results = []
     try:
-        if len(starts) == 1 or not criteria[0].experiments.is_here:
+        if len(starts) == 1 or not stages[0][1].experiments.is_here:
             # in this process, whatever the backend of the caller
             for call in calls:
                 results.append(_descend(*call))
@@ -242,7 +243,7 @@ def _best_start(criteria, starts, limits, watch, n_jobs, options):
     except KeyboardInterrupt as interrupt:
         watch.stop(INTERRUPTED, interrupt)
     if not results:  # interrupted while all worked elsewhere: the start is a model
-        results = [_descend(criteria, (starts[0],), limits, watch, "start", options)]
+        results = [_descend(stages, (starts[0],), limits, watch, options)]
     for result in results:
         watch.history += result.history
     key = "cost" if options["validation"] is None else "validation_rmse"
@@ -257,8 +258,30 @@ def _times(weights, factor):
     }
 
 
-def _label(i, n_starts):
-    return "train" if n_starts == 1 else f"start {i + 1}/{n_starts}"
+def _stage_labels(gamma, factors, is_coarse):
+    """Return what the stages of the training are called, in order."""
+    names = [ONLY_STAGE]
+    if len(factors) > 1:
+        names = [
+            f"gamma {gamma * factor:.3g}" if gamma > 0 else f"gammas x {factor:.3g}"
+            for factor in factors
+        ]
+    if is_coarse:
+        names.append("all samples")
+    if len(names) == 1:
+        return names
+    return [f"stage {i}/{len(names)}, {name}" for i, name in enumerate(names, 1)]
+
+
+def _of_start(stages, i, n_starts):
+    """Return the stages of one of several starts, by their labels."""
+    if n_starts == 1:
+        return stages
+    start = f"start {i + 1}/{n_starts}"
+    return [
+        (start if label == ONLY_STAGE else f"{start}, {label}", criterion)
+        for label, criterion in stages
+    ]
 
 
 def _as_they_come(calls, n_jobs):
@@ -271,10 +294,10 @@ def _as_they_come(calls, n_jobs):
     yield from parallel(tasks)
 
 
-def _descend(criteria, start, limits, watch, label, options):
+def _descend(stages, start, limits, watch, options):
     """Minimize one criterion after the other, each from the optimum of the last."""
     (theta,), x0, steps = start, None, 0
-    for criterion in criteria:
+    for label, criterion in stages:
         result = _stage(
             criterion, theta, limits, x0, watch=watch, label=label, **options
         )

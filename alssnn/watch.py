@@ -69,6 +69,9 @@ class Watch:
         Seconds after which the fit ends, counted from now.
     report : callable or None, default=None
         Called as ``report(label, iteration, cost)`` at every accepted step.
+    report_end : callable or None, default=None
+        Called as ``report_end(label, n_accepted, cost)`` at the end of a search, with
+        the number of points it accepted, its start among them.
     observe : callable or None, default=None
         Called as ``observe(step, point)`` with a `Step` and the free vector that the
         search has reached; the fit ends if it returns true. Stays in its process.
@@ -83,11 +86,11 @@ class Watch:
         What ended the fit, if the user did.
     """
 
-    def __init__(self, *, max_time=None, report=None, observe=None):
+    def __init__(self, *, max_time=None, report=None, report_end=None, observe=None):
         # not a monotonic clock: workers on other machines share this one
         self.start = time.time()
         self.max_time = max_time
-        self.report = report
+        self.report, self.report_end = report, report_end
         self.observe = observe
         self.history = []
         self.reason = None
@@ -102,7 +105,12 @@ class Watch:
         watch : Watch
             Watch of one of several starts, in this process or another.
         """
-        fork = Watch(max_time=self.max_time, report=self.report, observe=self.observe)
+        fork = Watch(
+            max_time=self.max_time,
+            report=self.report,
+            report_end=self.report_end,
+            observe=self.observe,
+        )
         fork.start, fork.reason, fork.parent = self.start, self.reason, self
         return fork
 
@@ -164,6 +172,45 @@ class Watch:
             self.report(label, iteration, cost)
         if self.observe is not None and self.observe(step, point):
             self.stop(BY_OBSERVER)
+
+    def end(self, label, n_accepted, cost):
+        """Tell that a search is over.
+
+        Parameters
+        ----------
+        label : str
+            Stage of the fit.
+        n_accepted : int
+            Points that the search accepted, its start among them.
+        cost : float
+            Cost that it ends with.
+        """
+        if self.report_end is not None and n_accepted:
+            self.report_end(label, n_accepted, cost)
+
+
+def late_fall(history):
+    """Return how much the cost still fell in the second half of the last search.
+
+    Parameters
+    ----------
+    history : list of Step
+        Accepted steps of a fit, in order.
+
+    Returns
+    -------
+    fall : float
+        Share of the cost in the middle that is gone at the end; nan where the search
+        has too few steps to tell.
+    n_steps : int
+        Steps from the middle to the end.
+    """
+    starts = [i for i, step in enumerate(history) if step.iteration == 0]
+    costs = [step.cost for step in history[starts[-1] if starts else 0 :]]
+    n_steps = len(costs) // 2
+    if n_steps == 0 or not costs[-1 - n_steps] > 0:
+        return float("nan"), n_steps
+    return 1 - min(costs[-n_steps:]) / costs[-1 - n_steps], n_steps
 
 
 class Patience:

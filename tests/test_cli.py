@@ -170,6 +170,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
     monkeypatch.setattr(_comparison, "model_ladder", ladder)
     options = ["--experiment", "run", "--test-size", "0.25", "--models", "al", "lti"]
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
+    options += ["--gamma-h", "0.001"]
     assert run_fit(plant, *options, "--quiet") == 0
     np.testing.assert_allclose(seen.pop("u"), RECORD.u, rtol=1e-8)
     np.testing.assert_allclose(seen.pop("y"), RECORD.y, rtol=1e-8)
@@ -183,6 +184,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "n_f": 2,
         "max_iter": 3,
         "gamma": 10.0,
+        "gamma_h": 0.001,
         "n_init": 2,
         "random_state": 5,
         "dt": 0.1,
@@ -309,6 +311,7 @@ def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     assert capsys.readouterr().out == f"Report: {path}\n"
     text = path.read_text(encoding="utf-8")
     assert "speed" in text and "<td>training</td>" in text
+    assert "u is what the plant gets, over its range in the training data" in text
     assert run("report", saved, "--data", linear_plant, "-o", path) == 0
     assert "<td>training</td>" not in path.read_text(encoding="utf-8")
 
@@ -324,9 +327,18 @@ def test_control_writes_gain_and_step(saved, tmp_path, capsys):
         header = next(csv.reader(file))
         steps = np.loadtxt(file, delimiter=",")
     assert header[:3] == ["time", "speed design", "angle design"]
-    assert steps.shape == (80, 9)
+    assert header[5:] == [
+        "speed model",
+        "angle model",
+        "v[0] model",
+        "v[1] model",
+        "a model",
+        "b model",
+    ]
+    assert steps.shape == (80, 11)
     # a linear model is its own design, and integrators leave no offset
-    np.testing.assert_allclose(steps[:, 1:5], steps[:, 5:], atol=1e-9)
+    np.testing.assert_allclose(steps[:, 1:5], steps[:, 5:9], atol=1e-9)
+    np.testing.assert_allclose(steps[:, 9:], steps[:, 7:9], atol=1e-9)  # u = v
     assert (folder / "s.svg").read_text().startswith("<?xml")
     out = capsys.readouterr().out
     assert "K, columns x0 x1 z0 z1 =" in out
@@ -335,6 +347,42 @@ def test_control_writes_gain_and_step(saved, tmp_path, capsys):
     assert run("control", saved, "--qi", 1, "--ru", 0.1, "-o", folder) == 0
     faster = np.loadtxt(folder / "gain.csv", delimiter=",", skiprows=1)
     assert np.linalg.norm(faster) > np.linalg.norm(gain)
+
+
+def test_control_says_where_the_actuators_go(saved, linear_plant, tmp_path, capsys):
+    half = [*range(300), *range(600, 900)]  # what trained
+    u, _, _ = read_csv(linear_plant, ["a", "b"], ["speed"])
+    low, high = u[half].min(axis=0), u[half].max(axis=0)
+    line = (
+        r"^  {}: \S+ to (\S+), largest size (\S+); training {:.4g} to {:.4g}(, at .*)?$"
+    )
+    patterns = [line.format(*row) for row in zip("ab", low, high, strict=True)]
+
+    assert run("control", saved, "--step", 0.1, "-o", tmp_path) == 0
+    out = capsys.readouterr().out
+    assert all(re.search(pattern, out, re.M) for pattern in patterns)
+    assert "out of the range" not in out
+
+    # beyond what either actuator ever did
+    assert run("control", saved, "--step", 40, "-o", tmp_path) == 0
+    out = capsys.readouterr().out
+    with (tmp_path / "step.csv").open() as file:
+        next(file)
+        steps = np.loadtxt(file, delimiter=",")
+    for pattern, signal in zip(patterns, steps[:, -2:].T, strict=True):
+        found = re.search(pattern, out, re.M)
+        assert float(found[1]) == pytest.approx(signal.max(), rel=1e-3)
+        assert float(found[2]) == pytest.approx(np.abs(signal).max(), rel=1e-3)
+    words = " ".join(out.split())
+    assert "drives a, b out of the range of the training data" in words
+    assert all(flag in words for flag in ("--step", "--ru", "--u-max", "--gamma-h"))
+
+    # limits at that range keep it there, and are said to
+    limits = ["--u-min", *low, "--u-max", *high]
+    assert run("control", saved, "--step", 40, *limits, "-o", tmp_path) == 0
+    out = capsys.readouterr().out
+    assert "out of the range" not in out
+    assert re.search(patterns[0], out, re.M)[3].endswith("% of the samples")
 
 
 def test_export_for_c_and_matlab(saved, tmp_path, capsys):
@@ -461,10 +509,11 @@ def test_reads_columns_in_the_order_asked_for(tmp_path):
         ("u [V],y\n1,2\n", r"names the columns: u \[V\], y\. Did you mean 'u \[V\]'\?"),
         ("u,y\n", r"must hold samples below its header, got none\. Write one line"),
         ("", r"must have one column 'u', got none\."),
-        ("u,y\n1,2\n\n1,off\n", r"got 'off' in column 'y' at line 4\. Fill the gap"),
+        ("u,y\n1,2\n\n1,off\n", r"got 'off' in column 'y' at line 4\. Leave the cell"),
         ("u,y\n1,2\n,3\n", r"finite numbers .* got '' in column 'u' at line 3\."),
-        ("u,y\n1,2\n3\n", r"got '' in column 'y' at line 3\."),
-        ("u,y\n1,nan\n", r"got 'nan' in column 'y' at line 2\."),
+        ("u,y\n1,2\nnan,3\n", r"got 'nan' in column 'u' at line 3\. .* fill the gap"),
+        ("u,y\n1,2\n1,inf\n", r"got 'inf' in column 'y' at line 3\."),
+        ("u,y\n" + "1,\n2,\n" * 20, r"y: not measured at 40 of 40 samples"),
         ("u;y\n1,5;2\n", r"with a decimal point, got '1,5' in column 'u' at line 2\."),
         ("u,y\n" + "1" * 200_000 + ",2\n", r"field larger than field limit"),
     ],
@@ -474,6 +523,41 @@ def test_wrong_files(tmp_path, text, message, capsys):
     path.write_text(text, encoding="utf-8")
     assert run_fit(path) == 2
     assert re.search(message, capsys.readouterr().err)
+
+
+def test_gaps_of_outputs_are_not_measured(tmp_path):
+    path = tmp_path / "plant.csv"
+    path.write_text("a,y,b,z\n1,,2,3\n4,5,6\n7,NaN,8, nan \n9,10,11,12\n")
+    u, y, _ = read_csv(path, ["a", "b"], ["y", "z"])
+    np.testing.assert_array_equal(u, [[1, 2], [4, 6], [7, 8], [9, 11]])
+    nan = np.nan
+    np.testing.assert_array_equal(y, [[nan, 3], [5, nan], [nan, nan], [10, 12]])
+
+
+def test_gaps_of_outputs_from_fit_to_report(linear_plant, tmp_path, capsys):
+    lines = linear_plant.read_text().splitlines()
+    for k in range(1, len(lines), 4):  # `angle` comes at another rate
+        cells = lines[k].split(",")
+        lines[k] = ",".join([*cells[:4], "" if k % 8 == 1 else "nan"])
+    path, model = tmp_path / "gaps.csv", tmp_path / "gaps.npz"
+    path.write_text("\n".join(lines) + "\n")
+    columns = ["--input", "a", "b", "--output", "speed", "angle", "--experiment", "run"]
+    options = ["--nx", 2, "--model", "lti", "--dt", 0.1, "--save", model, "-q"]
+    figure = tmp_path / "fit.png"
+    columns[4:6] = columns[5:3:-1]  # the first output is drawn: that with gaps
+    assert columns[4] == "angle"
+    assert run("fit", path, *columns, *options, "--figure", figure) == 0
+    _, err = capsys.readouterr()
+    assert err == "angle: not measured at 300 of 1200 samples.\n"
+    assert figure.stat().st_size > 10_000
+    assert run("validate", model, *data(path)) == 0
+    assert "LinearStateSpace passes." in capsys.readouterr().out
+    page = tmp_path / "report.html"
+    assert run("report", model, *data(path), "-o", page) == 0
+    assert "angle 25 %" in page.read_text(encoding="utf-8")
+    # eigenvalues of [[0.8, 0.1], [-0.1, 0.7]]
+    poles = np.sort_complex(np.linalg.eigvals(alssnn.load(model).A_))
+    np.testing.assert_allclose(poles, [0.75 - 0.0866j, 0.75 + 0.0866j], atol=0.01)
 
 
 @pytest.mark.filterwarnings("always")

@@ -417,8 +417,19 @@ def test_loops():
     assert display.distance_["open loop"][0] == pytest.approx(rms)
     assert labels(display.axes_[0, 0])[1] == f"open loop, RMS from design {rms:.3g}"
     assert display.axes_[0, 0].lines[0].get_linestyle() == "--"
-    with pytest.raises(ValueError, match=r"`outputs` must .* got u of open"):
-        LoopDisplay(responses, outputs=["u"])
+    # an output of the design alone is drawn without a distance
+    display = LoopDisplay.from_responses(
+        responses, outputs=["y", "u"], design="design", ranges={"u": (0.5, 1.5)}
+    )
+    above, below = display.axes_[:, 0]
+    assert len(above.lines) == 2 and len(below.lines) == 1
+    assert np.isfinite(display.distance_["open loop"]).tolist() == [True, False]
+    band = below.patches[0].get_window_extent()
+    low, high = below.transData.inverted().transform(band)[:, 1]
+    assert (low, high) == pytest.approx((0.5, 1.5))
+    assert not above.patches
+    with pytest.raises(ValueError, match=r"`outputs` must .* \(u, y\), got w\."):
+        LoopDisplay(responses, outputs=["y", "w"])
     with pytest.raises(ValueError, match="`design` must be one of design, open loop"):
         LoopDisplay(responses, design="other")
     with pytest.raises(ValueError, match="`responses` must hold at least one"):

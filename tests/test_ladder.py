@@ -1,4 +1,5 @@
 import builtins
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 
 from alssnn import AlSsnn, LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
-from alssnn.ladder import Ladder, Rung, model_ladder
+from alssnn.ladder import PRESETS, Ladder, Rung, model_ladder
 from alssnn.ladder._explain import _about_feedback
 from alssnn.metrics import fit_percent, rmse
+from alssnn.watch import Step
 
 SMALL = {"nx": 6, "n_h": 2, "n_g": 3, "n_f": 4, "max_iter": 15}
 
@@ -227,7 +229,7 @@ def test_table_is_aligned_and_marks_unfinished_fits(ladder):
     assert all(len(line) == len(rule) for line in lines[:2] + lines[3:7])
     assert lines[3].startswith("LTI ") and "  0  " in lines[3]
     assert lines[5].startswith("AL-SSNN *")
-    assert lines[-1].startswith("* stopped before the cost settled")
+    assert "\n* stopped before the cost settled: " in str(ladder)
 
 
 def test_table_without_unfinished_fits_has_no_star():
@@ -306,3 +308,40 @@ def test_advice_on_feedback():
     assert "not worth its while" in _about_feedback(row(0.02), row(0.015))
     assert "observer and cancel" in _about_feedback(row(np.inf), row(0.1))
     assert "says nothing about state feedback" in _about_feedback(row(0.1), row(np.inf))
+
+
+def test_gamma_h_is_that_of_the_preset_unless_given(record):
+    weights = []
+    options = {"nx": 2, "n_h": 1, "n_g": 1, "max_iter": 1}
+    options["models"] = ["fl", "al", "al-state", "lti"]
+    for gamma_h in (None, 0.0, 1e-3):
+        ladder = model_ladder(*record, gamma_h=gamma_h, **options)
+        weights.append([row.model.get_params().get("gamma_h") for row in ladder])
+    preset = PRESETS["al-state"][2]["gamma_h"]
+    assert weights[0] == [0.0, 0.0, preset, None] and preset > 0
+    assert weights[1] == [0.0, 0.0, 0.0, None]
+    assert weights[2] == [1e-3, 1e-3, 1e-3, None]
+
+
+@pytest.mark.parametrize(
+    ("costs", "message"),
+    [
+        ([1.0, 0.5, 0.2, 0.1], "lowered it by 80 % in its last 2 steps. More iter"),
+        (
+            [1.0, 0.5, 0.4999, 0.4998],
+            "0.04 % in its last 2 steps. More iterations may",  # too few to say
+        ),
+        (
+            [*np.linspace(1.0, 0.5, 20), *np.linspace(0.5, 0.4998, 20)],
+            "0.04 % in its last 20 steps. More iterations will hardly",
+        ),
+        ([1.0], "settled: more iterations may help."),
+    ],
+)
+def test_a_star_says_whether_it_matters(costs, message):
+    model = SimpleNamespace(
+        converged_=False,
+        history_=[Step("train", i, cost, 0.0, np.nan) for i, cost in enumerate(costs)],
+    )
+    row = replace(make_row(), model=model)
+    assert message in " ".join(str(make_ladder(row)).split())

@@ -112,6 +112,26 @@ def test_diverged_and_perfect_models_stay_in_the_legend(ladder):
     assert np.abs([low, high]).max() < 2 * np.ptp(ladder.y_test[:, 0])
 
 
+def test_gaps_of_the_measured_output_are_bridged(ladder):
+    t = np.arange(900)
+    slow = np.column_stack([np.sin(t / 50), np.cos(t / 50)])
+    y = slow.copy()
+    y[::3, 1] = np.nan
+    rows = tuple(replace(row, y_hat=slow + 0.1) for row in ladder.rows)
+    lost = replace(rows[0], y_hat=np.full_like(y, np.nan))
+    axes = plot_ladder(replace(ladder, y_test=y, rows=(*rows, lost)), output=1)
+    for line in axes[1].lines[:-1]:  # the error is 0.1 everywhere, in gaps, too
+        np.testing.assert_allclose(line.get_ydata(), 0.1)
+    whole = plot_ladder(replace(ladder, y_test=slow, rows=rows), output=1)
+    spectra = [a[2].lines[0].get_ydata()[:5] for a in (axes, whole)]
+    np.testing.assert_allclose(*spectra, rtol=0.01)
+    assert len(axes[1].lines[-1].get_xdata()) == len(axes[2].lines[5].get_xdata()) == 0
+    assert np.isfinite(axes[0].get_ylim()).all()
+    nothing = np.full_like(y, np.nan)
+    axes = plot_ladder(replace(ladder, y_test=nothing, rows=rows))
+    axes[0].figure.draw_without_rendering()
+
+
 def test_draws_on_given_axes(ladder):
     figure = Figure()
     axes = figure.subplots(1, 3)

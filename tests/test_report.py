@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import browser
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, load
 from alssnn.feedback import (
     balanced_weights,
     closed_loop,
     designed_loop,
+    input_range,
     lqi,
     step_comparison,
 )
@@ -258,10 +259,12 @@ def test_exactly_linearizable_models_follow_the_design():
     step = [0.5, -0.2]
     responses = step_comparison(model, K, step=step)
     design, whole = responses["design"], responses["model"]
-    assert (
-        design.output_labels == whole.output_labels == ["y[0]", "y[1]", "v[0]", "v[1]"]
-    )
-    np.testing.assert_allclose(whole.outputs, design.outputs, atol=1e-8)
+    assert design.output_labels == ["y[0]", "y[1]", "v[0]", "v[1]"]
+    assert whole.output_labels == [*design.output_labels, "u[0]", "u[1]"]
+    np.testing.assert_allclose(whole.outputs[:4], design.outputs, atol=1e-8)
+    # the plant, fed with u alone, gives the outputs that were reached
+    y = model.predict(whole.outputs[4:].T, x0=np.zeros((1, model.nx_)))
+    np.testing.assert_allclose(y.T, whole.outputs[:2], atol=1e-8)
     np.testing.assert_allclose(whole.outputs[:2, -1], model.y_offset_ + step, atol=0.02)
     assert closed_loop(model, model, K).ninputs == 2
 
@@ -273,6 +276,30 @@ def test_limits_of_the_law_keep_the_model_from_the_design():
     responses = step_comparison(model, K, law=law, n_samples=50)
     design, whole = (responses[name].outputs[:2] for name in ("design", "model"))
     assert np.abs(design - whole).max() > 0.1
+    u = responses["model"].outputs[4:]
+    assert np.abs(u).max() == pytest.approx(0.2)
+
+
+def test_the_range_of_the_inputs_is_that_of_the_data(tmp_path):
+    u, y, runs = RECORD
+    factor = np.array([10.0, 0.1])
+    model = LinearStateSpace(nx=2, **OPTIONS).fit(factor * u + 3.0, y, runs)
+    model.save(tmp_path / "model.npz")
+    for one in (model, load(tmp_path / "model.npz")):
+        low, high = input_range(one)
+        np.testing.assert_allclose(low, 3.0 + factor * u.min(axis=0), rtol=1e-9)
+        np.testing.assert_allclose(high, 3.0 + factor * u.max(axis=0), rtol=1e-9)
+
+
+def test_weights_of_many_states_are_exactly_symmetric():
+    rng = np.random.default_rng(0)
+    A = 0.9 * np.linalg.qr(rng.standard_normal((9, 9)))[0]
+    u = rng.standard_normal((600, 2))
+    y = simulate_linear(
+        A, rng.standard_normal((9, 2)), rng.standard_normal((2, 9)), u
+    ) + 0.01 * rng.standard_normal((600, 2))
+    Q, _ = balanced_weights(LinearStateSpace(nx=9, max_iter=3).fit(u, y))
+    np.testing.assert_array_equal(Q, Q.T)
 
 
 @pytest.mark.parametrize(

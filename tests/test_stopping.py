@@ -11,9 +11,10 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.criterion import Criterion
+from alssnn.estimators import _progress
 from alssnn.optimizers import minimize
 from alssnn.training import Validation
-from alssnn.watch import Patience, Step, Watch
+from alssnn.watch import Patience, Step, Watch, late_fall
 
 
 @pytest.fixture(autouse=True)
@@ -153,7 +154,7 @@ def test_an_interrupt_between_two_searches_keeps_the_stage_before(two, monkeypat
     model = AlSsnn(2, 2, 2, max_iter=20, coarse_samples=200, random_state=0)
     with pytest.raises(KeyboardInterrupt):
         model.fit(*two)
-    assert "train" in {step.label for step in model.history_}
+    assert "stage 1/2, train" in {step.label for step in model.history_}
     assert model.score(*two) > 0.95
     assert np.any(model.params_["W_h"])
 
@@ -319,7 +320,7 @@ def test_validation_errors(two, validation, message):
 def test_history_tells_the_whole_fit(two):
     model = AlSsnn(2, 2, 2, max_iter=10, coarse_samples=200, random_state=0).fit(*two)
     labels = list(dict.fromkeys(step.label for step in model.history_))
-    assert labels == ["linear", "train", "all samples"]
+    assert labels == ["linear", "stage 1/2, train", "stage 2/2, all samples"]
     for label in labels:
         steps = [step for step in model.history_ if step.label == label]
         assert steps[0].iteration == 0
@@ -328,6 +329,75 @@ def test_history_tells_the_whole_fit(two):
     assert model.history_[-1].cost == pytest.approx(model.cost_)
     assert model.history_[0]._fields == Step._fields
     assert repr(pickle.loads(pickle.dumps(model)).history_) == repr(model.history_)
+
+
+def test_several_starts_name_their_stages(two):
+    model = AlSsnn(2, 2, 2, gamma=0.1, continuation=1, n_init=2, max_iter=4)
+    model.set_params(coarse_samples=200, random_state=0).fit(*two)
+    labels = list(dict.fromkeys(step.label for step in model.history_))
+    assert labels == [
+        "linear",
+        "start 1/2, stage 1/3, gamma 0.316",
+        "start 1/2, stage 2/3, gamma 0.1",
+        "start 2/2, stage 1/3, gamma 0.316",
+        "start 2/2, stage 2/3, gamma 0.1",
+        "stage 3/3, all samples",
+    ]
+
+
+def test_progress_has_a_line_per_search(two, capsys):
+    model = AlSsnn(2, 2, 2, gamma=0.1, continuation=2, max_iter=5, random_state=0)
+    model.fit(*two)
+    assert capsys.readouterr().out == ""
+    model.set_params(verbose=1).fit(*two)
+    lines = capsys.readouterr().out.splitlines()
+    n_searches = sum(step.iteration == 0 for step in model.history_)
+    assert len(lines) == n_searches == 4
+    assert "stage 1/3, gamma 1: cost " in lines[1]
+    last = [step for step in model.history_ if step.label == "stage 3/3, gamma 0.1"]
+    costs = f"cost {last[0].cost:.4g} to {model.cost_:.4g} in {len(last) - 1} steps"
+    assert lines[-1].startswith("AlSsnn ") and lines[-1].endswith(costs)
+    model.set_params(verbose=2).fit(*two)
+    assert len(capsys.readouterr().out.splitlines()) == len(model.history_)
+
+
+def test_long_stages_show_that_they_go_on(monkeypatch, capsys):
+    clock = [0.0]
+    monkeypatch.setattr(_progress.time, "time", lambda: clock[0])
+    progress = _progress.Progress("Model")
+    for iteration in range(7):
+        progress.step("train", iteration, 1.0 / (1 + iteration))
+        clock[0] += 4.0
+    progress.end("train", 7, 0.14)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("train: ")[1] for line in lines] == [
+        "step 3: cost 0.25",
+        "step 6: cost 0.1429",
+        "cost 1 to 0.14 in 6 steps",
+    ]
+
+
+def test_late_fall_is_that_of_the_last_search():
+    def steps(label, *costs):
+        return [Step(label, i, c, 0.0, np.nan) for i, c in enumerate(costs)]
+
+    first = steps("stage 1/2", 8.0, 4.0, 2.0)
+    fall, n_steps = late_fall(first + steps("stage 2/2", 5.0, 4.0, 3.0, 2.0))
+    assert (fall, n_steps) == (0.5, 2)
+    # a step that rises is not where a search ends
+    fall, n_steps = late_fall(steps("train", 5.0, 4.0, 3.0, 3.5))
+    assert (fall, n_steps) == (0.25, 2)
+    assert np.isnan(late_fall(first + steps("stage 2/2", 5.0))[0])
+    assert np.isnan(late_fall([])[0])
+
+
+def test_the_warning_says_how_much_the_cost_still_fell(two):
+    model = AlSsnn(2, 2, 2, max_iter=8, random_state=0)
+    with pytest.warns(ConvergenceWarning, match="stopped after") as caught:
+        model.fit(*two)
+    fall, n_steps = late_fall(model.history_)
+    expected = f"Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
+    assert str(caught[0].message).endswith(expected)
 
 
 def test_an_observer_ends_the_whole_fit(rng):

@@ -123,7 +123,7 @@ def test_coarse_to_fine_ends_on_all_samples(problem, rng):
         tol=1e-14,
         watch=Watch(report=lambda label, *_: labels.append(label)),
     )
-    assert sorted(set(labels)) == ["all samples", "train"]
+    assert sorted(set(labels)) == ["stage 1/2, train", "stage 2/2, all samples"]
     assert result.x0.shape == (2, 2)
     criterion = Criterion(structure, experiments)
     cost = criterion.norm(criterion.join(result.theta, result.x0)) ** 2
@@ -183,7 +183,11 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
         watch=Watch(report=lambda *args: calls.append(args)),
     )
     np.testing.assert_allclose(gammas[:3], [1.0, 0.1 * np.sqrt(10), 0.1])
-    assert sum(iteration == 0 for _, iteration, _ in calls) == 3  # three searches
+    assert [label for label, iteration, _ in calls if iteration == 0] == [
+        "stage 1/3, gamma 1",
+        "stage 2/3, gamma 0.316",
+        "stage 3/3, gamma 0.1",
+    ]
     assert result.nfev <= 15
 
 

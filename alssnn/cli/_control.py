@@ -1,5 +1,6 @@
 """`alssnn control`: a controller for a saved model, and how the model follows it."""
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,17 @@ from ..estimators import load
 from ._arguments import add_command, add_output, count, figure_name, finite, weight
 from ._record import add_model, write_csv
 
+TEXT_WIDTH = 79  # columns
+RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
+
 EPILOG = """\
 The controller is u = v - h(s), v = u_e - K [x; z], z+ = z + y - r: the law cancels h,
 the linear-quadratic regulator with integrators makes y settle at r. All weights are
-relative to the size of the signals in the training data. Written are
+relative to the size of the signals in the training data. u is what the actuator sees,
+v is not. Written are
 
   gain.csv   K, one row per input, one column per state and integrator
-  step.csv   the step response that was designed, and that of the whole model
+  step.csv   the step response that was designed, and that of the whole model with u
   step.png   both as a figure
 
 `alssnn export --c DIR --gain design/gain.csv` writes law, observer and gain as C.
@@ -102,7 +107,7 @@ def run(args):
         0, or 1 if the loop of the model diverges.
     """
     # python-control and matplotlib take a while: only for those who want a design
-    from ..feedback import balanced_weights, lqi, step_comparison
+    from ..feedback import balanced_weights, input_range, lqi, step_comparison
 
     model = load(args.model)
     law = model.linearizing_law(*(_scalar(z) for z in (args.u_min, args.u_max)))
@@ -121,15 +126,20 @@ def run(args):
     print(f"K, columns {' '.join(_columns(K, model))} =")
     print(np.array2string(K, precision=6))
     print("RMS distance of the model from the design, step of all references:")
-    for label, distance in zip(
-        display.outputs, display.distance_["model"], strict=True
-    ):
-        design = responses["design"].outputs[display.outputs.index(label)]
+    distances = dict(zip(display.outputs, display.distance_["model"], strict=True))
+    designed = responses["design"]
+    for label, design in zip(designed.output_labels, designed.outputs, strict=True):
+        distance = distances[label]
         share = 100 * distance / (np.ptp(design) or 1.0)
         print(
             f"  {display.names[label]}: {distance:.3g}, {share:.2g} % of the range of "
             "the design"
         )
+    nu = len(model.u_offset_)
+    names = [display.names[label] for label in responses["model"].output_labels[-nu:]]
+    u = responses["model"].outputs[-nu:]
+    if np.isfinite(u).all():
+        _compare_inputs(names, u, input_range(model), law)
     print(
         f"Files: {folder / 'gain.csv'}, {folder / 'step.csv'}, {folder / args.figure}"
     )
@@ -137,6 +147,33 @@ def run(args):
         print("The loop of the model diverges: choose slower weights.")
         return 1
     return 0
+
+
+def _compare_inputs(names, u, seen, law):
+    """Print what the actuators do in the step beside what they did in training."""
+    print("Inputs of the plant, in the step and in the training data:")
+    leaves, (low, high) = [], seen
+    for i, (name, signal) in enumerate(zip(names, u, strict=True)):
+        cut = np.mean((signal <= law.u_min[i]) | (signal >= law.u_max[i]))
+        limited = f", at a limit in {100 * cut:.3g} % of the samples" if cut else ""
+        print(
+            f"  {name}: {signal.min():.4g} to {signal.max():.4g}, largest size "
+            f"{np.abs(signal).max():.4g}; training {low[i]:.4g} to {high[i]:.4g}"
+            f"{limited}"
+        )
+        slack = RANGE_TOL * (high[i] - low[i])
+        if signal.min() < low[i] - slack or signal.max() > high[i] + slack:
+            leaves.append(name)
+    if leaves:
+        print(
+            textwrap.fill(
+                f"The step drives {', '.join(leaves)} out of the range of the training "
+                "data, where the model is a guess. Take a smaller --step, a larger "
+                "--ru, limits by --u-min and --u-max, or fit with a larger --gamma-h, "
+                "which makes the law do less.",
+                TEXT_WIDTH,
+            )
+        )
 
 
 def _scalar(values):

@@ -18,11 +18,13 @@ from ._arguments import (
     weight,
 )
 from ._comparison import prepare_figure, report, run_ladder
+from ._record import report_gaps
 
 TIME_TOL = 0.05  # of a step: above the rounding of printed times
 FIT_EPILOG = """\
 The file has one header line with the names of the columns and one line per sample, in
 time order, sampled at a fixed rate; columns are separated by comma, semicolon or tab.
+A cell of an output is empty or nan where it was not measured; inputs have no gaps.
 The last part of the record (or of every experiment) tests, the rest trains.
 
 examples:
@@ -147,6 +149,13 @@ def _add_models(model):
         "more linear and less accurate (default: %(default)s)",
     )
     model.add_argument(
+        "--gamma-h",
+        type=weight,
+        metavar="WEIGHT",
+        help="weight of |h|^2; larger keeps u closer to v and the loop inside the "
+        f"data (default: {PRESETS['al-state'][2]['gamma_h']:g} for al-state, else 0)",
+    )
+    model.add_argument(
         "--max-iter",
         type=count,
         default=300,
@@ -180,6 +189,7 @@ def run(args):
         args.save.parent.mkdir(parents=True, exist_ok=True)
     figure = prepare_figure(args)
     u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
+    report_gaps(y, args.output)
     _compare_times(args)
     ladder = run_ladder(
         args,
@@ -193,16 +203,18 @@ def run(args):
         n_g=args.n_g,
         n_f=args.n_f,
         gamma=args.gamma,
+        gamma_h=args.gamma_h,
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,
     )
-    report(ladder, figure, label=args.output[0])
     if args.save is not None:
         (row,) = ladder
         row.model.feature_names_in_ = np.array(args.input, dtype=object)
         row.model.output_names_ = list(args.output)
-        row.model.save(args.save)
+        row.model.save(args.save)  # before a figure that may fail
+    report(ladder, figure, label=args.output[0])
+    if args.save is not None:
         print(
             f"\nModel: {args.save}. It was not trained on the last "
             f"{100 * args.test_size:g} %: validate it there, by --last "

@@ -1,7 +1,10 @@
 """Models and records that the commands read."""
 
 import csv
+import sys
 from pathlib import Path
+
+import numpy as np
 
 from ..ladder import hold_out_last
 from ..tables import read_csv
@@ -73,10 +76,29 @@ def read_record(args, model):
     inputs = _columns(args, "--input", args.input, fitted, nu)
     outputs = _columns(args, "--output", args.output, model.output_names_, ny)
     u, y, experiment = read_csv(args.data, inputs, outputs, args.experiment)
+    report_gaps(y, outputs)
     if args.last == 1:
         return (u, y, experiment), None
     before, last = hold_out_last(u, y, experiment, args.last, name="--last")
     return last, before
+
+
+def report_gaps(y, names):
+    """Say on the standard error how many samples of an output were not measured.
+
+    Parameters
+    ----------
+    y : ndarray of shape (N, ny)
+        Outputs, nan where they were not measured.
+    names : sequence of str
+        Their names.
+    """
+    for name, missing in zip(names, np.isnan(y).sum(axis=0), strict=True):
+        if missing:
+            print(
+                f"{name}: not measured at {missing} of {len(y)} samples.",
+                file=sys.stderr,
+            )
 
 
 def _columns(args, flag, given, fitted, size):

@@ -1,6 +1,5 @@
 """What all estimators share: the data, the fit, what it sets."""
 
-import time
 import warnings
 from abc import ABCMeta, abstractmethod
 from numbers import Integral, Real
@@ -23,12 +22,13 @@ from ..experiments import check_inputs, split_experiments
 from ..mapping import Held
 from ..scaling import Scaling
 from ..subspace import TRIAL_SAMPLES, identify_linear
-from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch
+from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch, late_fall
 from ._ahead import AheadMixin
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._files import FilesMixin
 from ._linearity import LinearityMixin
+from ._progress import Progress
 from ._remote import RemoteMixin
 from ._report import ReportMixin
 from ._simulation import DATA, SimulationMixin, join_records
@@ -122,7 +122,7 @@ class StateSpaceModel(
 
     def _fit(self, u, y, experiment, validation=None):
         """Check and scale the data, then fit."""
-        watch = Watch(max_time=self.max_time, report=self._reporter())
+        watch = self._watch()
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -169,9 +169,14 @@ class StateSpaceModel(
             reason = f"before the cost settled to tol={self.tol}. Increase `max_iter`"
             if watch.reason == OUT_OF_TIME:
                 reason = "because max_time is over. Increase `max_time`"
+            fall, n_steps = late_fall(self.history_)
+            settled = (
+                f" Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
+            )
             warnings.warn(
                 f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
-                f"{reason} or `tol`, or continue with `warm_start=True`.",
+                f"{reason} or `tol`, or continue with `warm_start=True`."
+                f"{settled if np.isfinite(fall) else ''}",
                 ConvergenceWarning,
                 stacklevel=4,
             )
@@ -345,19 +350,11 @@ class StateSpaceModel(
             for part in parts
         ]
 
-    def _reporter(self):
-        """Return the progress callback: every tenth step, or each if verbose > 1."""
+    def _watch(self):
+        """Return what follows the fit: its clock, its history, its progress."""
         if not self.verbose:
-            return None
-        start, name, verbose = time.perf_counter(), type(self).__name__, self.verbose
-
-        def report(label, iteration, cost):
-            if verbose > 1 or iteration % 10 == 0:
-                seconds = time.perf_counter() - start
-                print(
-                    f"{name:16s} {label:12s} {iteration:5d}  cost {cost:.6e} "
-                    f"{seconds:7.1f} s",
-                    flush=True,
-                )
-
-        return report
+            return Watch(max_time=self.max_time)
+        progress = Progress(type(self).__name__, every_step=self.verbose > 1)
+        return Watch(
+            max_time=self.max_time, report=progress.step, report_end=progress.end
+        )

@@ -81,7 +81,7 @@ class GrSsnn(Ssnn):
     random_state : int, RandomState instance or None, default=None
         Source of the initial inner weights.
     verbose : int, default=0
-        1 prints every tenth step of the training, 2 every step.
+        1 prints a line per stage of the training, 2 every step.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ class LinearStateSpace(StateSpaceModel):
         First samples of an experiment from which `score` estimates its initial
         state, at most a quarter of the experiment.
     verbose : int, default=0
-        1 prints every tenth step of the training, 2 every step.
+        1 prints a line per stage of the training, 2 every step.
 
     Attributes
     ----------

@@ -8,7 +8,6 @@ from ..containers import Container
 from ..linearizability import Region
 from ..scaling import Scaling
 from ..simulation import regressors, trajectory
-from ..watch import Watch
 from ._fitted import Fitted
 
 
@@ -16,7 +15,7 @@ class RemoteMixin(Fitted):
     """Fit from scaled experiments, in this process or on the workers of a cluster."""
 
     _validate_params: Callable
-    _reporter: Callable
+    _watch: Callable
     _set_delay: Callable
     _complete: Callable
     max_time: float | None
@@ -25,7 +24,7 @@ class RemoteMixin(Fitted):
 
     def _fit_remote(self, experiments):
         """Fit to `distributed.Remote` experiments, in the units of the user."""
-        watch = Watch(max_time=self.max_time, report=self._reporter())
+        watch = self._watch()
         self._validate_params()
         if self.validation_fraction is not None:
             raise ValueError(

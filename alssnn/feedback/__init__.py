@@ -21,7 +21,7 @@ from .export import signal_names, to_statespace
 from .law import LinearizingLaw
 from .loop import closed_loop, designed_loop
 from .observer import Observer
-from .proposal import balanced_weights, step_comparison
+from .proposal import balanced_weights, input_range, step_comparison
 
 __all__ = [
     "DisturbanceObserver",
@@ -31,6 +31,7 @@ __all__ = [
     "balanced_weights",
     "closed_loop",
     "designed_loop",
+    "input_range",
     "late_inputs",
     "linear_part",
     "lqi",

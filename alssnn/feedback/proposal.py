@@ -3,11 +3,14 @@
 `balanced_weights` weighs every signal by its size in the training data (Bryson's rule),
 so that weights of one are a fair start whatever the units.  `step_comparison` puts the
 step response that was designed beside that of the whole model: the gap is what the law
-does not cancel.
+does not cancel.  With it comes u, what the actuators have to do: they do not see v, and
+under a law with a large h it is far from u.  `input_range` says what they did in the
+training data; outside of it the model is a guess.
 """
 
 import control
 import numpy as np
+from sklearn.utils.validation import check_is_fitted
 
 from .design import linear_part
 from .loop import closed_loop, designed_loop
@@ -79,7 +82,9 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     nx, ny = len(A), len(C)
     scaling = model._scaling
     Q = np.zeros((nx + ny, nx + ny))
-    Q[:nx, :nx] = C.T @ np.diag(output / scaling.y_scale**2) @ C
+    weighted = np.sqrt(output) * C / scaling.y_scale[:, None]
+    Q[:nx, :nx] = weighted.T @ weighted
+    Q = (Q + Q.T) / 2  # python-control refuses what rounding makes asymmetric
     own = np.arange(model.nx_)  # the past of late inputs is weighed as v is
     Q[own, own] += state / np.broadcast_to(model._x_scale, model.nx_) ** 2
     Q[nx:, nx:] = np.diag(integral / scaling.y_scale**2)
@@ -112,7 +117,8 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     -------
     responses : dict of str to control.TimeResponseData
         Responses "design" and "model", each of the outputs and v (names of
-        `designed_loop`), in the user's units with the operating point; nan where the
+        `designed_loop`), that of the model then of u, the real input (names of
+        `closed_loop`), in the user's units with the operating point; nan where the
         loop diverges. `plotting.LoopDisplay` draws them.
 
     Raises
@@ -121,6 +127,10 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
         If the model is not fitted.
     ValueError
         If an argument has the wrong size, or the law is ill-posed.
+
+    See Also
+    --------
+    input_range : What u was in the training data.
     """
     gain = np.asarray(gain, dtype=float)
     designed = designed_loop(model, gain)
@@ -151,16 +161,54 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
             loop, t, r + model.y_offset_[:, None]
         ).outputs
     labels = list(designed.output_labels)
-    whole = np.reshape(whole, (-1, n_samples))
-    # the loop also has u, between y and v
-    whole = whole[[loop.output_labels.index(name) for name in labels]]
+    # the loop has u between y and v
+    y, u, v = np.split(np.reshape(whole, (-1, n_samples)), [ny, ny + nu])
     linear = np.reshape(linear, (ny + nu, n_samples)) + rest
     return {
         name: control.TimeResponseData(
             t,
-            np.where(np.isfinite(y), y, np.nan),
-            output_labels=labels,
+            np.where(np.isfinite(signals), signals, np.nan),
+            output_labels=names,
             issiso=False,
         )
-        for name, y in (("design", linear), ("model", whole))
+        for name, signals, names in (
+            ("design", linear, labels),
+            ("model", np.vstack([y, v, u]), labels + loop.output_labels[ny : ny + nu]),
+        )
     }
+
+
+def input_range(model):
+    """Return the range of the inputs in the training data.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    low, high : ndarray of shape (nu,)
+        Smallest and largest value of every input, in the units of u.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+
+    See Also
+    --------
+    step_comparison : What u is in a step response.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import input_range
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> bool(np.isclose(input_range(model)[1], record.u.max()).all())
+    True
+    """
+    check_is_fitted(model)
+    nu = model.B_.shape[1]
+    low, high = model._region.seen
+    return low[:nu] + model.u_offset_, high[:nu] + model.u_offset_

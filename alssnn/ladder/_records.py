@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain
+
+SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
+ENOUGH_STEPS = 20  # if it took at least so many
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +144,30 @@ class Ladder:
             "is cancelled, rms(e) / rms(y)."
         ]
         if not all(row.converged for row in self.rows):
-            notes.append("* stopped before the cost settled: more iterations may help.")
-        return [textwrap.fill(note, TEXT_WIDTH) for note in notes]
+            notes.append(f"* stopped before the cost settled: {self._late_falls()}")
+        # indented, for a name at the beginning of a line is a row
+        return [
+            textwrap.fill(note, TEXT_WIDTH, subsequent_indent=indent)
+            for note, indent in zip(notes, ("", "  "), strict=False)
+        ]
+
+    def _late_falls(self):
+        """Say how much the costs still fell in the end, and whether it matters."""
+        falls = {
+            row.name: late_fall(row.model.history_)
+            for row in self.rows
+            if not row.converged
+        }
+        known = {name: fall for name, fall in falls.items() if np.isfinite(fall[0])}
+        if len(known) < len(falls):  # too few steps to tell
+            return "more iterations may help."
+        text = ", ".join(
+            f"{name} lowered it by {100 * fall:.2g} % in its last {n} steps"
+            for name, (fall, n) in known.items()
+        )
+        if all(fall < SETTLED and n >= ENOUGH_STEPS for fall, n in known.values()):
+            return f"{text}. More iterations will hardly change the model."
+        return f"{text}. More iterations may help."
 
     def to_frame(self):
         """Return the table as a pandas DataFrame.

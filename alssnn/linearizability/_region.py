@@ -96,6 +96,12 @@ class Region:
         slack = MARGIN * (high - low)
         return cls(low - slack, high + slack, center, whiten, (1 + MARGIN) * radius)
 
+    @property
+    def seen(self):
+        """Return the box of [u; y] as it was in training, not enlarged."""
+        slack = MARGIN / (1 + 2 * MARGIN) * (self.high - self.low)
+        return self.low + slack, self.high - slack
+
     def outside(self, X, u, y, measured=None):
         """Return which samples lie outside.
 

@@ -102,9 +102,15 @@ def _residual(ladder, row, output):
     return ladder.y_test[:, output] - row.y_hat[:, output]
 
 
+def _bridged(z):
+    """Return a signal with straight lines over its gaps; diverged ones stay."""
+    k, measured = np.arange(len(z)), ~np.isnan(z)
+    return np.interp(k, k[measured], z[measured]) if measured.any() else z
+
+
 def _smooth(r):
     """Return the moving RMS of a signal."""
-    squares = ndimage.uniform_filter1d(r**2, SMOOTHING, mode="nearest")
+    squares = ndimage.uniform_filter1d(_bridged(r) ** 2, SMOOTHING, mode="nearest")
     # the running sum leaves rounding errors of either sign where r vanishes
     return np.sqrt(np.maximum(squares, 0.0))
 
@@ -116,8 +122,8 @@ def _liveliest(ladder, part, output, view):
     center = length // 2
     for row in ladder.rows:
         r = _residual(ladder, row, output)[part]
-        if np.isfinite(r).all():
-            center = int(np.argmax(np.abs(r)))
+        if np.isfinite(row.y_hat[part, output]).all() and not np.isnan(r).all():
+            center = int(np.nanargmax(np.abs(r)))
             break
     start = part.start + min(max(center - view // 2, 0), length - view)
     return slice(start, start + view)
@@ -140,6 +146,9 @@ def _draw_outputs(ax, ladder, window, output):
 
 def _limits(y, simulated):
     """Return limits that show all curves, unless one diverges far from y."""
+    y = y[np.isfinite(y)]  # without its gaps
+    if not len(y):
+        y = np.concatenate([z[np.isfinite(z)] for z in simulated] + [np.zeros(1)])
     size = np.ptp(y) or 1.0
     curves = np.concatenate([y, *simulated])
     curves = curves[np.abs(curves - y.mean()) < 1.5 * size]
@@ -151,7 +160,7 @@ def _draw_residuals(ax, ladder, window, output):
     for i, row in enumerate(ladder.rows):
         r = _residual(ladder, row, output)[window]
         style = {"color": color(i), "label": f"{row.name}, {_percent(row, output)}"}
-        if np.isfinite(r).all() and r.any():
+        if np.isfinite(row.y_hat[window, output]).all() and np.nansum(np.abs(r)):
             ax.semilogy(t, _smooth(r), lw=1.4, **style)
         else:  # a line in the legend tells why there is none in the picture
             ax.semilogy([], [], **style)
@@ -174,6 +183,8 @@ def _draw_spectra(ax, ladder, part, output):
     for i, row in enumerate(ladder.rows):
         style = {"color": color(i), "linewidth": 1.4}
         r = _residual(ladder, row, output)[part]
+        if not np.isfinite(row.y_hat[part, output]).all():
+            r = np.full_like(r, np.inf)  # not a gap
         _draw_spectrum(ax, r, ladder.dt, f"residual of {row.name}", style)
     for i, row in enumerate(ladder.rows):
         if {"W_h", "W_g"} <= set(row.model.params_):
@@ -188,6 +199,7 @@ def _draw_spectra(ax, ladder, part, output):
 
 
 def _draw_spectrum(ax, z, dt, label, style):
+    z = _bridged(z)
     if not np.isfinite(z).all() or not z.any():
         ax.loglog([], [], label=label, **style)
         return

@@ -13,15 +13,19 @@ class LoopDisplay:
     ----------
     responses : dict of str to control.TimeResponseData
         Responses by name, of python-control's ``input_output_response`` or
-        ``forced_response``; each has the outputs to draw.
+        ``forced_response``.
     outputs : sequence of str or None, default=None
-        Labels of the outputs to draw; None means those that all responses have.
+        Labels of the outputs to draw, each from the responses that have it; None means
+        those that all responses have.
     design : str or None, default=None
         Name of the response that the others are meant to follow: drawn dashed.
     names : dict of str to str or None, default=None
         What stands beside the axes of an output, by its label; None means the label.
     references : dict of str to float or None, default=None
         Levels that outputs are to reach, by label: drawn dotted.
+    ranges : dict of str to tuple of float or None, default=None
+        Lowest and highest values that outputs had in the training data, by label:
+        drawn as a band.
 
     Attributes
     ----------
@@ -31,12 +35,13 @@ class LoopDisplay:
         The figure.
     distance_ : dict of str to ndarray of shape (n_outputs,)
         RMS distance from the design of every other response, which the legend shows;
-        empty without a design, nan where sampling times differ.
+        empty without a design, nan where sampling times differ or one of both lacks
+        the output.
 
     Raises
     ------
     ValueError
-        If there is no response, an output is missing, or `design` is not among them.
+        If there is no response, none has an output, or `design` is not among them.
 
     Examples
     --------
@@ -53,24 +58,30 @@ class LoopDisplay:
     """
 
     def __init__(
-        self, responses, *, outputs=None, design=None, names=None, references=None
+        self,
+        responses,
+        *,
+        outputs=None,
+        design=None,
+        names=None,
+        references=None,
+        ranges=None,
     ):
         if not responses:
             raise ValueError("`responses` must hold at least one, got none.")
         if outputs is None:
             first, *others = (_labels(response) for response in responses.values())
             outputs = [name for name in first if all(name in o for o in others)]
-        missing = {
-            f"{output} of {name}"
-            for output in outputs
-            for name, response in responses.items()
-            if output not in _labels(response)
+        known = {
+            label for response in responses.values() for label in _labels(response)
         }
+        missing = sorted(set(outputs) - known)
         if missing or not outputs:
             raise ValueError(
-                "`outputs` must be outputs of all responses, got "
-                f"{', '.join(sorted(missing)) or 'none in common'}. Rename them, or "
-                "give those that all have."
+                "`outputs` must be outputs of the responses "
+                f"({', '.join(sorted(known))}), got "
+                f"{', '.join(missing) or 'none in common'}. Rename them, or give those "
+                "to draw."
             )
         if design is not None and design not in responses:
             raise ValueError(
@@ -78,6 +89,7 @@ class LoopDisplay:
             )
         self.responses, self.outputs, self.design = responses, list(outputs), design
         self.names, self.references = names or {}, references or {}
+        self.ranges = ranges or {}
 
     @classmethod
     def from_responses(
@@ -88,6 +100,7 @@ class LoopDisplay:
         design=None,
         names=None,
         references=None,
+        ranges=None,
         ax=None,
         **kwargs,
     ):
@@ -98,7 +111,8 @@ class LoopDisplay:
         responses : dict of str to control.TimeResponseData
             Responses by name.
         outputs : sequence of str or None, default=None
-            Labels of the outputs to draw; None means those that all responses have.
+            Labels of the outputs to draw, each from the responses that have it; None
+            means those that all responses have.
         design : str or None, default=None
             Name of the response that the others are meant to follow.
         names : dict of str to str or None, default=None
@@ -106,6 +120,8 @@ class LoopDisplay:
             label.
         references : dict of str to float or None, default=None
             Levels that outputs are to reach, by label.
+        ranges : dict of str to tuple of float or None, default=None
+            Lowest and highest values that outputs had in the training data, by label.
         ax : sequence of matplotlib.axes.Axes or None, default=None
             One axes per output; None makes a figure.
         **kwargs : dict
@@ -127,12 +143,15 @@ class LoopDisplay:
             design=design,
             names=names,
             references=references,
+            ranges=ranges,
         )
         return display.plot(ax, **kwargs)
 
     @classmethod
     def from_steps(cls, model, responses, step=None, *, ax=None, **kwargs):
         """Draw the step responses of a model beside their references.
+
+        The input is drawn on the band that it covered in the training data.
 
         Parameters
         ----------
@@ -157,15 +176,22 @@ class LoopDisplay:
         ValueError
             If the number of axes is wrong.
         """
+        from ..feedback import input_range  # python-control takes a while
+
         inputs, outputs = column_names(model)
-        labels = responses["design"].output_labels
-        names = [*outputs, *(f"v, in units of {name}" for name in inputs)]
+        labels = list(responses["model"].output_labels)
+        # the real input before v, which no actuator sees
+        nu, ny = len(inputs), len(outputs)
+        y, v, u = labels[:ny], labels[ny : ny + nu], labels[ny + nu :]
+        names = [*outputs, *inputs, *(f"v, in units of {name}" for name in inputs)]
         step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
         return cls.from_responses(
             responses,
+            outputs=[*y, *u, *v],
             design="design",
-            names=dict(zip(labels, names, strict=True)),
-            references=dict(zip(labels, model.y_offset_ + step, strict=False)),
+            names=dict(zip([*y, *u, *v], names, strict=True)),
+            references=dict(zip(y, model.y_offset_ + step, strict=True)),
+            ranges=dict(zip(u, zip(*input_range(model), strict=True), strict=True)),
             ax=ax,
             **kwargs,
         )
@@ -199,21 +225,31 @@ class LoopDisplay:
         }
         for i, one in enumerate(axes[:, 0]):
             for j, (name, response) in enumerate(self.responses.items()):
+                if self.outputs[i] not in _labels(response):
+                    continue
                 label, style = name, {"color": color(j), "linewidth": 1.4}
                 if name == self.design:
                     style |= {"color": "k", "linestyle": "--", "zorder": 3}
-                elif self.design is not None:
+                elif name in self.distance_ and not self._alone(i):
                     label = f"{name}, RMS from design {self.distance_[name][i]:.3g}"
                 t, y = response.time, _signal(response, self.outputs[i])
                 one.plot(t, y, **{"label": label, **style, **kwargs})
             if self.outputs[i] in self.references:
                 level = self.references[self.outputs[i]]
                 one.axhline(level, color="0.4", linestyle=":", label="reference")
+            if self.outputs[i] in self.ranges:
+                low, high = self.ranges[self.outputs[i]]
+                band = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0}
+                one.axhspan(low, high, label="range of the training data", **band)
             one.set_ylabel(self.names.get(self.outputs[i], self.outputs[i]))
             finish(one)
         time_axis(axes[-1, 0])
         self.axes_, self.figure_ = axes, axes[0, 0].figure
         return self
+
+    def _alone(self, i):
+        """Return whether the design lacks an output."""
+        return self.outputs[i] not in _labels(self.responses[self.design])
 
     def _distances(self, response):
         design = self.responses[self.design]
@@ -221,7 +257,7 @@ class LoopDisplay:
         return np.array(
             [
                 np.sqrt(np.mean((_signal(response, y) - _signal(design, y)) ** 2))
-                if same
+                if same and y in _labels(response) and y in _labels(design)
                 else np.nan
                 for y in self.outputs
             ]

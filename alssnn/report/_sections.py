@@ -495,6 +495,7 @@ def _step(model, K):
     drawn = LoopDisplay.from_steps(model, step_comparison(model, K)).figure_
     caption = (
         "Step of all references by one standard deviation of the training data: the "
-        "design, and the whole model under its law."
+        "design, and the whole model under its law. u is what the plant gets, over its "
+        "range in the training data."
     )
     return figure(drawn, caption)
