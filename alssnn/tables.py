@@ -58,9 +58,13 @@ def read_csv(path, inputs, outputs, experiment=None):
         places = _find_columns(path, columns, wanted)
         reader = csv.reader(file, delimiter=delimiter)
         values, labels = [], []
+        empty = 0  # line without values: at the end of many files, or a gap before data
         for fields in reader:
             if not any(field.strip() for field in fields):
-                continue  # blank lines, as at the end of many files
+                empty = empty or (reader.line_num + 1 if len(fields) > 1 else 0)
+                continue
+            if empty:
+                _numbers(path, names, [""] * len(names), empty, len(inputs))
             cells = [fields[i].strip() if i < len(fields) else "" for i in places]
             line = reader.line_num + 1  # the header was read before
             values.append(_numbers(path, names, cells, line, len(inputs)))

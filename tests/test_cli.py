@@ -511,6 +511,7 @@ def test_reads_columns_in_the_order_asked_for(tmp_path):
         ("", r"must have one column 'u', got none\."),
         ("u,y\n1,2\n\n1,off\n", r"got 'off' in column 'y' at line 4\. Leave the cell"),
         ("u,y\n1,2\n,3\n", r"finite numbers .* got '' in column 'u' at line 3\."),
+        ("u,y\n1,2\n,\n3,4\n", r"got '' in column 'u' at line 3\. .* fill the gap"),
         ("u,y\n1,2\nnan,3\n", r"got 'nan' in column 'u' at line 3\. .* fill the gap"),
         ("u,y\n1,2\n1,inf\n", r"got 'inf' in column 'y' at line 3\."),
         ("u,y\n" + "1,\n2,\n" * 20, r"y: not measured at 40 of 40 samples"),

@@ -249,6 +249,14 @@ def test_a_loop_takes_either_kind_of_observer(fitted):
     assert np.ptp(outputs[0], axis=0).min() > 1e-3
 
 
+def test_weights_may_be_asymmetric_by_rounding(fitted):
+    model = fitted["linear", 2]
+    Q = np.array([[1.0, 0.3], [0.3, 2.0]])
+    rounded = Q + [[0, 1e-12], [0, 0]]
+    R = np.eye(model.B_.shape[1])
+    np.testing.assert_allclose(lqr(model, rounded, R), lqr(model, Q, R), rtol=1e-9)
+
+
 def test_lqr_of_the_true_state_is_the_linear_loop(fitted):
     for key in [("fl", 1), ("fl-state", 2), ("linear", 2)]:
         model = fitted[key]

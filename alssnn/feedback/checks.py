@@ -79,7 +79,7 @@ def check_weight(name, value, size, *, definite=False):
             f"`{name}` must be symmetric and positive {kind}, got smallest eigenvalue "
             f"{least:.3g}. Use positive weights on the diagonal."
         )
-    return value
+    return (value + value.T) / 2  # python-control refuses what rounding left
 
 
 def check_limits(letter, lower, upper, size):

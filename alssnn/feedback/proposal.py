@@ -84,7 +84,6 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     Q = np.zeros((nx + ny, nx + ny))
     weighted = np.sqrt(output) * C / scaling.y_scale[:, None]
     Q[:nx, :nx] = weighted.T @ weighted
-    Q = (Q + Q.T) / 2  # python-control refuses what rounding makes asymmetric
     own = np.arange(model.nx_)  # the past of late inputs is weighed as v is
     Q[own, own] += state / np.broadcast_to(model._x_scale, model.nx_) ** 2
     Q[nx:, nx:] = np.diag(integral / scaling.y_scale**2)
