@@ -252,7 +252,7 @@ def test_a_loop_takes_either_kind_of_observer(fitted):
 def test_weights_may_be_asymmetric_by_rounding(fitted):
     model = fitted["linear", 2]
     Q = np.array([[1.0, 0.3], [0.3, 2.0]])
-    rounded = Q + [[0, 1e-12], [0, 0]]
+    rounded = Q + np.diag([1e-12], 1)
     R = np.eye(model.B_.shape[1])
     np.testing.assert_allclose(lqr(model, rounded, R), lqr(model, Q, R), rtol=1e-9)
 
