@@ -24,6 +24,7 @@ PAST = 10  # samples of every output in the regression
 TAIL = 20  # lags of every input beyond the largest delay
 LEVEL = 1e-4  # chance of calling a response that is none significant
 RANK = 1e-7  # relative size of what a lag adds to those before it; below, none
+PREDICTED = 20_000  # samples of the regression
 SIMULATED = 5_000  # samples on which linear models are compared
 STEPS = 5  # of the refinement of each
 TRIFLE = 0.001  # relative growth of the simulation error that is none
@@ -59,10 +60,14 @@ def estimate_delays(experiments, nx, *, feedthrough=False, max_delay=50):
     The regression costs O(N (10 ny + 71 nu)^2) per output; after it, at most one fit
     of a linear model per sample of delay and input.
     """
+    experiments = _longest(experiments, PREDICTED)
     delay = _allowed_by_prediction(experiments, feedthrough, max_delay)
     if not delay.any():
         return delay
-    experiments = stretch(experiments, SIMULATED)
+    experiments = _longest(experiments, SIMULATED)
+    if nx == "auto":  # once: a higher order could stand in for a delay
+        pairs = _delayed(experiments, delay, delay.max())
+        nx = len(identify_linear(pairs, nx, max_iter=1).A)
     for i in np.flatnonzero(delay):
         trials = np.tile(delay, (delay[i] + 1, 1))
         trials[:, i] = np.arange(delay[i] + 1)
@@ -98,12 +103,22 @@ def _allowed_by_prediction(experiments, feedthrough, max_delay):
     return np.where(responds.any(axis=1), responds.argmax(axis=1), 0)
 
 
+def _longest(experiments, n_samples):
+    """Return stretches of the longest experiments, so many samples in all.
+
+    Of many experiments, stretches of all would be too short to show anything.
+    """
+    chosen, count = [], 0
+    for u, y in sorted(experiments, key=lambda pair: -len(pair[0])):
+        if count < n_samples:
+            chosen.append((u, y))
+            count += len(u)
+    return stretch(chosen, n_samples)
+
+
 def _simulation_errors(experiments, delays, nx, feedthrough):
     """Return the simulation error of a linear model for every row of delays."""
     before = delays.max()
-    if nx == "auto":  # once: a higher order could stand in for a delay
-        pairs = _delayed(experiments, delays[-1], before)
-        nx = len(identify_linear(pairs, nx, max_iter=1).A)
     errors = []
     for delay in delays:
         pairs = _delayed(experiments, delay, before)

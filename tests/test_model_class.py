@@ -18,6 +18,7 @@ from sklearn.frozen import FrozenEstimator
 import alssnn
 from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, training
 from alssnn.datasets import make_duffing, make_pendulum
+from alssnn.delays import estimate_delays
 from alssnn.estimators import _base
 from benchmarks import model_class
 
@@ -538,6 +539,15 @@ def test_auto_finds_the_delay_of_a_smooth_nonlinear_plant(make, share, delay):
     late, y = ([z[:k] for z, k in zip(zs, n, strict=True)] for zs in (late, y))
     model = LinearStateSpace(2, input_delay="auto").fit(late, y)
     assert abs(model.input_delay_[0] - delay) <= 1
+
+
+@pytest.mark.parametrize("nx", [2, "auto"])
+def test_the_delay_of_many_short_experiments(nx):
+    """Stretches of all would be too short to show it."""
+    u, y = (z / z.std() for z in late_record([3], n=30_000))
+    u, y = u - u.mean(), y - y.mean(axis=0)
+    experiments = list(zip(np.split(u, 500), np.split(y, 500), strict=True))
+    assert estimate_delays(experiments, nx) == [3]
 
 
 def test_auto_takes_no_delay_where_nothing_can_be_tested():

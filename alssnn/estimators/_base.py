@@ -40,7 +40,7 @@ from ._validation import ValidationMixin
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
-DELAY_SAMPLES = 20_000  # of a long record, from which delays are estimated
+DELAY_SAMPLES = 20_000  # of experiments on a cluster, that tell of their delays
 
 
 class StateSpaceModel(
@@ -185,7 +185,9 @@ class StateSpaceModel(
         """Set `input_delay_`, the delay of every input in samples."""
         if isinstance(self.input_delay, str):
             self.input_delay_ = estimate_delays(
-                experiments.stretch(DELAY_SAMPLES),
+                list(experiments)
+                if experiments.is_here
+                else experiments.stretch(DELAY_SAMPLES),
                 self.nx,
                 feedthrough=getattr(self, "feedthrough", False),
             )
