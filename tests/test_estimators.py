@@ -603,6 +603,29 @@ def test_x0_of_wrong_size(mimo, x0):
         model.predict(u, x0=x0)
 
 
+@pytest.mark.parametrize(
+    "call",
+    ["score", "simulate_test", "estimate_x0", "linearizability", "predict_ahead"],
+)
+def test_outputs_of_another_number_are_refused(mimo, call):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    labels = np.repeat([0, 1], len(u) // 2)
+    for wrong in (y[:, 0], y[:, :1], np.hstack([y, y[:, :1]])):
+        with pytest.raises(ValueError, match="`y` must have the outputs of .*, 2, got"):
+            getattr(model, call)(u, wrong, experiment=labels)
+
+
+def test_x0_and_its_samples_are_checked(mimo):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    with pytest.raises(ValueError, match="`x0` must be finite"):
+        model.predict(u, x0=[0.0, np.nan])
+    for n_samples in (0, -5, 2.5):
+        with pytest.raises(ValueError, match="`n_samples` must be a positive integer"):
+            model.estimate_x0(u, y, n_samples=n_samples)
+
+
 def test_unfitted(estimator, mimo):
     u, y = mimo
     for call in (
@@ -611,6 +634,7 @@ def test_unfitted(estimator, mimo):
         lambda: estimator.estimate_x0(u, y),
         lambda: estimator.to_statespace(),
         lambda: estimator.linearizability(u, y),
+        lambda: estimator.validate(u, y),
     ):
         with pytest.raises(NotFittedError):
             call()

@@ -106,7 +106,7 @@ class Ssnn(StateSpaceModel):
     def _hold_out(self, u, y, parts, validation):
         experiments = self._experiments(u, y, parts)
         if validation is not None:
-            return experiments, self._judge(self._given(validation, y))
+            return experiments, self._judge(self._given(validation))
         if self.validation_fraction is None:
             return experiments, None
         cuts = [len(u) - int(self.validation_fraction * len(u)) for u, _ in experiments]
@@ -115,7 +115,7 @@ class Ssnn(StateSpaceModel):
         parts = [slice(p.start, p.start + c) for p, c in zip(parts, cuts, strict=True)]
         return self._experiments(u, y, parts), self._judge(tails)
 
-    def _given(self, validation, y):
+    def _given(self, validation):
         """Return the scaled experiments that the user holds out."""
         if not isinstance(validation, tuple | list) or len(validation) not in (2, 3):
             raise ValueError(
@@ -124,11 +124,6 @@ class Ssnn(StateSpaceModel):
             )
         u_v, y_v, *labels = validation
         u_v, y_v, parts = self._test_data(u_v, y_v, labels[0] if labels else None)
-        ny, ny_v = (np.size(z[0]) for z in (y, y_v))
-        if ny != ny_v:
-            raise ValueError(
-                f"`validation` must have the outputs of `y`, {ny}, got {ny_v}."
-            )
         return self._experiments(u_v, y_v, parts)
 
     def _judge(self, experiments):
