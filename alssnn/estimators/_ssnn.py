@@ -146,7 +146,7 @@ class Ssnn(StateSpaceModel):
     def _identify(self, experiments, previous, watch, held_out):
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
-        if previous is not None and self._fits(previous[0], networks):
+        if previous is not None and self._fits(previous, networks, phi):
             plain, starts = previous[0], [previous[1]]
         else:
             near = self._near(experiments)
@@ -211,11 +211,15 @@ class Ssnn(StateSpaceModel):
         )
         return penalized, weights
 
-    def _fits(self, structure, networks):
-        """Tell whether a fitted structure is the one the parameters ask for."""
+    def _fits(self, previous, networks, phi):
+        """Tell whether a fitted model is one that the parameters ask for."""
+        structure, theta = previous
         nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
-        if self.nx not in ("auto", nx) or nu != self.n_features_in_:
+        if self.nx not in ("auto", nx):
             return False
+        A = structure.split(theta)["A"]
+        if phi is not None and not np.linalg.norm(A, 2) < np.sqrt(1 - phi):
+            return False  # no contraction of this rate
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]
