@@ -136,12 +136,18 @@ class Ssnn(StateSpaceModel):
                 "longer records as `validation`."
             )
         ny = experiments[0][1].shape[1]
-        return Validation(
+        validation = Validation(
             experiments,
             self._output_weight(ny),
             self.n_init_samples,
             self.n_iter_no_change,
         )
+        if all(np.isnan(y).all() for _, y in validation.scored):
+            raise ValueError(
+                "Validation needs measured outputs behind the samples that estimate "
+                "the initial states, got none. Pass other records as `validation`."
+            )
+        return validation
 
     def _identify(self, experiments, previous, watch, held_out):
         networks = {**self._networks(), "feedthrough": self.feedthrough}
