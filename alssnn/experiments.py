@@ -82,8 +82,9 @@ def split_experiments(n_samples, experiment):
     Raises
     ------
     ValueError
-        If the number of labels differs from the number of samples, the samples of one
-        experiment are not contiguous, or sample numbers are not integers.
+        If the number of labels differs from the number of samples, a label is nan, the
+        samples of one experiment are not contiguous, or sample numbers are not
+        integers.
     """
     if experiment is None:
         return [slice(0, n_samples)], [None]
@@ -95,6 +96,11 @@ def split_experiments(n_samples, experiment):
             f"them, have shape ({n_samples}, 2)."
         )
     label = experiment if experiment.ndim == 1 else experiment[:, 0]
+    if np.any(label != label):  # nan would start an experiment at every sample
+        raise ValueError(
+            "`experiment` must not contain NaN, got it at sample "
+            f"{int(np.argmax(label != label))}. Label every sample."
+        )
     jumps = label[1:] != label[:-1]
     if experiment.ndim == 2:
         number = _sample_numbers(experiment[:, 1])
@@ -118,7 +124,7 @@ def _sample_numbers(column):
         number = column.astype(float)
     except (TypeError, ValueError):
         number = np.array([np.nan])
-    if not np.all(number == np.round(number)):
+    if not np.all(np.isfinite(number) & (number == np.round(number))):
         raise ValueError(
             "`experiment` must have integer sample numbers in its second column, got "
             f"{column[:3].tolist()}... . Make it by `seam_labels`."

@@ -17,7 +17,7 @@ import functools
 import numpy as np
 from joblib import Parallel, delayed
 
-from .experiments import stretch
+from .experiments import chunks, stretch
 
 
 class Held:
@@ -134,20 +134,17 @@ class Held:
         return functools.reduce(merge, self.map(function, *columns))
 
 
-def count_measured(y, chunk=100_000):
+def count_measured(y):
     """Return how many entries of the outputs are not nan.
 
     Parameters
     ----------
     y : array of shape (N, ny)
         Outputs; only sliced.
-    chunk : int, default=100000
-        Samples treated at a time.
 
     Returns
     -------
     count : int
         Number of measured values.
     """
-    starts = range(0, len(y), chunk)
-    return sum(int(np.sum(~np.isnan(y[i : i + chunk]))) for i in starts)
+    return sum(int(np.sum(~np.isnan(y[part]))) for part in chunks(len(y)))

@@ -273,16 +273,20 @@ class ParameterCovariance:
         Raises
         ------
         ValueError
-            If frequencies are not finite or the response has a pole at one.
+            If frequencies are not a vector, not finite, or the response has a pole at
+            one.
         """
         nyquist = np.pi / self.dt
         if omega is None:
             omega = np.geomspace(1e-3 * nyquist, nyquist, N_FREQUENCIES)
         omega = np.atleast_1d(np.asarray(omega, dtype=float))
+        if omega.ndim != 1 or len(omega) == 0 or not np.isfinite(omega).all():
+            raise ValueError(
+                "`omega` must be a vector of finite frequencies in rad/s, at least "
+                f"one, got {omega.tolist()}."
+            )
         A, B, C, D = self._linear()
         z = np.exp(1j * omega * self.dt)
-        if not np.isfinite(omega).all():
-            raise ValueError("`omega` must be finite, got nan or infinity.")
         try:
             R = np.linalg.inv(z[:, None, None] * np.eye(len(A)) - A)
         except np.linalg.LinAlgError:
@@ -396,9 +400,9 @@ def residual_moments(structure, theta, x0, experiments):
     """
     ny = structure.sizes["y"]
     EE, count = np.zeros((ny, ny)), np.zeros((ny, ny))
+    lure = structure.lure(theta)
+    Theta_y = lure.Theta[lure.nx : lure.nx + ny].T
     for (u, y), start in zip(experiments, x0, strict=True):
-        lure = structure.lure(theta)
-        Theta_y = lure.Theta[lure.nx : lure.nx + ny].T
         for part, u_part, X in trajectory(lure, u, structure.initial_state(start)):
             E = regressors(lure, X[:-1], u_part) @ Theta_y - y[part]
             measured = (~np.isnan(E)).astype(float)

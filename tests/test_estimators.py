@@ -381,6 +381,26 @@ def test_warm_start_continues(mimo):
     assert model.set_params(n_g=3).fit(u, y).params_["W_g"].shape == (2, 3)
 
 
+@pytest.mark.parametrize("n", [0, 2])
+def test_warm_start_begins_anew_with_other_signals(mimo, n):
+    u, y = mimo
+    model = AlSsnn(2, n, n, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    for signals in ((u[:, :1], y), (u, y[:, :1]), (u, y[:, 0])):
+        cold = clone(model).set_params(warm_start=False).fit(*signals)
+        assert model.fit(*signals).cost_ == cold.cost_
+        assert model.D_.shape == cold.D_.shape
+        np.testing.assert_array_equal(model.y_offset_, cold.y_offset_)
+
+
+def test_warm_start_begins_anew_where_A_is_no_contraction(mimo):
+    u, y = mimo
+    model = AlSsnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    for phi in (0.05, 0.6):
+        model.set_params(stability="contractive", phi=phi).fit(u, y)
+        A = model.A_ / model._x_scale[:, None] * model._x_scale
+        assert np.linalg.norm(A, 2) <= np.sqrt(1 - phi) * (1 + 1e-12)
+
+
 def test_restarts_do_not_depend_on_n_jobs(mimo):
     u, y = mimo
     small = AlSsnn(2, 2, 2, max_iter=4, n_init=3, random_state=0)
@@ -603,6 +623,29 @@ def test_x0_of_wrong_size(mimo, x0):
         model.predict(u, x0=x0)
 
 
+@pytest.mark.parametrize(
+    "call",
+    ["score", "simulate_test", "estimate_x0", "linearizability", "predict_ahead"],
+)
+def test_outputs_of_another_number_are_refused(mimo, call):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    labels = np.repeat([0, 1], len(u) // 2)
+    for wrong in (y[:, 0], y[:, :1], np.hstack([y, y[:, :1]])):
+        with pytest.raises(ValueError, match=r"`y` must have the outputs .* 2, got"):
+            getattr(model, call)(u, wrong, experiment=labels)
+
+
+def test_x0_and_its_samples_are_checked(mimo):
+    u, y = mimo
+    model = LinearStateSpace(nx=2).fit(u, y)
+    with pytest.raises(ValueError, match="`x0` must be finite"):
+        model.predict(u, x0=[0.0, np.nan])
+    for n_samples in (0, -5, 2.5):
+        with pytest.raises(ValueError, match="`n_samples` must be a positive integer"):
+            model.estimate_x0(u, y, n_samples=n_samples)
+
+
 def test_unfitted(estimator, mimo):
     u, y = mimo
     for call in (
@@ -611,6 +654,7 @@ def test_unfitted(estimator, mimo):
         lambda: estimator.estimate_x0(u, y),
         lambda: estimator.to_statespace(),
         lambda: estimator.linearizability(u, y),
+        lambda: estimator.validate(u, y),
     ):
         with pytest.raises(NotFittedError):
             call()

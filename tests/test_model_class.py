@@ -680,7 +680,7 @@ def test_a_start_is_improved_upon(data):
         ({"linear_start": START[:2]}, "must be a tuple .A, B, C. or"),
         ({"linear_start": "n4sid"}, "must be a tuple .A, B, C. or"),
         ({"linear_start": (*START[:2], [[1.0, 0.0]])}, "finite C of shape"),
-        ({"linear_start": (np.full((2, 2), np.nan), *START[1:3])}, "finite A"),
+        ({"linear_start": (np.full((2, 2), np.nan), *START[1:3])}, "nan or infinity"),
         ({"linear_start": START[:3], "nx": 3}, "`nx` must be 'auto' or the order"),
         ({"linear_start": control.ss(*START[:3], 0, 0.5)}, "dt=0.25, got 0.5"),
         ({"linear_start": control.ss(*START[:3], 0)}, "dt=0.25, got 0. Use `control.s"),

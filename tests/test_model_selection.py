@@ -105,10 +105,15 @@ def test_table_and_frame(path):
     np.testing.assert_array_equal(frame["rmse_test"], path.rmse_test)
 
 
-@pytest.mark.parametrize("gammas", [[], [1.0, 0.0], [-1.0]])
+@pytest.mark.parametrize("gammas", [[], [1.0, 0.0], [-1.0], 1.0])
 def test_gammas_must_be_positive(record, gammas):
     with pytest.raises(ValueError, match="at least one positive weight"):
         gamma_path(AlSsnn(), *record, gammas=gammas)
+
+
+def test_test_data_are_checked_before_the_fits(record):
+    with pytest.raises(ValueError, match=r"`test` must be a tuple \(u, y\) or"):
+        gamma_path(AlSsnn(max_iter=-1), *record, test=(record.u,))
 
 
 # -- splitters and seams --------------------------------------------------------------
@@ -186,6 +191,14 @@ def test_labels_of_any_kind_carry_sample_numbers():
         split_experiments(3, [0, 1, 0])
     with pytest.raises(ValueError, match="contiguous samples"):  # the same run twice
         split_experiments(4, seam_labels(4)[[0, 1, 0, 1]])
+    for number in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="integer sample numbers"):
+            split_experiments(2, np.array([[0.0, 1.0], [0.0, number]]))
+    for label in (np.array([1.0, np.nan]), np.array(["a", np.nan], dtype=object)):
+        with pytest.raises(
+            ValueError, match="must not contain NaN, got it at sample 1"
+        ):
+            split_experiments(2, label)
     with pytest.raises(ValueError, match="integer sample numbers"):
         split_experiments(2, [["a", "b"], ["a", "c"]])
     with pytest.raises(ValueError, match="one label per sample"):

@@ -305,8 +305,9 @@ def test_every_output_counts_by_its_weight(rng):
     [
         ("tail", r"`validation` must be a tuple \(u, y\)"),
         ((np.ones((4, 2)), np.ones((4, 2))), "Validation needs at least 8 samples"),
-        ((np.ones((20, 2)), np.ones(20)), "`validation` must have the outputs of `y`"),
+        ((np.ones((20, 2)), np.ones(20)), "`y` must have the outputs of .* 2, got 1"),
         ((np.ones((20, 3)), np.ones((20, 2))), "3 features"),
+        ((np.ones((20, 2)), np.full((20, 2), np.nan)), "needs measured outputs"),
     ],
 )
 def test_validation_errors(two, validation, message):

@@ -295,15 +295,21 @@ def test_a_covariance_belongs_to_its_model(fitted, rng):
     other = LinearStateSpace(nx=2).fit(u, y)
     with pytest.raises(ValueError, match="must be that of this model"):
         other.sample_models(covariance)
-    with pytest.raises(ValueError, match="must be finite"):
-        covariance.frequency_response([np.nan])
+    with pytest.raises(ValueError, match="must be that of this model"):
+        other.sample_models(covariance.covariance)
+    for omega in ([np.nan], [1.0, np.inf], [], [[1.0, 2.0]]):
+        with pytest.raises(ValueError, match="`omega` must be a vector of finite"):
+            covariance.frequency_response(omega)
 
 
 def test_more_samples_than_parameters_are_needed(rng):
     u, y = mimo(rng, 40)
     model = LinearStateSpace(nx=3).fit(u, y)
-    with pytest.raises(ValueError, match="more samples than parameters"):
+    with pytest.raises(ValueError, match=r"more measured samples .*, got 6"):
         model.parameter_covariance(u[:6], y[:6])
+    y[:, 1] = np.nan
+    with pytest.raises(ValueError, match=r"more measured samples .*, got 0"):
+        model.parameter_covariance(u, y)
 
 
 @pytest.mark.slow

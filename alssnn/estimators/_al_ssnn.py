@@ -110,7 +110,8 @@ class AlSsnn(Ssnn):
         First samples of an experiment from which `score` estimates its initial
         state, at most a quarter of the experiment.
     warm_start : bool, default=False
-        Whether a repeated `fit` continues from the last parameters and scaling.
+        Whether a repeated `fit` continues from the last parameters and scaling, if
+        they still fit the signals and the other options.
     n_jobs : int or None, default=None
         Random starts trained in parallel, or experiments in threads if there is one
         start, as in joblib. The result does not depend on it.

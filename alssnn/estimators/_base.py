@@ -131,9 +131,9 @@ class StateSpaceModel(
         u, y, experiment = join_records(u, y, experiment)
         container = Container.of(y)
         u, y = self._validate(u, y, reset=True)
-        warm = getattr(self, "warm_start", False) and hasattr(self, "_theta")
+        columns = y.reshape(len(y), -1)
+        warm = self._continues(u.shape[1], columns.shape[1])
         if not warm:
-            columns = y.reshape(len(y), -1)
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
             self._x_scale = np.ones(1)
         parts, self.experiments_ = split_experiments(len(u), experiment)
@@ -148,6 +148,12 @@ class StateSpaceModel(
         if watch.observe is not None:
             watch.observe.end()
         return self
+
+    def _continues(self, nu, ny):
+        """Tell whether a fit continues from the last one, of as many signals."""
+        if not getattr(self, "warm_start", False) or not hasattr(self, "_theta"):
+            return False
+        return len(self._scaling.u_offset) == nu and len(self._scaling.y_offset) == ny
 
     def _hold_out(self, u, y, parts, validation):
         """Return scaled experiments to fit, and those that judge the fit, if any."""

@@ -18,6 +18,7 @@ class RemoteMixin(Fitted):
     _watch: Callable
     _set_delay: Callable
     _complete: Callable
+    _continues: Callable
     max_time: float | None
     validation_fraction: float | None = None
     operating_point: str | tuple
@@ -31,8 +32,8 @@ class RemoteMixin(Fitted):
                 "`validation_fraction` must be None for experiments on a cluster, got "
                 f"{self.validation_fraction}. Keep whole experiments for `score`."
             )
-        nu, _ = experiments.shape
-        warm = getattr(self, "warm_start", False) and hasattr(self, "_theta")
+        nu, ny = experiments.shape
+        warm = self._continues(nu, ny)
         self.n_features_in_ = nu
         if not warm:
             u, y = experiments.moments

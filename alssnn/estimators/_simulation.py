@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from numbers import Integral
 
 import numpy as np
 from sklearn.metrics import r2_score
@@ -52,7 +53,7 @@ class SimulationMixin(Fitted):
         Raises
         ------
         ValueError
-            If `u` or `x0` has the wrong size.
+            If `u` or `x0` has the wrong size or is not finite.
         """
         check_is_fitted(self)
         as_list = is_list_of_records(u)
@@ -107,6 +108,10 @@ class SimulationMixin(Fitted):
                 f"`x0` must have shape ({self.nx_},) or ({len(labels)}, {self.nx_})"
                 f", got {x0.shape}. Use `estimate_x0`."
             )
+        if not np.isfinite(x0).all():
+            raise ValueError(
+                "`x0` must be finite, got nan or infinity. Use `estimate_x0`."
+            )
         return np.broadcast_to(x0, (len(labels), self.nx_))
 
     def estimate_x0(self, u, y, experiment=None, n_samples=None):
@@ -129,12 +134,23 @@ class SimulationMixin(Fitted):
         x0 : ndarray of shape (n_experiments, nx)
             States at the first sample of every experiment: least squares, with
             states of unit variance as prior where the samples say little.
+
+        Raises
+        ------
+        ValueError
+            If `u` or `y` has the wrong size, or `n_samples` is no positive integer.
         """
         check_is_fitted(self)
+        window = self.n_init_samples if n_samples is None else n_samples
+        if not isinstance(window, Integral) or window < 1:
+            raise ValueError(
+                f"`n_samples` must be a positive integer or None, got {n_samples!r}. "
+                "None takes `n_init_samples`."
+            )
         u, y, parts = self._test_data(u, y, experiment)
         return np.vstack(
             [
-                self._initial_state(u_s, y_s, n_samples or self.n_init_samples)
+                self._initial_state(u_s, y_s, window)
                 for u_s, y_s in self._experiments(u, y, parts)
             ]
         )
@@ -147,6 +163,12 @@ class SimulationMixin(Fitted):
         """Return what `_test_data` does, and the labels of the experiments."""
         u, y, experiment = join_records(u, y, experiment)
         u, y = self._validate(u, y, reset=False)
+        ny, found = len(self._scaling.y_offset), 1 if y.ndim == 1 else y.shape[1]
+        if found != ny:  # one column would be broadcast
+            raise ValueError(
+                f"`y` must have the outputs of the training, {ny}, got {found}. Leave "
+                "what was not measured as columns of nan."
+            )
         return u, y, *split_experiments(len(u), experiment)
 
     def _initial_state(self, u_s, y_s, window):

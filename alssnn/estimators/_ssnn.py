@@ -106,7 +106,7 @@ class Ssnn(StateSpaceModel):
     def _hold_out(self, u, y, parts, validation):
         experiments = self._experiments(u, y, parts)
         if validation is not None:
-            return experiments, self._judge(self._given(validation, y))
+            return experiments, self._judge(self._given(validation))
         if self.validation_fraction is None:
             return experiments, None
         cuts = [len(u) - int(self.validation_fraction * len(u)) for u, _ in experiments]
@@ -115,7 +115,7 @@ class Ssnn(StateSpaceModel):
         parts = [slice(p.start, p.start + c) for p, c in zip(parts, cuts, strict=True)]
         return self._experiments(u, y, parts), self._judge(tails)
 
-    def _given(self, validation, y):
+    def _given(self, validation):
         """Return the scaled experiments that the user holds out."""
         if not isinstance(validation, tuple | list) or len(validation) not in (2, 3):
             raise ValueError(
@@ -124,11 +124,6 @@ class Ssnn(StateSpaceModel):
             )
         u_v, y_v, *labels = validation
         u_v, y_v, parts = self._test_data(u_v, y_v, labels[0] if labels else None)
-        ny, ny_v = (np.size(z[0]) for z in (y, y_v))
-        if ny != ny_v:
-            raise ValueError(
-                f"`validation` must have the outputs of `y`, {ny}, got {ny_v}."
-            )
         return self._experiments(u_v, y_v, parts)
 
     def _judge(self, experiments):
@@ -141,17 +136,23 @@ class Ssnn(StateSpaceModel):
                 "longer records as `validation`."
             )
         ny = experiments[0][1].shape[1]
-        return Validation(
+        validation = Validation(
             experiments,
             self._output_weight(ny),
             self.n_init_samples,
             self.n_iter_no_change,
         )
+        if all(np.isnan(y).all() for _, y in validation.scored):
+            raise ValueError(
+                "Validation needs measured outputs behind the samples that estimate "
+                "the initial states, got none. Pass other records as `validation`."
+            )
+        return validation
 
     def _identify(self, experiments, previous, watch, held_out):
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
-        if previous is not None and self._fits(previous[0], networks):
+        if previous is not None and self._fits(previous, networks, phi):
             plain, starts = previous[0], [previous[1]]
         else:
             near = self._near(experiments)
@@ -216,11 +217,15 @@ class Ssnn(StateSpaceModel):
         )
         return penalized, weights
 
-    def _fits(self, structure, networks):
-        """Tell whether a fitted structure is the one the parameters ask for."""
+    def _fits(self, previous, networks, phi):
+        """Tell whether a fitted model is one that the parameters ask for."""
+        structure, theta = previous
         nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
-        if self.nx not in ("auto", nx) or nu != self.n_features_in_:
+        if self.nx not in ("auto", nx):
             return False
+        A = structure.split(theta)["A"]
+        if phi is not None and not np.linalg.norm(A, 2) < np.sqrt(1 - phi):
+            return False  # no contraction of this rate
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]

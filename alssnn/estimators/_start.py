@@ -76,7 +76,8 @@ def given_model(start, scaling, experiments, dt, feedthrough):
         if value.shape != shapes[name] or not np.isfinite(value).all():
             raise ValueError(
                 f"`linear_start` must have a finite {name} of shape {shapes[name]}, "
-                f"got shape {value.shape}."
+                f"got shape {value.shape}"
+                f"{'' if np.isfinite(value).all() else ' with nan or infinity'}."
             )
     if np.any(D) and not feedthrough:
         raise ValueError(

@@ -47,7 +47,8 @@ class UncertaintyMixin(Fitted):
         Raises
         ------
         ValueError
-            If the simulation diverges on the data.
+            If the simulation diverges on the data, or an output has too few measured
+            samples for the parameters.
 
         Notes
         -----
@@ -60,8 +61,10 @@ class UncertaintyMixin(Fitted):
         freedom = fit.count - fit.n_effective / len(fit.EE)
         if not np.diag(freedom).min() > 0.5:  # rounded: a whole sample is left
             raise ValueError(
-                f"`y` must have more samples than parameters ({fit.n_effective:.0f}), "
-                f"got {fit.n_samples}. Fit a smaller model."
+                "`y` must have more measured samples of every output than parameters "
+                f"per output ({fit.n_effective / len(fit.EE):.1f}), got "
+                f"{int(np.diag(fit.count).min())}. Take a longer record or a smaller "
+                "model."
             )
         Lambda = np.where(fit.count > 0, fit.EE / np.maximum(freedom, 1.0), 0.0)
         weight = fit.output_weight / fit.n_measured
@@ -175,7 +178,8 @@ class UncertaintyMixin(Fitted):
         where the first order holds both have the same distribution.
         """
         check_is_fitted(self)
-        if not np.array_equal(covariance.theta, self._theta):
+        theta = getattr(covariance, "theta", ())  # (): no covariance at all
+        if not np.array_equal(theta, self._theta):
             raise ValueError(
                 "`covariance` must be that of this model, got that of another one. "
                 "Call `parameter_covariance` again after a fit."
@@ -285,10 +289,9 @@ class UncertaintyMixin(Fitted):
         """Return which entries of (theta, x0) nothing holds."""
         free = np.ones(n, dtype=bool)
         free[self._structure.n_params :] = not self._at_rest
-        limits = self._scaled_bounds(self._structure) or {}
+        limits = self._scaled_bounds(self._structure)
         for name, (low, high) in limits.items():
-            where, shape = self._structure.slices[name], self._structure.shapes[name]
-            free[where] = np.broadcast_to(np.not_equal(low, high), shape).ravel()
+            free[self._structure.slices[name]] = np.not_equal(low, high).ravel()
         return free
 
     def _criterion_value(self, fit, price):

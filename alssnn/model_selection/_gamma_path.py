@@ -183,7 +183,7 @@ def gamma_path(
     Raises
     ------
     ValueError
-        If `gammas` is empty or not positive.
+        If `gammas` is empty or not positive, or `test` no pair or triple.
 
     Notes
     -----
@@ -199,13 +199,19 @@ def gamma_path(
     >>> bool(path.rmse_test[-1] < path.rmse_test[0])
     True
     """
-    gammas = np.sort(np.asarray(gammas, dtype=float))[::-1]
+    gammas = np.asarray(gammas, dtype=float)
     if gammas.ndim != 1 or len(gammas) == 0 or not np.all(gammas > 0):
         raise ValueError(
             f"`gammas` must hold at least one positive weight, got {gammas.tolist()}. "
             "Leave g unpenalized by GrSsnn."
         )
+    gammas = np.sort(gammas)[::-1]
     test = (u, y, experiment) if test is None else tuple(test)
+    if len(test) not in (2, 3):  # before the fits, not behind them
+        raise ValueError(
+            "`test` must be a tuple (u, y) or (u, y, experiment), got one of length "
+            f"{len(test)}."
+        )
     model = clone(estimator).set_params(warm_start=True)
     budget = model.get_params()
     models, seconds = [], []

@@ -156,6 +156,7 @@ class Parts:
                 shipped_name(sigma)
                 nets[net] = Perceptron.of(net, model.params_, sigma)
         law, no_law = _law(model, law, required=gain is not None)
+        K_x, K_z = (None, None) if gain is None else split_gain(gain, dynamics)
         parts = cls(
             name=type(model).__name__,
             dt=float(model.dt),
@@ -173,8 +174,8 @@ class Parts:
             law=law,
             no_law=no_law,
             M=_observer_gain(model, observer),
-            K_x=None if gain is None else split_gain(gain, dynamics)[0],
-            K_z=None if gain is None else split_gain(gain, dynamics)[1],
+            K_x=K_x,
+            K_z=K_z,
         )
         if gain is not None and parts.M is None:
             raise ValueError(

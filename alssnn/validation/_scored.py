@@ -41,6 +41,7 @@ def scored_experiments(model, u, y, experiment=None):
     ValueError
         If the data do not fit the model.
     """
+    check_is_fitted(model)
     lure, _ = model._plant()
     experiments, starts = [], []
     for u_k, y_k, x0 in deviations(model, u, y, experiment):
