@@ -353,6 +353,8 @@ def test_wrong_signals(linear, fitted):
     ):
         with pytest.raises(ValueError, match=match):
             mpc.step(reference, y)
+    with pytest.raises(ValueError, match=r"`reference`.*at least one"):
+        mpc.simulate(linear, np.zeros((0, 2)))
     signal = np.tile(rest, (5, 1))
     for plant, match in (
         (control.ss([[0.5]], [[1, 1]], [[1], [1]], 0, 2 * DT), "sampling time"),
