@@ -11,6 +11,7 @@ from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.feedback import DisturbanceObserver, Dynamics, Observer
 from alssnn.mpc import LinearizingMPC
+from alssnn.mpc._limits import ActuatorLimits
 from alssnn.mpc._target import Target
 
 DT = 0.5
@@ -464,3 +465,14 @@ def test_states_of_rest_stay_where_the_model_diverges(improve, broken):
     *last, status = improve((x, u), tuple(parts[:3]), parts[3])
     assert status == "data not finite"
     np.testing.assert_array_equal(last, [x, u])
+
+
+def test_inputs_that_are_not_finite_hold_the_last_one():
+    limits = ActuatorLimits(-np.ones(2), np.ones(2), np.full(2, 0.5), np.ones(2))
+    last = np.array([0.2, -0.3])
+    np.testing.assert_array_equal(
+        limits.after(last, np.array([np.nan, 1.0])), [0.2, 0.2]
+    )
+    np.testing.assert_array_equal(
+        limits.after(last, np.array([-1.0, -np.inf])), [-0.3, -0.3]
+    )
