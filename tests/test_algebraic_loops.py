@@ -12,6 +12,7 @@ from test_model_class import DT, equations, make_record
 
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.feedback import closed_loop, lqi, lqr, weigh_outputs
+from alssnn.feedback.algebraic import AlgebraicLoop
 from alssnn.mpc import LinearizingMPC
 from models import lively
 
@@ -298,3 +299,26 @@ def test_cross_weights_of_integrators(fitted):
     ):
         with pytest.raises(ValueError, match=match):
             lqr(model, Q, R, wrong)
+
+
+@pytest.mark.parametrize(("size", "slope"), [(3, 3), (5, 5), (20, 50)])
+def test_bends_of_the_loop_take_shorter_steps(size, slope):
+    # u + size atan(slope (u - 1)) = 1: full steps of Newton's method run away from 0
+    def control_law(t, x, signals, params):
+        r, y = signals
+        return [r - size * np.arctan(slope * (y - 1))]
+
+    def through(t, x, signals, params):
+        return signals
+
+    blocks = [
+        control.nlsys(None, function, inputs=inputs, outputs=[output], dt=DT)
+        for function, inputs, output in (
+            (through, ["u"], "y"),
+            (control_law, ["r", "y"], "v"),
+            (through, ["v"], "u"),
+        )
+    ]
+    loop = AlgebraicLoop(blocks, ["r"], ["u"], ["y", "u"], np.zeros(1), np.ones(1))
+    shown = loop.output(0.0, np.zeros(0), np.ones(1), {})
+    np.testing.assert_allclose(shown, [1.0, 1.0], atol=1e-10)

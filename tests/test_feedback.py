@@ -445,10 +445,18 @@ ERRORS = {
     "rows": (lambda m: m.linearizing_law()(Z, Z[:1]), "same number of rows.*2 and 1"),
     "kind": (lambda m: m.observer(kind="ukf"), "`kind` must be 'kalman' or 'ekf'"),
     "Q": (lambda m: m.observer(np.eye(3)), r"`Q` must have shape \(2, 2\)"),
+    "Q infinite": (
+        lambda m: m.observer(np.full((2, 2), np.inf)),
+        "`Q`.*semidefinite.*nan",
+    ),
     "Q negative": (lambda m: m.observer(-np.eye(2)), "`Q`.*semidefinite.*-1"),
     "R": (lambda m: m.observer(R=Z), "`R`.*positive definite.*positive weights"),
     "R asymmetric": (
         lambda m: m.observer(R=[[1, 1], [0, 1]]),
+        "`R` must be symmetric",
+    ),
+    "small R asymmetric": (  # in whatever units
+        lambda m: lqr(m, np.eye(2), 1e-10 * np.array([[1, 0.9], [0, 1]])),
         "`R` must be symmetric",
     ),
     "x0": (lambda m: m.observer().reset([1]), r"`x0` must have shape \(2,\)"),
@@ -457,6 +465,11 @@ ERRORS = {
         lambda m: m.observer().filter(Z, Z[:1]),
         r"shapes \(N, 2\) and \(N, 2\).*Time runs down",
     ),
+    "filter nothing": (
+        lambda m: m.observer().filter(Z[:0], Z[:0]),
+        "Time runs down the rows, at least one",
+    ),
+    "filter numbers": (lambda m: m.observer().filter(1.0, 2.0), "must have shapes"),
     "lqr R": (lambda m: lqr(m, np.eye(2), Z), "`R`.*positive definite"),
     "lqi Q": (lambda m: lqi(m, np.eye(2), np.eye(2)), r"`Q` must have shape \(4, 4\)"),
     "poles": (lambda m: place(m, [0.1]), r"`poles` must have shape \(2,\)"),

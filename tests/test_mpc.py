@@ -11,6 +11,8 @@ from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.feedback import DisturbanceObserver, Dynamics, Observer
 from alssnn.mpc import LinearizingMPC
+from alssnn.mpc._limits import ActuatorLimits
+from alssnn.mpc._target import Target
 
 DT = 0.5
 
@@ -353,6 +355,8 @@ def test_wrong_signals(linear, fitted):
     ):
         with pytest.raises(ValueError, match=match):
             mpc.step(reference, y)
+    with pytest.raises(ValueError, match=r"`reference`.*at least one"):
+        mpc.simulate(linear, np.zeros((0, 2)))
     signal = np.tile(rest, (5, 1))
     for plant, match in (
         (control.ss([[0.5]], [[1, 1]], [[1], [1]], 0, 2 * DT), "sampling time"),
@@ -412,3 +416,63 @@ def test_disturbances_that_the_outputs_do_not_show_are_refused(linear):
     )
     with pytest.raises(ValueError, match="integrates"):
         DisturbanceObserver(integrating)
+
+
+# -- states of rest of one linearization -----------------------------------------------
+
+
+@pytest.fixture
+def improve():
+    """Return one step of the target problem of x1 without bounds, two inputs."""
+    target = Target(
+        np.array([[1.0, 0.0]]), np.eye(1), np.zeros((0, 2)), (100.0, 100.0), {}
+    )
+    free = np.full(2, -np.inf), np.full(2, np.inf)
+    none = np.zeros(0), np.zeros(0)
+    return lambda last, model, goal: target.improve(last, model, goal, free, none)
+
+
+# at rest x1 = 2 (u1 + u2) and x2 = 10 u2
+AT_REST = (
+    np.diag([0.5, 0.9]),
+    np.array([[1.0, 1.0], [0.0, 1.0]]),
+    np.zeros(2),
+)
+
+
+def test_inputs_share_what_the_reference_leaves_free(improve):
+    x, u = np.zeros(2), np.zeros(2)
+    for _ in range(5):
+        x, u, status = improve((x, u), AT_REST, np.ones(1))
+        assert status == "closed form"
+    # the smallest |u| of all that reach x1 = 1, however large it makes x2
+    np.testing.assert_allclose(u, [0.25, 0.25], atol=1e-9)
+    np.testing.assert_allclose(x, [1.0, 2.5], atol=1e-9)
+
+
+def test_steps_to_rest_are_limited(improve):
+    x, u, _ = improve((np.zeros(2), np.zeros(2)), AT_REST, np.ones(1))
+    # one standard deviation of x2, on the way to (1, 2.5)
+    np.testing.assert_allclose(x, [0.4, 1.0], atol=1e-9)
+    np.testing.assert_allclose(u, [0.1, 0.1], atol=1e-9)
+
+
+@pytest.mark.parametrize("broken", range(4))
+def test_states_of_rest_stay_where_the_model_diverges(improve, broken):
+    x, u = np.array([1.0, 2.0]), np.array([3.0, 4.0])
+    parts = [np.array(part) for part in (*AT_REST, np.ones(1))]
+    parts[broken].flat[0] = np.nan
+    *last, status = improve((x, u), tuple(parts[:3]), parts[3])
+    assert status == "data not finite"
+    np.testing.assert_array_equal(last, [x, u])
+
+
+def test_inputs_that_are_not_finite_hold_the_last_one():
+    limits = ActuatorLimits(-np.ones(2), np.ones(2), np.full(2, 0.5), np.ones(2))
+    last = np.array([0.2, -0.3])
+    np.testing.assert_array_equal(
+        limits.after(last, np.array([np.nan, 1.0])), [0.2, 0.2]
+    )
+    np.testing.assert_array_equal(
+        limits.after(last, np.array([-1.0, -np.inf])), [-0.3, -0.3]
+    )

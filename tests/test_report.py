@@ -322,5 +322,6 @@ def test_wrong_steps():
         step_comparison(model, K[:, :2])
     with pytest.raises(ValueError, match="one finite number per output"):
         step_comparison(model, K, step=[1.0, 2.0, 3.0])
-    with pytest.raises(ValueError, match="`n_samples` must be at least 2"):
-        step_comparison(model, K, n_samples=1)
+    for n_samples in (1, 2.5):
+        with pytest.raises(ValueError, match="`n_samples` must be at least 2 and an"):
+            step_comparison(model, K, n_samples=n_samples)

@@ -26,9 +26,9 @@ def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=
     Parameters
     ----------
     data_home : str or path-like, default=None
-        Folder that holds ``wiener_hammerstein/WienerHammerBenchmark.csv``, or that file
-        itself. By default the environment variable ``ALSSNN_DATA_HOME``, else
-        ``~/alssnn_data``.
+        Folder that holds ``wiener_hammerstein/WienerHammerBenchmark.csv``, or the
+        folder of that file. By default the environment variable ``ALSSNN_DATA_HOME``,
+        else ``~/alssnn_data``.
     split : {"paper", "official"}, default="paper"
         "paper": rows 0 to 99,999 for training and 100,000 to 187,999 for testing.
         "official", of the benchmark site: rows 5,200 to 105,199 and 105,200 to 183,999,

@@ -36,7 +36,10 @@ def check_point(name, value, size, missing=False):
             "per signal."
         )
     if not (np.isfinite(value) | (missing & np.isnan(value))).all():
-        raise ValueError(f"`{name}` must be finite, got {value}.")
+        raise ValueError(
+            f"`{name}` must be finite, got {value}. Replace nan and inf, for "
+            "example by the last value."
+        )
     return value
 
 
@@ -71,7 +74,8 @@ def check_weight(name, value, size, *, definite=False):
             "np.eye by the weights."
         )
     kind = "definite" if definite else "semidefinite"
-    symmetric = np.allclose(value, value.T) and np.isfinite(value).all()
+    rounding = 1e-8 * np.abs(value).max()  # weights come in any units
+    symmetric = np.isfinite(value).all() and np.allclose(value, value.T, atol=rounding)
     least = np.linalg.eigvalsh(value).min() if symmetric else np.nan
     # rounding makes eigenvalues of a semidefinite matrix slightly negative
     if not (least > 0 if definite else least >= -1e-12 * np.abs(value).max()):

@@ -184,7 +184,8 @@ def from_system(system, dynamics):
     if sys.noutputs != nu or sys.ninputs not in (ny, 2 * ny):
         raise ValueError(
             f"`controller` must have {nu} outputs and {ny} inputs (r - y) or {2 * ny} "
-            f"(r, y), got {sys.noutputs} and {sys.ninputs}."
+            f"(r, y), got {sys.noutputs} and {sys.ninputs}. Design it on "
+            "`model.to_statespace()`."
         )
     B, D = sys.B, sys.D
     if sys.ninputs == ny:

@@ -66,7 +66,8 @@ class DisturbanceObserver(Observer):
         super().__init__(model, Q, R)
         if disturbance not in ("output", "input"):
             raise ValueError(
-                f"`disturbance` must be 'output' or 'input', got {disturbance!r}."
+                f"`disturbance` must be 'output' or 'input', got {disturbance!r}. "
+                "Use 'input' if the model integrates."
             )
         self.disturbance = disturbance
         self.dynamics = self.dynamics.with_disturbance(disturbance)

@@ -150,7 +150,10 @@ class Dynamics:
             If `kind` is unknown.
         """
         if kind not in ("output", "input"):
-            raise ValueError(f"`kind` must be 'output' or 'input', got {kind!r}.")
+            raise ValueError(
+                f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
+                "the model integrates."
+            )
         lure, nx, nu = self.lure, self.lure.nx, self.lure.nu
         by_u = lure.Theta[:, nx : nx + nu]
         y = np.arange(nx, nx + lure.nz)

@@ -75,7 +75,10 @@ class Observer:
 
     def __init__(self, model, Q=None, R=None, kind="kalman"):
         if kind not in ("kalman", "ekf"):
-            raise ValueError(f"`kind` must be 'kalman' or 'ekf', got {kind!r}.")
+            raise ValueError(
+                f"`kind` must be 'kalman' or 'ekf', got {kind!r}. Use the default, "
+                "'kalman'."
+            )
         self.kind = kind
         self.dynamics = Dynamics.of(model)
         nx, ny = model.nx_, len(model.C_)
@@ -173,10 +176,11 @@ class Observer:
         nu, ny = self.dynamics.lure.nu, len(self.R)
         if y.ndim == 1 and ny == 1:
             y = y[:, None]
-        if u.shape != (len(y), nu) or y.shape != (len(u), ny):
+        n = max(y.size // ny, 1)
+        if u.shape != (n, nu) or y.shape != (n, ny):
             raise ValueError(
                 f"`u` and `y` must have shapes (N, {nu}) and (N, {ny}), got {u.shape} "
-                f"and {y.shape}. Time runs down the rows."
+                f"and {y.shape}. Time runs down the rows, at least one."
             )
         runner = object.__new__(type(self))
         runner.__dict__.update(self.__dict__)

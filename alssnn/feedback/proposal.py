@@ -8,6 +8,8 @@ under a law with a large h it is far from u.  `input_range` says what they did i
 training data; outside of it the model is a guess.
 """
 
+from numbers import Integral
+
 import control
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
@@ -55,6 +57,12 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     See Also
     --------
     lqi : The gain for these weights.
+    weigh_outputs : Weights of outputs of a model with feedthrough.
+
+    Notes
+    -----
+    The outputs are weighed by C'C: of y = C x + D v only what the states make of it
+    counts. With a large D give `lqi` the cross terms of `weigh_outputs` instead.
 
     Examples
     --------
@@ -143,14 +151,19 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
     if step.shape not in [(), (ny,)] or not np.isfinite(step).all():
         raise ValueError(
-            f"`step` must be one finite number per output ({ny}), got {step}."
+            f"`step` must be one finite number per output ({ny}), got {step}. Give "
+            "heights in the units of y."
         )
     if n_samples is None:
         radius = float(np.abs(designed.poles()).max())
         slow = np.log(SETTLED) / np.log(radius) if 0 < radius < 1 else MAX_SAMPLES
         n_samples = int(np.clip(np.ceil(slow), MIN_SAMPLES, MAX_SAMPLES))
-    if n_samples < 2:
-        raise ValueError(f"`n_samples` must be at least 2, got {n_samples}.")
+    if not isinstance(n_samples, Integral) or n_samples < 2:
+        raise ValueError(
+            f"`n_samples` must be at least 2 and an integer, got {n_samples!r}. Use "
+            "None to wait for the slowest mode."
+        )
+    n_samples = int(n_samples)
     t = model.dt * np.arange(n_samples)
     r = np.repeat(np.broadcast_to(step, ny)[:, None], n_samples, axis=1)
     rest = np.concatenate([model.y_offset_, model.u_offset_])[:, None]

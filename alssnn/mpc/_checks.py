@@ -152,7 +152,7 @@ def check_signal(name, value, n, size):
     value : array_like of shape (n, size) or None
         The signal; None stands for zero if `n` is given.
     n : int or None
-        Number of samples; None means any.
+        Number of samples; None means any, at least one.
     size : int
         Number of signals.
 
@@ -171,11 +171,14 @@ def check_signal(name, value, n, size):
     value = np.asarray(value, dtype=float)
     signal = value[:, None] if value.ndim == 1 and size == 1 else value
     rows = "N" if n is None else n
-    if signal.ndim != 2 or signal.shape != (len(signal) if n is None else n, size):
+    if signal.shape != (max(signal.size // size, 1) if n is None else n, size):
         raise ValueError(
             f"`{name}` must have shape ({rows}, {size}), got {value.shape}. Time runs "
-            "down the rows."
+            "down the rows, at least one."
         )
     if not np.isfinite(signal).all():
-        raise ValueError(f"`{name}` must be finite, got nan or inf.")
+        raise ValueError(
+            f"`{name}` must be finite, got nan or inf. Hold the last value "
+            "where one is missing."
+        )
     return signal

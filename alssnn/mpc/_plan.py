@@ -58,7 +58,7 @@ class Planner:
     def __init__(self, model, program, limits):
         self.model, self.program, self.limits = model, program, limits
         self.horizon = program.prediction.V_c.shape[0] // len(model.u_scale)
-        self.U = np.tile(limits.clip(model.u_offset), (self.horizon, 1))
+        self.reset()
 
     def reset(self):
         """Start from the operating point, as far as the limits allow it."""
@@ -101,7 +101,6 @@ class Planner:
         model, limits = self.model, self.limits
         X = model.trajectory(x, d, self.U)  # (N + 1, nx)
         h = model.h(X[:-1])
-
         solution, plan = self.program.solve(
             x,
             model.omega(X, model.v(self.U, h)),
