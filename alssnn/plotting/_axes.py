@@ -66,41 +66,6 @@ def grid_of_axes(ax, shape, *, size, **options):
     return axes.reshape(shape)
 
 
-def check_names(name, names, letter, size):
-    """Return one name per signal.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument.
-    names : sequence of str or None
-        Names; None means letter and number.
-    letter : str
-        Letter of default names.
-    size : int
-        Number of signals.
-
-    Returns
-    -------
-    names : list of str
-        Names.
-
-    Raises
-    ------
-    ValueError
-        If their number is wrong.
-    """
-    if names is None:
-        return [f"{letter}{i}" for i in range(size)]
-    names = [str(z) for z in names]
-    if len(names) != size:
-        raise ValueError(
-            f"`{name}` must have one name per signal ({size}), got {len(names)}. "
-            "Add the unit to a name, such as 'speed [rad/s]'."
-        )
-    return names
-
-
 def columns(name, z):
     """Return signals as columns.
 
