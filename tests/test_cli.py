@@ -309,6 +309,8 @@ def test_a_failed_check_is_exit_code_1(plant, tmp_path, capsys):
     assert run_fit(plant, "--model", "lti", "--nx", 1, "-q", "--save", path) == 0
     assert run("validate", path, "--data", plant, "--lags", 10) == 1
     assert "LinearStateSpace fails: " in capsys.readouterr().out
+    assert run("validate", path, "--data", plant, "--lags", 300) == 2
+    assert_one_line(capsys, "samples behind the first 300 of the experiments")
 
 
 def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
@@ -398,6 +400,11 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
     assert run("export", saved, "--c", tmp_path / "c", "--gain", gain) == 0
     assert str(tmp_path / "c" / "plant.c") in capsys.readouterr().out.splitlines()
     assert "plant_control(" in (tmp_path / "c" / "plant.c").read_text()
+    assert run("export", saved, "--c", tmp_path / "small", "--dtype", "float") == 0
+    capsys.readouterr()
+    for folder, real in (("c", "double"), ("small", "float")):
+        sources = [path.read_text() for path in (tmp_path / folder).glob("*.[ch]")]
+        assert any(f"typedef {real} " in text for text in sources)
     path = tmp_path / "new" / "plant.mat"
     assert run("export", saved, "--mat", path, "--gain", gain) == 0
     held = loadmat(path, simplify_cells=True)["model"]
