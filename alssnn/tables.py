@@ -52,9 +52,7 @@ def read_csv(path, inputs, outputs, experiment=None):
     names = [*inputs, *outputs]
     wanted = names if experiment is None else [*names, experiment]
     with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
-        header = file.readline()
-        delimiter = max(DELIMITERS, key=header.count)
-        columns = [c.strip() for c in next(csv.reader([header], delimiter=delimiter))]
+        columns, delimiter = _read_header(file)
         places = _find_columns(path, columns, wanted)
         reader = csv.reader(file, delimiter=delimiter)
         values, labels = [], []
@@ -77,6 +75,14 @@ def read_csv(path, inputs, outputs, experiment=None):
     data = np.array(values)
     u, y = data[:, : len(inputs)], data[:, len(inputs) :]
     return u, y, None if experiment is None else np.array(labels)
+
+
+def _read_header(file):
+    """Return the names of the columns and what separates them."""
+    header = file.readline()
+    delimiter = max(DELIMITERS, key=header.count)
+    names = next(csv.reader([header], delimiter=delimiter), [])
+    return [name.strip() for name in names], delimiter
 
 
 def _find_columns(path, columns, wanted):
@@ -123,9 +129,7 @@ def read_steps(path):
         Differences of its values; none where one is not a number.
     """
     with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
-        header = file.readline()
-    delimiter = max(DELIMITERS, key=header.count)
-    columns = [c.strip() for c in next(csv.reader([header], delimiter=delimiter), [])]
+        columns, _ = _read_header(file)
     times = [c for c in columns if TIME.fullmatch(c)]
     if len(times) != 1:
         return "", np.zeros(0)

@@ -298,11 +298,19 @@ def test_a_saved_model_knows_its_columns(saved, linear_plant, tmp_path, capsys):
     assert all(row["passed"] == "True" for row in rows if row["decides"] == "True")
 
 
+def test_a_share_that_leaves_nothing_says_what_to_do(saved, linear_plant, capsys):
+    argv = ["--data", linear_plant, "--experiment", "run", "--last", "1e-6"]
+    assert run("validate", saved, *argv) == 2
+    assert_one_line(capsys, "`--last` must leave samples", "Take another share")
+
+
 def test_a_failed_check_is_exit_code_1(plant, tmp_path, capsys):
     path = tmp_path / "poor.npz"
     assert run_fit(plant, "--model", "lti", "--nx", 1, "-q", "--save", path) == 0
     assert run("validate", path, "--data", plant, "--lags", 10) == 1
     assert "LinearStateSpace fails: " in capsys.readouterr().out
+    assert run("validate", path, "--data", plant, "--lags", 300) == 2
+    assert_one_line(capsys, "samples behind the first 300 of the experiments")
 
 
 def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
@@ -391,10 +399,35 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
     capsys.readouterr()
     assert run("export", saved, "--c", tmp_path / "c", "--gain", gain) == 0
     assert str(tmp_path / "c" / "plant.c") in capsys.readouterr().out.splitlines()
+    assert "plant_control(" in (tmp_path / "c" / "plant.c").read_text()
+    assert run("export", saved, "--c", tmp_path / "small", "--dtype", "float") == 0
+    capsys.readouterr()
+    for folder, real in (("c", "double"), ("small", "float")):
+        sources = [path.read_text() for path in (tmp_path / folder).glob("*.[ch]")]
+        assert any(f"typedef {real} " in text for text in sources)
     path = tmp_path / "new" / "plant.mat"
     assert run("export", saved, "--mat", path, "--gain", gain) == 0
     held = loadmat(path, simplify_cells=True)["model"]
     np.testing.assert_array_equal(held["A"], alssnn.load(saved).A_)
+    K = np.loadtxt(gain, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(np.hstack([held["K_x"], held["K_z"]]), K)
+
+
+def test_a_gain_of_late_inputs_goes_from_control_to_export(tmp_path, capsys):
+    u = np.random.default_rng(0).standard_normal((600, 2))
+    late = np.column_stack([u[:, 0], np.roll(u[:, 1], 2)])
+    y = simulate_linear(
+        0.8 * np.eye(2), np.array([[1, 0.2], [0, 0.5]]), np.eye(2), late
+    )
+    model = alssnn.LinearStateSpace(nx=2, dt=0.1, input_delay=[0, 2])
+    model.fit(u[2:], y[2:]).save(tmp_path / "late.npz")
+    assert run("control", tmp_path / "late.npz", "-o", tmp_path) == 0
+    assert "K, columns x0 x1 x2 x3 z0 z1 =" in capsys.readouterr().out
+    gain, path = tmp_path / "gain.csv", tmp_path / "late.mat"
+    assert run("export", tmp_path / "late.npz", "--mat", path, "--gain", gain) == 0
+    held = loadmat(path, simplify_cells=True)["model"]
+    K = np.loadtxt(gain, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(np.hstack([held["K_x"], held["K_z"]]), K)
 
 
 def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):

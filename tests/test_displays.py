@@ -292,6 +292,10 @@ def test_poles(model):
     radius = np.abs(np.linalg.eigvals(model.A_)).max()
     assert labels(display.ax_)[0] == f"A, once h is cancelled, radius {radius:.4g}"
     assert display.ax_.get_aspect() == 1.0
+    far = PoleDisplay({"stable": np.array([0.5j, -0.5j]), "not": np.array([2.0])})
+    assert far.plot().ax_.get_xlim() == pytest.approx((-2.2, 2.2))
+    nothing = PoleDisplay({}).plot().ax_
+    assert nothing.get_xlim() == pytest.approx((-1.1, 1.1))  # the unit circle
 
 
 def test_singular_values(linear):

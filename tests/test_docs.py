@@ -82,19 +82,47 @@ def test_estimators_with_networks_say_the_same_of_what_they_share():
     assert differ == {"activation", "feedback", "params_"}  # which networks there are
 
 
+def read(page):
+    return (ROOT / "doc" / f"{page}.rst").read_text(encoding="utf-8")
+
+
+def python_blocks(page):
+    blocks = re.findall(r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)", read(page))
+    assert blocks
+    return [textwrap.dedent(block) for block in blocks]
+
+
 GUIDE = [*sorted((ROOT / "doc").glob("guide_*.rst")), ROOT / "doc" / "index.rst"]
 
 
 @pytest.mark.parametrize("page", GUIDE, ids=lambda page: page.stem)
 def test_the_code_of_the_guide_runs(page):
-    text = page.read_text(encoding="utf-8")
-    blocks = re.findall(r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)", text)
-    assert blocks
     names = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        for block in blocks:
-            exec(textwrap.dedent(block), names)
+        for block in python_blocks(page.stem):
+            exec(block, names)
+
+
+@pytest.mark.parametrize(
+    ("page", "written"), [("validation", "fit.png"), ("command_line", "report.html")]
+)
+def test_the_code_about_a_fitted_model_runs(page, written, tmp_path, monkeypatch):
+    if page == "validation":
+        pytest.importorskip("pandas", reason="pandas is not installed")
+    monkeypatch.chdir(tmp_path)
+    train, test = alssnn.datasets.make_pendulum(1200, random_state=0).split(0.5)
+    model = alssnn.AlSsnn(nx=2, n_h=3, n_g=2, max_iter=5, tol=1e-1, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(*train)
+    names = {"model": model, "train": train, "test": test}
+    for block in python_blocks(page):
+        exec(block, names)
+    for call in re.findall(r"``(model\.report\(.*?\))``", read(page), re.S):
+        names |= {"u": test.u, "y": test.y, "u_t": train.u, "y_t": train.y}
+        exec(call, names)
+    assert (tmp_path / written).stat().st_size > 1000
 
 
 def test_the_study_of_optuna_runs(monkeypatch):

@@ -204,7 +204,10 @@ def test_models_can_be_estimators(record):
         ({"models": []}, "`models` must name at least one model, got none. Use"),
         ({"test": (1, 2, 3, 4)}, r"`test` must be a Record, .* got 4 items. Use None"),
         ({"test_size": 1.0}, "`test_size` must lie strictly between 0 and 1, got 1.0"),
-        ({"test_size": 1e-6}, "`test_size` must leave .* of 1200 samples. Use longer"),
+        (
+            {"test_size": 1e-6},
+            "`test_size` must leave .* of 1200 samples. Take another",
+        ),
         ({"experiment": [0, 1]}, "`experiment` must have one label per sample"),
     ],
 )

@@ -145,7 +145,8 @@ def test_draws_on_given_axes(ladder):
         ({"output": 2}, "`output` must be between 0 and 1, got 2. Columns"),
         ({"output": -1}, "`output` must be between 0 and 1, got -1. Columns"),
         ({"view": 1}, "`view` must be at least 2 samples, got 1. Give"),
-        ({"axes": [None]}, r"`axes` must hold three axes, got 1. Make them by"),
+        ({"axes": [None]}, r"`axes` must hold three axes, got 1 objects. Make"),
+        ({"axes": [1, 2, 3]}, r"`axes` must hold three axes, got 3 objects. Make"),
     ],
 )
 def test_wrong_arguments(ladder, options, message):

@@ -135,6 +135,12 @@ def test_lure_refuses_wrong_shapes_and_disorder():
         Lure(Theta, 2, 1, 1)
 
 
+def test_activations_are_for_networks_of_the_family():
+    options = {"n_h": 2, "C": [[1, 0]]}
+    with pytest.raises(ValueError, match=r"must name the networks .* got \['q'\]"):
+        state_space_structure(2, 1, 1, **options, activation={"q": "sin"})
+
+
 def test_odd_needs_an_odd_activation():
     with pytest.raises(ValueError, match="of h must be odd for odd=True, got 'relu'"):
         state_space_structure(2, 1, 1, n_h=2, C=[[1, 0]], odd=True, activation="relu")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom, chi2, f, kstest
-from sklearn.exceptions import ConvergenceWarning
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.regression import lagged
@@ -183,6 +183,8 @@ def test_a_residual_of_rounding_passes():
     [
         ({"level": 0}, "`level` must be between 0 and 1, got 0. It is"),
         ({"n_lags": 0}, "`n_lags` must be a positive integer, got 0. Give"),
+        ({"n_lags": np.nan}, "`n_lags` must be a positive integer, got nan"),
+        ({"output_names": ["a", "b"]}, "`output_names` must have one name per signal"),
         ({"n_lags": 60}, "`y` must have at least 212 measured samples behind the"),
     ],
 )
@@ -190,6 +192,30 @@ def test_wrong_options_of_the_tests(options, message):
     z = np.random.default_rng(0).standard_normal((100, 1))
     with pytest.raises(ValueError, match=message):
         residual_tests([(z, z, 0 * z)], **options)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda u, y, y_hat: [], "hold one or more tuples"),
+        (lambda u, y, y_hat: [(u[:-3], y, y_hat)], r"got \[\(\(497, 2\), \(500, 2\)"),
+        (lambda u, y, y_hat: [(u, y, y_hat[:, :1])], r"\(N, ny\), \(N, ny\), got"),
+        (lambda u, y, y_hat: [(u, y, y_hat), (u[:, :1], y, y_hat)], "of shapes"),
+        (lambda u, y, y_hat: [(u, y, y_hat), (u[:0], y[:0], y_hat[:0])], "of shapes"),
+        (lambda u, y, y_hat: [(spoiled(u, np.nan), y, y_hat)], "`u` must be finite"),
+        (lambda u, y, y_hat: [(u, spoiled(y, np.inf), y_hat)], "`y` finite or nan"),
+    ],
+)
+def test_experiments_that_cannot_be_tested_are_refused(change, message):
+    u, noise = np.random.default_rng(0).standard_normal((2, 500, 2))
+    with pytest.raises(ValueError, match=message):
+        residual_tests(change(u, u + noise, u))
+
+
+def spoiled(z, value):
+    z = z.copy()
+    z[7, 0] = value
+    return z
 
 
 def test_a_diverged_simulation_has_no_residual():
@@ -398,6 +424,8 @@ def test_what_is_not_linearizable_fails_if_made_for_control():
         ({"level": 2}, "`level` must be between 0 and 1"),
         ({"linear_within": 0}, "`linear_within` must be positive"),
         ({"horizons": [0]}, "`horizons` must be positive integers"),
+        ({"horizons": [1.5]}, "`horizons` must be positive integers"),
+        ({"horizons": [np.nan]}, "`horizons` must be positive integers"),
         ({"horizons": []}, "`horizons` must be positive integers"),
         ({"horizons": [300]}, "`horizons` must fit into a quarter"),
     ],
@@ -493,9 +521,21 @@ def test_the_loop_deviates_by_what_g_makes(fl_model):
         ({"amplitude": 0.0}, "`amplitude` must be positive"),
         ({"input": 2}, "`input` must be between 0 and 1, got 2"),
         ({"loop": "half"}, "`loop` must be 'open' or 'closed'"),
-        ({"period": 4}, "`period` must be at least 8 samples"),
+        ({"period": 4}, "`period` must be an integer of at least 8 samples"),
+        ({"period": 64.5}, "`period` must be an integer of at least 8 samples"),
     ],
 )
 def test_wrong_options_of_sine_response(true_model, options, message):
     with pytest.raises(ValueError, match=message):
         sine_response(true_model, **{"amplitude": 1.0, "period": 64, **options})
+
+
+def test_models_that_are_not_fitted_are_refused():
+    u = np.zeros((100, 2))
+    for ask in (
+        lambda model: model.validate(u, u),
+        lambda model: scored_experiments(model, u, u),
+        lambda model: sine_response(model, 1.0, period=64),
+    ):
+        with pytest.raises(NotFittedError):
+            ask(LinearStateSpace(nx=2))

@@ -7,7 +7,8 @@ import numpy as np
 
 from ..estimators import load
 from ._arguments import add_command, add_output, count, figure_name, finite, weight
-from ._record import add_model, write_csv
+from ._comparison import FIGURE_DPI
+from ._record import add_model, gain_columns, write_csv
 
 TEXT_WIDTH = 79  # columns
 RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
@@ -115,26 +116,18 @@ def run(args):
         model, state=args.qx, output=args.qy, integral=args.qi, control=args.ru
     )
     K = lqi(model, Q, R)
-    responses = step_comparison(
-        model, K, step=_scalar(args.step), n_samples=args.samples, law=law
-    )
+    step = _scalar(args.step)
+    responses = step_comparison(model, K, step=step, n_samples=args.samples, law=law)
     folder = args.output_file
-    write_csv(folder / "gain.csv", _columns(K, model), K.tolist())
+    states, integrators = gain_columns(model)
+    columns = [*states, *integrators]
+    write_csv(folder / "gain.csv", columns, K.tolist())
     header, table = _table(responses)
     write_csv(folder / "step.csv", header, table.tolist())
-    display = _draw(model, responses, _scalar(args.step), folder / args.figure)
-    print(f"K, columns {' '.join(_columns(K, model))} =")
+    display = _draw(model, responses, step, folder / args.figure)
+    print(f"K, columns {' '.join(columns)} =")
     print(np.array2string(K, precision=6))
-    print("RMS distance of the model from the design, step of all references:")
-    distances = dict(zip(display.outputs, display.distance_["model"], strict=True))
-    designed = responses["design"]
-    for label, design in zip(designed.output_labels, designed.outputs, strict=True):
-        distance = distances[label]
-        share = 100 * distance / (np.ptp(design) or 1.0)
-        print(
-            f"  {display.names[label]}: {distance:.3g}, {share:.2g} % of the range of "
-            "the design"
-        )
+    _print_distances(display, responses["design"])
     nu = len(model.u_offset_)
     names = [display.names[label] for label in responses["model"].output_labels[-nu:]]
     u = responses["model"].outputs[-nu:]
@@ -147,6 +140,19 @@ def run(args):
         print("The loop of the model diverges: choose slower weights.")
         return 1
     return 0
+
+
+def _print_distances(display, designed):
+    """Print how far the outputs of the model are from those of the design."""
+    print("RMS distance of the model from the design, step of all references:")
+    distances = dict(zip(display.outputs, display.distance_["model"], strict=True))
+    for label, design in zip(designed.output_labels, designed.outputs, strict=True):
+        distance = distances[label]
+        share = 100 * distance / (np.ptp(design) or 1.0)
+        print(
+            f"  {display.names[label]}: {distance:.3g}, {share:.2g} % of the range of "
+            "the design"
+        )
 
 
 def _compare_inputs(names, u, seen, law):
@@ -181,11 +187,6 @@ def _scalar(values):
     return values[0] if values is not None and len(values) == 1 else values
 
 
-def _columns(K, model):
-    n = K.shape[1] - len(model.C_)
-    return [*(f"x{i}" for i in range(n)), *(f"z{i}" for i in range(len(model.C_)))]
-
-
 def _table(responses):
     design = responses["design"]
     header, columns = ["time"], [design.time]
@@ -200,5 +201,5 @@ def _draw(model, responses, step, path):
 
     display = LoopDisplay.from_steps(model, responses, step)
     path.parent.mkdir(parents=True, exist_ok=True)
-    display.figure_.savefig(path, dpi=150)
+    display.figure_.savefig(path, dpi=FIGURE_DPI)
     return display

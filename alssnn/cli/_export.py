@@ -5,7 +5,7 @@ from pathlib import Path
 from ..estimators import load
 from ..tables import read_csv
 from ._arguments import add_command
-from ._record import add_model
+from ._record import add_model, gain_columns
 
 EPILOG = """\
 C sources and the file for MATLAB hold the model, its law and an observer, and with
@@ -83,7 +83,5 @@ def run(args):
 
 
 def _read_gain(path, model):
-    states = [f"x{i}" for i in range(model.nx_ + int(model.input_delay_.sum()))]
-    integrators = [f"z{i}" for i in range(len(model.C_))]
-    K_x, K_z, _ = read_csv(path, states, integrators)
+    K_x, K_z, _ = read_csv(path, *gain_columns(model))
     return [[*x, *z] for x, z in zip(K_x, K_z, strict=True)]

@@ -113,6 +113,24 @@ def _columns(args, flag, given, fitted, size):
     return [str(name) for name in names]
 
 
+def gain_columns(model):
+    """Return the names of the columns of a gain, one row per input.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    states, integrators : list of str
+        Names x0, x1, ... of the states, behind them the past of late inputs, and z0,
+        z1, ... of the integrators, one per output.
+    """
+    nx = model.nx_ + int(model.input_delay_.sum())
+    return [f"x{i}" for i in range(nx)], [f"z{i}" for i in range(len(model.C_))]
+
+
 def write_csv(path, header, rows):
     """Write a table, its folder made if missing.
 

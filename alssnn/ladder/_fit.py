@@ -252,8 +252,8 @@ def hold_out_last(u, y, experiment, test_size, *, name="test_size"):
         if not 0 < n_test < length:
             raise ValueError(
                 f"`{name}` must leave samples of every experiment to both parts, "
-                f"got {test_size} for an experiment of {length} samples. Use longer "
-                "experiments or give `test`."
+                f"got {test_size} for an experiment of {length} samples. Take another "
+                "share or longer experiments."
             )
         first.append(np.arange(part.start, part.stop - n_test))
         last.append(np.arange(part.stop - n_test, part.stop))

@@ -8,6 +8,10 @@ from matplotlib.ticker import EngFormatter, LogFormatter, MaxNLocator, ScalarFor
 MEASURED = {"color": "0.65", "linewidth": 4.0}
 # Okabe and Ito's palette: told apart by color-blind readers, too
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
+LEGENDS: dict[str, dict] = {  # outside the axes
+    "above": {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2},
+    "beside": {"loc": "upper left", "bbox_to_anchor": (1, 1)},
+}
 BAND = {"color": "0.85", "linewidth": 0.0}
 
 
@@ -64,41 +68,6 @@ def grid_of_axes(ax, shape, *, size, **options):
             f"{len(axes)} objects. Make them by figure.subplots({rows}, {columns})."
         )
     return axes.reshape(shape)
-
-
-def check_names(name, names, letter, size):
-    """Return one name per signal.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument.
-    names : sequence of str or None
-        Names; None means letter and number.
-    letter : str
-        Letter of default names.
-    size : int
-        Number of signals.
-
-    Returns
-    -------
-    names : list of str
-        Names.
-
-    Raises
-    ------
-    ValueError
-        If their number is wrong.
-    """
-    if names is None:
-        return [f"{letter}{i}" for i in range(size)]
-    names = [str(z) for z in names]
-    if len(names) != size:
-        raise ValueError(
-            f"`{name}` must have one name per signal ({size}), got {len(names)}. "
-            "Add the unit to a name, such as 'speed [rad/s]'."
-        )
-    return names
 
 
 def columns(name, z):
@@ -187,14 +156,14 @@ def finish(ax, legend=True):
     ----------
     ax : matplotlib.axes.Axes
         Axes.
-    legend : bool or "above", default=True
-        Whether to draw a legend, where there are labels; "above" keeps it off the data.
+    legend : bool, "above" or "beside", default=True
+        Whether to draw a legend, where there are labels; "above" and "beside" keep it
+        off the data.
     """
     ax.grid(True, which="major", color="0.88", linewidth=0.7)
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     if legend and ax.get_legend_handles_labels()[0]:
-        above = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2}
-        place = above if legend == "above" else {}
+        place = LEGENDS.get(legend, {})
         ax.legend(frameon=False, fontsize="small", **place)

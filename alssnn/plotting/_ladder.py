@@ -6,11 +6,12 @@ signal, and two signals of one record compare frequency by frequency.
 """
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from scipy import ndimage
 
-from ._axes import MEASURED, color
+from ._axes import MEASURED, color, finish, time_axis
 from ._spectrum import amplitude_spectrum
 
 VIEW = 300  # samples of the zoomed window
@@ -48,7 +49,7 @@ def plot_ladder(ladder, *, axes=None, output=0, view=VIEW, label=None, unit=None
     Raises
     ------
     ValueError
-        If there are not three axes, or `output` or `view` is out of range.
+        If `axes` are not three axes, or `output` or `view` is out of range.
 
     Examples
     --------
@@ -77,9 +78,9 @@ def plot_ladder(ladder, *, axes=None, output=0, view=VIEW, label=None, unit=None
         axes[0].sharex(axes[1])
         axes[0].tick_params(labelbottom=False)
     axes = np.asarray(axes, dtype=object).ravel()
-    if len(axes) != 3:
+    if len(axes) != 3 or not all(isinstance(ax, Axes) for ax in axes):
         raise ValueError(
-            f"`axes` must hold three axes, got {len(axes)}. "
+            f"`axes` must hold three axes, got {len(axes)} objects. "
             "Make them by figure.subplots(3, 1)."
         )
     if label is None:
@@ -139,9 +140,9 @@ def _draw_outputs(ax, ladder, window, output):
         ax.plot(t, row.y_hat[window, output], label=row.name, **style)
     ax.set_ylim(*_limits(y, [row.y_hat[window, output] for row in ladder.rows]))
     ax.set_xlim(t[0], t[-1])
-    ax.xaxis.set_major_formatter(EngFormatter(unit="s"))
+    time_axis(ax, label="")
     ax.set_title("Test data: measured and simulated output", loc="left")
-    _finish(ax)
+    finish(ax, legend="beside")
 
 
 def _limits(y, simulated):
@@ -165,12 +166,11 @@ def _draw_residuals(ax, ladder, window, output):
         else:  # a line in the legend tells why there is none in the picture
             ax.semilogy([], [], **style)
     ax.set_xlim(t[0], t[-1])
-    ax.xaxis.set_major_formatter(EngFormatter(unit="s"))
-    ax.set_xlabel("time since the first scored sample")
+    time_axis(ax, "time since the first scored sample")
     ax.set_title(
         "Residuals (in the legend: share of the output, all test data)", loc="left"
     )
-    _finish(ax)
+    finish(ax, legend="beside")
 
 
 def _percent(row, output):
@@ -195,7 +195,7 @@ def _draw_spectra(ax, ladder, part, output):
     ax.set_xlabel("frequency")
     ax.margins(x=0.0)
     ax.set_title("Amplitude spectra", loc="left")
-    _finish(ax)
+    finish(ax, legend="beside")
 
 
 def _draw_spectrum(ax, z, dt, label, style):
@@ -204,14 +204,3 @@ def _draw_spectrum(ax, z, dt, label, style):
         ax.loglog([], [], label=label, **style)
         return
     ax.loglog(*amplitude_spectrum(z, dt), label=label, **style)
-
-
-def _finish(ax):
-    ax.grid(True, which="major", color="0.88", linewidth=0.7)
-    ax.set_axisbelow(True)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    # beside the axes: inside, it would cover curves
-    ax.legend(
-        loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize="small"
-    )

@@ -181,7 +181,7 @@ class PoleDisplay:
             label = f"{name}, radius {radius:.4g}"
             style |= {"markersize": 9, "label": label, **kwargs}
             axes.plot(np.real(poles), np.imag(poles), **style)
-        reach = 1.1 * max(1.0, *(np.abs(p).max(initial=0) for p in self.poles.values()))
+        reach = 1.1 * np.abs(np.hstack([1.0, *self.poles.values()])).max()
         axes.set_xlim(-reach, reach)
         axes.set_ylim(-reach, reach)
         axes.set_aspect("equal")

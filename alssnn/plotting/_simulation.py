@@ -3,10 +3,9 @@
 import numpy as np
 
 from ..metrics import fit_percent
-from ..validation import column_names, scored_experiments
+from ..validation import check_names, column_names, scored_experiments
 from ._axes import (
     MEASURED,
-    check_names,
     color,
     columns,
     finish,

@@ -1,8 +1,9 @@
 """What is known of a fitted model, on one HTML page that needs no network.
 
-`_page` writes HTML and escapes every name, `_sections` says what is in the sections,
-`_write` puts them together.  Figures are the displays of `plotting`, as PNG inside the
-page.  A part that cannot be computed gives its reason instead.
+`_page` writes HTML and escapes every name, `_sections` says what is in the sections
+about the model and the record, `_control` in those about the loop, `_write` puts them
+together.  Figures are the displays of `plotting`, as PNG inside the page.  A part that
+cannot be computed gives its reason instead.
 """
 
 from ._write import write_report

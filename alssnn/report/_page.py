@@ -8,6 +8,8 @@ import numpy as np
 
 DPI = 110
 LEGIBLE = 0.45  # smallest scale of a figure
+# What a part of a report may fail on without the rest: its reason is the content.
+REFUSED = (ValueError, RuntimeError, np.linalg.LinAlgError)
 STYLE = """
 :root { color-scheme: light; }
 * { box-sizing: border-box; }
@@ -91,6 +93,27 @@ def paragraph(text, kind=""):
     """
     attribute = f' class="{kind}"' if kind else ""
     return f"<p{attribute}>{escape(text)}</p>"
+
+
+def attempt(make, what):
+    """Return the content that `make` returns, or why there is none.
+
+    Parameters
+    ----------
+    make : callable
+        Function without arguments that returns HTML.
+    what : str
+        What it is, in a few words.
+
+    Returns
+    -------
+    html : str
+        HTML.
+    """
+    try:
+        return make()
+    except REFUSED as error:
+        return paragraph(f"{what}: not available. {error}", "note")
 
 
 def heading(text):

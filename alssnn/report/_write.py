@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ..validation import deviations
-from . import _sections
-from ._page import page
+from . import _control, _sections
+from ._page import REFUSED, attempt, page
 
 
 def write_report(model, path, u, y, experiment=None, *, train=None):
@@ -47,7 +47,7 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
     try:
         validation = model.validate(*test)
         record = validation.linearizability
-    except _sections.REFUSED as error:
+    except REFUSED as error:
         reason = str(error)
         record = model.linearizability(*test)
     sections = [
@@ -58,13 +58,13 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
         (
             "linearizability",
             "Linearizability",
-            _sections.linearity(model, test, record),
+            _control.linearity(model, test, record),
         ),
-        ("certificates", "Certificates", _sections.certificates(model, test)),
+        ("certificates", "Certificates", _control.certificates(model, test)),
         (
             "control",
             "Control",
-            _sections.attempt(lambda: _sections.controller(model), "Design"),
+            attempt(lambda: _control.controller(model), "Design"),
         ),
     ]
     text = page(f"{type(model).__name__}: report", sections)

@@ -66,8 +66,8 @@ def state_space_structure(
     Raises
     ------
     ValueError
-        If C is free in a model with networks, or an activation is unknown or not odd
-        where `odd` asks for it.
+        If C is free in a model with networks, or an activation is unknown, for an
+        unknown network, or not odd where `odd` asks for it.
     """
     # h before what it acts on in the loop u = v - h(x); behind k if it sees y
     order = "hkg" if feedback == "state" else "khg"
@@ -143,6 +143,12 @@ def _activations(activation, odd):
     """Return the activation of every network."""
     if not isinstance(activation, dict):
         activation = dict.fromkeys("hgk", activation)
+    unknown = sorted(set(activation) - set("hgk"))
+    if unknown:
+        raise ValueError(
+            "`activation` must name the networks 'h', 'g' (f of GR-SSNN) and 'k', got "
+            f"{unknown}. A network that is left out has tanh."
+        )
     sigma = {net: as_activation(activation.get(net, "tanh")) for net in "hgk"}
     if odd and not sigma["h"].odd:
         raise ValueError(

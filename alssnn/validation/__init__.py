@@ -16,6 +16,7 @@ from ._loops import LoopDeviation, frequency_response, loop_deviation, sine_resp
 from ._record import Check, Validation
 from ._residuals import ResidualTests, residual_tests
 from ._scored import (
+    check_names,
     column_names,
     deviations,
     scored_experiments,
@@ -30,6 +31,7 @@ __all__ = [
     "ResidualTests",
     "Validation",
     "ahead_fit",
+    "check_names",
     "column_names",
     "deviations",
     "frequency_response",

@@ -68,8 +68,8 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
     Raises
     ------
     ValueError
-        If `horizons` is empty, not positive or too long for the record, or the model
-        has no stable observer.
+        If `horizons` is empty, not of positive integers or too long for the record, or
+        the model has no stable observer.
 
     Examples
     --------
@@ -81,7 +81,8 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
     True
     """
     wanted = np.asarray(horizons)
-    if wanted.ndim != 1 or not len(wanted) or np.any(wanted < 1):
+    numbers = np.issubdtype(wanted.dtype, np.number) and wanted.ndim == 1
+    if not (numbers and len(wanted) and np.all((wanted >= 1) & (wanted % 1 == 0))):
         raise ValueError(
             f"`horizons` must be positive integers, got {horizons}. They count samples."
         )

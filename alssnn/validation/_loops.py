@@ -69,6 +69,8 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
 
     Raises
     ------
+    NotFittedError
+        If the model is not fitted.
     ValueError
         If an argument is out of range, or the law is ill-posed.
 
@@ -90,6 +92,7 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
         raise ValueError(
             f"`amplitude` must be positive, got {amplitude}. Give it in the units of u."
         )
+    check_is_fitted(model)
     nu = model.B_.shape[1]
     if not 0 <= input < nu:
         raise ValueError(
@@ -127,7 +130,10 @@ def _loop(model, loop):
     if loop == "open":
         return dynamics
     if loop != "closed":
-        raise ValueError(f"`loop` must be 'open' or 'closed', got {loop!r}.")
+        raise ValueError(
+            f"`loop` must be 'open' or 'closed', got {loop!r}. Take 'closed' for the "
+            "loop u = v - h(s)."
+        )
     LinearizingLaw(model)  # says why, where there is no such loop
     lure, feedback = model._plant()
     if np.any(feedback[0]) or np.any(feedback[1]):
@@ -137,10 +143,10 @@ def _loop(model, loop):
 
 def _harmonics(period, n):
     """Return harmonics of the period below the Nyquist frequency."""
-    if period < 8 or n < 1:
+    if period < 8 or n < 1 or period % 1 or n % 1:
         raise ValueError(
-            "`period` must be at least 8 samples and `n_frequencies` at least 1, got "
-            f"{period} and {n}. Enlarge them."
+            "`period` must be an integer of at least 8 samples and `n_frequencies` one "
+            f"of at least 1, got {period} and {n}. Enlarge them."
         )
     return np.unique(np.geomspace(1, (period - 1) // 2, n).round().astype(int))
 

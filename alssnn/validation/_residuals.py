@@ -32,6 +32,7 @@ from scipy.stats import chi2, norm
 
 from ..regression import Triangle, lagged
 from ._regression import regress
+from ._scored import check_names
 
 BLOCKS = ("independence", "squares", "cubes")
 POWER_LAGS = 10  # lags of squares and cubes: the simulated output has memory itself
@@ -146,8 +147,9 @@ def residual_tests(
     Raises
     ------
     ValueError
-        If `level` or `n_lags` is out of range, a simulation is not finite, or there
-        are too few samples for the lags.
+        If `level` or `n_lags` is out of range, shapes or numbers of names do not fit
+        together, inputs, outputs or a simulation are not finite, or there are too few
+        samples for the lags.
 
     Examples
     --------
@@ -159,16 +161,13 @@ def residual_tests(
     True
     """
     check_options(level, n_lags)
-    experiments = [tuple(_columns(z) for z in zs) for zs in experiments]
-    if not all(np.isfinite(y_hat).all() for _, _, y_hat in experiments):
-        raise ValueError(
-            "`y_hat` must be finite, got a simulation that diverges. Keep the data in "
-            "the range of the training."
-        )
+    experiments = _check_experiments(experiments)
     u = [u for u, _, _ in experiments]
     r = [y - y_hat for _, y, y_hat in experiments]
     u, powers = _deviations(u), _powers(u, [y_hat for _, _, y_hat in experiments])
     nu, ny = u[0].shape[1], r[0].shape[1]
+    input_names = check_names("input_names", input_names, "u", nu)
+    output_names = check_names("output_names", output_names, "y", ny)
     z = norm.isf(level / 2)
     n_parameters = 0
     if sensitivities is not None:
@@ -210,8 +209,8 @@ def residual_tests(
         n_samples=stack["n"],
         level=float(level),
         dt=float(dt),
-        input_names=_names(input_names, "u", nu),
-        output_names=_names(output_names, "y", ny),
+        input_names=input_names,
+        output_names=output_names,
     )
 
 
@@ -235,11 +234,38 @@ def check_options(level, n_lags):
             f"`level` must be between 0 and 1, got {level}. It is the probability of "
             "a false alarm, such as 0.01."
         )
-    if n_lags != int(n_lags) or n_lags < 1:
+    if not (n_lags >= 1 and n_lags % 1 == 0):
         raise ValueError(
             f"`n_lags` must be a positive integer, got {n_lags}. Give the number of "
             "samples over which the plant responds."
         )
+
+
+def _check_experiments(experiments):
+    """Return (u, y, y_hat) of every experiment as columns, or refuse them."""
+    checked = [tuple(_columns(z) for z in zs) for zs in experiments]
+    shapes = [tuple(z.shape for z in zs) for zs in checked]
+    widths = {(u.shape[1:], y.shape[1:]) for u, y, _ in checked}
+    if len(widths) != 1 or not all(
+        u.ndim == y.ndim == 2 and len(u) == len(y) > 0 and y.shape == y_hat.shape
+        for u, y, y_hat in checked
+    ):
+        raise ValueError(
+            "`experiments` must hold one or more tuples (u, y, y_hat) of shapes "
+            f"(N, nu), (N, ny), (N, ny), got {shapes}. Time runs down the rows."
+        )
+    for u, y, y_hat in checked:
+        if not np.isfinite(y_hat).all():
+            raise ValueError(
+                "`y_hat` must be finite, got a simulation that diverges. Keep the data "
+                "in the range of the training."
+            )
+        if not np.isfinite(u).all() or np.isinf(y).any():
+            raise ValueError(
+                "`u` must be finite, and `y` finite or nan, got other values. Only "
+                "outputs may be nan, where they were not measured."
+            )
+    return checked
 
 
 def _check_rows(r, blocks, n_lags, n_parameters):
@@ -413,10 +439,4 @@ def _deviations(signals):
 
 def _columns(z):
     z = np.asarray(z, dtype=float)
-    return z.reshape(len(z), -1)
-
-
-def _names(names, letter, size):
-    if names is None:
-        return [f"{letter}{i}" for i in range(size)]
-    return [str(name) for name in names]
+    return z[:, None] if z.ndim == 1 else z

@@ -41,10 +41,10 @@ def scored_experiments(model, u, y, experiment=None):
     ValueError
         If the data do not fit the model.
     """
-    check_is_fitted(model)
-    lure, _ = model._plant()
     experiments, starts = [], []
-    for u_k, y_k, x0 in deviations(model, u, y, experiment):
+    parts = deviations(model, u, y, experiment)
+    lure, _ = model._plant()
+    for u_k, y_k, x0 in parts:
         X = simulate(lure, u_k, x0)[:-1]
         with np.errstate(over="ignore", invalid="ignore"):
             y_hat = channels(lure, X, u_k)
@@ -106,6 +106,41 @@ def scored_sensitivities(model, u, y, experiment=None):
     return [partial(one, u_s, y_s) for u_s, y_s in model._experiments(u, y, parts)]
 
 
+def check_names(name, names, letter, size):
+    """Return one name per signal.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    names : sequence of str or None
+        Names; None means letter and number.
+    letter : str
+        Letter of default names.
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    names : list of str
+        Names.
+
+    Raises
+    ------
+    ValueError
+        If their number is wrong.
+    """
+    if names is None:
+        return [f"{letter}{i}" for i in range(size)]
+    names = [str(z) for z in names]
+    if len(names) != size:
+        raise ValueError(
+            f"`{name}` must have one name per signal ({size}), got {len(names)}. "
+            "Add the unit to a name, such as 'speed [rad/s]'."
+        )
+    return names
+
+
 def column_names(model):
     """Return names of the inputs and outputs of a model, as its data have them.
 
@@ -121,10 +156,9 @@ def column_names(model):
     """
     ny, nu = model.D_.shape
     inputs = getattr(model, "feature_names_in_", None)
-    outputs = model.output_names_
     return (
-        [f"u{i}" for i in range(nu)] if inputs is None else [str(z) for z in inputs],
-        [f"y{i}" for i in range(ny)] if outputs is None else list(outputs),
+        check_names("feature_names_in_", inputs, "u", nu),
+        check_names("output_names_", model.output_names_, "y", ny),
     )
 
 

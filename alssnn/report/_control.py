@@ -1,0 +1,232 @@
+"""Sections that say what to expect of a loop: how linear, what is proved, a design."""
+
+import numpy as np
+
+from ..validation import column_names
+from ._page import attempt, figure, heading, matrix, paragraph, python_code, table
+
+# The program of the gain grows with the cube of its neurons and more.
+MAX_NEURONS = 100
+
+LINEARITY = (
+    ("|g| / |Ax+Bu|, mean", "ratio_g_mean", "closed_ratio_mean"),
+    ("|g| / |Ax+Bu|, max", "ratio_g_max", "closed_ratio_max"),
+    ("|h| / |Ax+Bu|, mean", "ratio_h_mean", None),
+    ("|h| / |Ax+Bu|, max", "ratio_h_max", None),
+    ("|Ax+Bu|, mean", None, "closed_linear_mean"),
+    ("|Ax+Bu|, max", None, "closed_linear_max"),
+    ("|g|, mean", None, "closed_omega_mean"),
+    ("|g|, max", None, "closed_omega_max"),
+    ("share outside the training region", "outside", "closed_outside"),
+    ("spectral radius of A", "spectral_radius", None),
+    ("peak of |A^k|", "peak_gain", None),
+)
+
+
+def linearity(model, test, record):
+    """Return how linear the model is once h is cancelled.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    test : tuple
+        The record, (u, y, experiment).
+    record : Linearizability
+        What was measured.
+
+    Returns
+    -------
+    html : str
+        HTML.
+    """
+    _, outputs = column_names(model)
+    rows = [
+        (f"linearization error of {name}, %", 100 * a, 100 * b)
+        for name, a, b in zip(
+            outputs,
+            record.linearization_error,
+            record.closed_linearization_error,
+            strict=True,
+        )
+    ]
+    rows += [
+        (text, *(_field(record, name) for name in names)) for text, *names in LINEARITY
+    ]
+    rows += [
+        (f"H2 gain from g to {name}", gain, "")
+        for name, gain in zip(outputs, record.h2_gain, strict=True)
+    ]
+    bands = record.bands
+    header = ["band, Hz"]
+    for name in outputs:
+        header += [f"e of {name}, %", f"{name}, %"]
+    limits = zip(bands.edges[:-1], bands.edges[1:], strict=True)
+    by_band = [
+        (f"{low:g}\u00a0to\u00a0{high:g}", *(100 * np.column_stack([e, y]).ravel()))
+        for (low, high), e, y in zip(limits, bands.error, bands.output, strict=True)
+    ]
+    parts = [
+        paragraph(
+            "The linearization error is the share of the output that is not the "
+            "response of (A, B, C) once h is cancelled, rms(e) / rms(y). It does not "
+            "depend on the state basis; ratios and gains do. Closed loop: u = v - h, "
+            "with the recorded input as v."
+        ),
+        table(("", "open loop", "closed loop"), rows),
+        heading("By frequency"),
+        paragraph(
+            "e and the output itself in frequency bands: rms in the band, in % of "
+            "rms(y) over all frequencies."
+        ),
+        table(header, by_band),
+    ]
+    if "W_h" in model.params_:
+        parts.append(attempt(lambda: _law(model, test), "Figure of h"))
+    if "W_g" in model.params_:
+        parts.append(attempt(lambda: _rest(model, test), "Figure of the rest"))
+    return "".join(parts)
+
+
+def _field(record, name):
+    return "" if name is None else getattr(record, name)
+
+
+def _law(model, test):
+    from ..plotting import NonlinearityDisplay
+
+    drawn = NonlinearityDisplay.from_estimator(model, *test).figure_
+    return figure(drawn, "What the law cancels: h, with the density of the data.")
+
+
+def _rest(model, test):
+    from ..plotting import ResidualNonlinearityDisplay
+
+    drawn = ResidualNonlinearityDisplay.from_estimator(model, *test).figure_
+    return figure(drawn, "What g leaves at the output.")
+
+
+def certificates(model, test):
+    """Return what is proved of the linearized loop.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    test : tuple
+        The record, (u, y, experiment).
+
+    Returns
+    -------
+    html : str
+        HTML.
+    """
+    return (
+        heading("Input-to-state stability")
+        + attempt(lambda: _iss(model, test), "Certificate")
+        + heading("Incremental gain")
+        + attempt(lambda: _gain(model), "Certificate")
+    )
+
+
+def _iss(model, test):
+    certificate = model.iss_certificate(*test)
+    if not certificate.holds:
+        return paragraph(f"Does not hold. {certificate.reason}", "fail")
+    rows = [
+        ("margin, recomputed", certificate.verify()),
+        ("rate phi", certificate.phi),
+        ("gain psi", certificate.psi),
+        ("largest |g| on the record, eps", certificate.eps),
+        ("level of the invariant set", certificate.level),
+    ]
+    _, outputs = column_names(model)
+    rows += [
+        (f"bound of the distance of {name} from its linear response", bound)
+        for name, bound in zip(outputs, certificate.output_bounds, strict=True)
+    ]
+    return (
+        paragraph("Holds.", "pass")
+        + paragraph(
+            "Proved for the model and g as large as on this record, in the loop "
+            f"u = v - h. {certificate.reason}",
+            "note",
+        )
+        + table(("", "value"), rows)
+    )
+
+
+def _gain(model):
+    lure, _ = model._plant()
+    if lure.nw > MAX_NEURONS:
+        return paragraph(
+            f"Left out: the program of {lure.nw} neurons takes long. Call "
+            "model.gain_certificate() for it.",
+            "note",
+        )
+    certificate = model.gain_certificate()
+    if not certificate.holds:
+        return paragraph(f"Does not hold. {certificate.reason}", "fail")
+    rows = [
+        ("bound of the l2 gain from v to y", certificate.gamma),
+        ("margin, recomputed", certificate.verify()),
+    ]
+    return paragraph("Holds.", "pass") + table(("", "value"), rows)
+
+
+def controller(model):
+    """Return what a control engineer takes along: (A, B, C) and a first design.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    html : str
+        HTML.
+    """
+    from ..feedback import balanced_weights, linear_part, lqi, lqr
+
+    intro = paragraph(
+        "Under the law the plant is nearly (A, B, C) of the equations, from v to y. "
+        "A proposal to begin with: weights of one for every signal over its standard "
+        "deviation in the training data, 0.01 for integrators."
+    )
+    nx = len(linear_part(model)[0])
+    Q, R = balanced_weights(model)
+    try:
+        K = lqi(model, Q, R)
+    except ValueError as error:
+        refused = paragraph(f"With integrators: not available. {error}", "note")
+        K = lqr(model, Q[:nx, :nx], R)
+        words = "LQR, v = r - K x"
+    else:
+        refused, words = "", "LQI, v = u_e - K [x; z], z+ = z + y - r"
+    content = intro + refused + heading(words) + matrix("K", K) + _poles(model, K)
+    content += python_code("Copy the gain as Python", {"K": K})
+    if not refused:
+        content += attempt(lambda: _step(model, K), "Step response")
+    return content
+
+
+def _poles(model, K):
+    from ..feedback import designed_loop
+
+    poles = sorted(designed_loop(model, K).poles(), key=abs, reverse=True)
+    rows = [(z.real, z.imag, abs(z)) for z in np.round(poles, 12) + 0.0]
+    return table(("design poles: real part", "imaginary part", "modulus"), rows)
+
+
+def _step(model, K):
+    from ..feedback import step_comparison
+    from ..plotting import LoopDisplay
+
+    drawn = LoopDisplay.from_steps(model, step_comparison(model, K)).figure_
+    caption = (
+        "Step of all references by one standard deviation of the training data: the "
+        "design, and the whole model under its law. u is what the plant gets, over its "
+        "range in the training data."
+    )
+    return figure(drawn, caption)
