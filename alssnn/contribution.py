@@ -21,6 +21,10 @@ from scipy.linalg.blas import dsyrk
 from .simulation import regressors, sensitivities, trajectory
 from .structures import Structure
 
+# Mean square derivative by a parameter beyond which the rounding of the simulation
+# alone moves it by its own size: its derivatives lead nowhere.
+SENSITIVITY_LIMIT = 1e32
+
 
 class Arrow(NamedTuple):
     """Hold J'J, J'r and |r|^2 over some experiments.
@@ -165,7 +169,7 @@ class Contribution:
         Raises
         ------
         FloatingPointError
-            If the simulation diverges.
+            If the simulation diverges, or its sensitivities do.
         """
         n_params = self.structure.n_params
         n = n_params + self.structure.n_x0
@@ -179,6 +183,11 @@ class Contribution:
             J = J.reshape(-1, n)
             # upper triangle of JJ += J'J, in place: J.T is Fortran-ordered
             JJ = dsyrk(1.0, J.T, beta=1.0, c=JJ, overwrite_c=1)
+            if not np.diag(JJ).max() < SENSITIVITY_LIMIT:  # "not <": nan is beyond
+                raise FloatingPointError(
+                    "The simulation is finite at these parameters, but its "
+                    "sensitivities diverge."
+                )
             Jr += r.reshape(-1) @ J
             square += float(np.vdot(r, r))
         JJ = np.triu(JJ) + np.triu(JJ, 1).T

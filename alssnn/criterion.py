@@ -270,7 +270,7 @@ class Criterion(LeastSquares):
         Raises
         ------
         FloatingPointError
-            If the simulation diverges.
+            If the simulation diverges, or its sensitivities do.
         """
         n_params, n_x0 = self.structure.n_params, self.structure.n_x0
         JJ, Jr = np.diag(self.decay**2), self.decay**2 * free

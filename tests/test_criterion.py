@@ -185,6 +185,26 @@ def test_divergence_is_a_large_finite_norm(rng):
         criterion.normal_equations(free)
 
 
+@pytest.mark.parametrize(
+    ("activation", "gain", "x0"),
+    [("tanh", 1.5, 0.0), ("tanh", 1e200, 0.0), ("sin", 4.0, 1.0)],
+    ids=["balanced", "overflow within a chunk", "chaotic"],
+)
+def test_diverging_sensitivities_of_a_bounded_simulation(activation, gain, x0):
+    """x+ = gain sigma(x): bounded, while dx/dx0 grows like gain^k."""
+    structure = state_space_structure(
+        1, 1, 1, n_g=1, C=np.ones((1, 1)), activation=activation
+    )
+    theta = structure.join({"W_g": [[gain]], "W_x": [[1.0]]})
+    record = np.zeros((3000, 1)), np.ones((3000, 1))
+    criterion = Criterion(structure, [record])
+    free = criterion.join(theta, [[x0]])
+    assert criterion.norm(free) < 10
+    for derivative in (criterion.normal_equations, criterion.jac):
+        with pytest.raises(FloatingPointError, match="sensitivities diverge"):
+            derivative(free)
+
+
 def test_restricted_is_a_part_of_the_whole(criterion, free, rng):
     mask = rng.random(criterion.n) > 0.5
     part = Restricted(criterion, free, mask)
