@@ -102,9 +102,11 @@ def _row(group):
     label = f"{group.model} {group.options}".strip()
     if n_crashed == len(error):
         return f"  {label:32s}{len(error):4d}  crashed: {group.rows[0]['error'][:60]}"
-    error, relative = (z[~np.isnan(z)] for z in (error, relative))
-    middle = np.median(relative) if len(relative) else np.nan
-    worst = relative.max() if len(relative) else np.nan
+    fitted = ~np.isnan(error)
+    error, relative, seconds = (
+        z[fitted] for z in (error, relative, group.values("cpu"))
+    )
+    middle, worst = np.median(relative), relative.max()
     marks = [f"{n_crashed} crashed"] * bool(n_crashed)
     marks += ["diverges"] * bool(np.isinf(error).any())
     marks += ["worse than lti"] * bool(group.model != "lti" and worst > WORSE)
@@ -112,7 +114,7 @@ def _row(group):
         f"  {label:32s}{len(group.rows):4d}  {np.median(error):12.4g}"
         f"  of lti {middle:8.3f} worst {worst:8.3f}"
         f"  nx {'/'.join(dict.fromkeys(row['nx'] for row in group.rows)):8s}"
-        f"{np.nanmedian(group.values('cpu')):8.1f} s  {', '.join(marks)}"
+        f"{np.median(seconds):8.1f} s  {', '.join(marks)}"
     )
 
 
