@@ -10,7 +10,7 @@ import pytest
 from alssnn import LinearStateSpace
 from alssnn.metrics import rmse
 from benchmarks.field import __main__ as command
-from benchmarks.field import runs, table
+from benchmarks.field import rivals, runs, table
 from benchmarks.field.case import Case, Data, fresh
 from benchmarks.field.plants import PLANTS
 from benchmarks.field.records import RECORDS
@@ -221,3 +221,16 @@ def test_records_load_and_are_what_they_say(name):
         assert u.ndim == y.ndim == 2 and len(u) == len(y)
     for errors in case.published.values():
         assert set(errors) <= set(data.tests)
+
+
+def test_our_curve_ends_with_the_fitted_model():
+    pytest.importorskip("sklearn.callback", reason="needs scikit-learn 1.9")
+    data = TINY.load()
+    model = runs.MODELS["gr"](nx=1, n_f=2, max_iter=5, random_state=0)
+    rows = rivals.our_curve(model, data.train, data.tests, 20, 1e3)
+    assert len(rows) >= 2 and {row[0] for row in rows} == {"fresh"}
+    model.set_params(n_init_samples=20)
+    y, y_hat = model.simulate_test(*data.tests["fresh"][0])
+    assert float(rows[-1][3]) == pytest.approx(1e3 * rmse(y, y_hat), rel=1e-4)
+    seconds = [float(row[1]) for row in rows]
+    assert seconds == sorted(seconds)

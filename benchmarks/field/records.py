@@ -66,22 +66,29 @@ def mirror():
     The two periods of a training experiment are one record of their mean: the plant is
     in steady state.
     """
-    train, tests = [], {}
-    for level in MIRROR_LEVELS:
-        u, y = (_mirror(f"{z}_{level}mV_train.npy").mean(axis=3) for z in "uy")
-        train += [(u[..., r], y[..., r]) for r in range(u.shape[2])]
-        u, y = (_mirror(f"{z}_{level}mV_test.npy") for z in "uy")
-        tests[f"{level} mV"] = [
-            (u[..., r, p], y[..., r, p])
-            for r in range(u.shape[2])
-            for p in range(u.shape[3])
+    (u, y), (u_test, y_test) = mirror_arrays("train"), mirror_arrays("test")
+    u, y = u.mean(axis=4), y.mean(axis=4)
+    train = [
+        (u[level, ..., r], y[level, ..., r])
+        for level in range(len(u))
+        for r in range(u.shape[3])
+    ]
+    tests = {
+        f"{name} mV": [
+            (u_test[level, ..., r, p], y_test[level, ..., r, p])
+            for r in range(u_test.shape[3])
+            for p in range(u_test.shape[4])
         ]
+        for level, name in enumerate(MIRROR_LEVELS)
+    }
     return Data(train, tests, 1 / MIRROR_RATE)
 
 
-def _mirror(filename):
-    """Return one array of shape (samples, channels, realizations, periods)."""
-    return np.load(_find_file(None, "fine_steering_mirror", filename))
+def mirror_arrays(part):
+    """Return u and y of shape (levels, samples, channels, realizations, periods)."""
+    folder = "fine_steering_mirror"
+    names = [[f"{z}_{level}mV_{part}.npy" for level in MIRROR_LEVELS] for z in "uy"]
+    return [np.stack([np.load(_find_file(None, folder, f)) for f in n]) for n in names]
 
 
 # -- classics --------------------------------------------------------------------------
