@@ -6,18 +6,17 @@ the second half tests. The outputs are what was measured, the drives without the
 
 from functools import partial
 
-import numpy as np
-
 from alssnn.datasets import (
     fetch_cascaded_tanks,
+    fetch_classics,
     fetch_coupled_drives,
+    fetch_fine_steering_mirror,
     fetch_silverbox,
     fetch_wiener_hammerstein,
 )
-from alssnn.datasets._files import _find_file
 from benchmarks.recordings import RECORDINGS, drone_command
 
-from .case import Case, Data, columns
+from .case import Case, Data
 
 # -- benchmarks ------------------------------------------------------------------------
 
@@ -54,63 +53,17 @@ def drone():
     return Data(list(map(tuple, train)), tests, train[0].dt)
 
 
-# -- fine steering mirror --------------------------------------------------------------
-
-MIRROR_LEVELS = (100, 200, 300)  # mV
-MIRROR_RATE = 6_400  # Hz
-
-
 def mirror():
-    """Return the mirror at all levels; tests by level, a period an experiment each.
-
-    The two periods of a training experiment are one record of their mean: the plant is
-    in steady state.
-    """
-    (u, y), (u_test, y_test) = mirror_arrays("train"), mirror_arrays("test")
-    u, y = u.mean(axis=4), y.mean(axis=4)
-    train = [
-        (u[level, ..., r], y[level, ..., r])
-        for level in range(len(u))
-        for r in range(u.shape[3])
-    ]
-    tests = {
-        f"{name} mV": [
-            (u_test[level, ..., r, p], y_test[level, ..., r, p])
-            for r in range(u_test.shape[3])
-            for p in range(u_test.shape[4])
-        ]
-        for level, name in enumerate(MIRROR_LEVELS)
-    }
-    return Data(train, tests, 1 / MIRROR_RATE)
+    """Return the mirror at all levels; tests by level."""
+    train, tests = fetch_fine_steering_mirror()
+    tests = {name: list(map(tuple, test)) for name, test in tests.items()}
+    return Data(list(map(tuple, train)), tests, train[0].dt)
 
 
-def mirror_arrays(part):
-    """Return u and y of shape (levels, samples, channels, realizations, periods)."""
-    folder = "fine_steering_mirror"
-    names = [[f"{z}_{level}mV_{part}.npy" for level in MIRROR_LEVELS] for z in "uy"]
-    return [np.stack([np.load(_find_file(None, folder, f)) for f in n]) for n in names]
-
-
-# -- classics --------------------------------------------------------------------------
-
-
-def classic(filename, dt, **options):
+def classic(name):
     """Return both halves of a classic record."""
-    path = _find_file(None, "classics", filename)
-    if path.suffix == ".mat":
-        from scipy.io import loadmat
-
-        content = loadmat(path)
-        u, y = (columns(_upright(content[name])) for name in options["names"])
-    else:
-        rows = {"delimiter": ",", "skiprows": 1} if path.suffix == ".csv" else {}
-        u, y = map(columns, np.loadtxt(path, **rows).T)
-    half = len(u) // 2
-    return Data([(u[:half], y[:half])], {"second half": [(u[half:], y[half:])]}, dt)
-
-
-def _upright(z):
-    return z.T if z.shape[0] < z.shape[1] else z
+    train, test = fetch_classics()[name].split(0.5)
+    return Data([tuple(train)], {"second half": [tuple(test)]}, train.dt)
 
 
 # -- all -------------------------------------------------------------------------------
@@ -133,6 +86,7 @@ WH = (
     ("SUBNET", (0.241,)),
 )
 TANKS = (("best quoted black box", (0.33,)), ("best quoted grey box", (0.18,)))
+MIRROR_TESTS = ("100 mV", "200 mV", "300 mV")
 MIRROR = (
     ("LTI, nx=28", (0.252, 0.179, 0.658)),
     ("LTI, nx=28, one per level", (0.114, 0.216, 0.228)),
@@ -188,24 +142,13 @@ RECORDS = {
             "um",
             1e6,
             n_init=100,
-            published=_published([f"{v} mV" for v in MIRROR_LEVELS], MIRROR),
+            published=_published(MIRROR_TESTS, MIRROR),
             big=True,
         ),
-        _real(
-            "actuator",
-            "hydraulic crane",
-            partial(classic, "actuator.mat", 1.0, names=("u", "p")),
-            "-",
+        *(
+            _real(name, "classic", partial(classic, name), "-")
+            for name in ("actuator", "ball and beam", "dryer", "flutter", "gas furnace")
         ),
-        _real("ball and beam", "beam", partial(classic, "ballbeam.dat", 0.1), "-"),
-        _real("dryer", "hair dryer", partial(classic, "dryer.dat", 0.08), "-"),
-        _real("flutter", "wing", partial(classic, "flutter.dat", 1.0), "-"),
-        _real("gas furnace", "CO2", partial(classic, "gas_furnace.csv", 9.0), "-"),
-        _real(
-            "tank pair",
-            "two tanks, 1 x 2",
-            partial(classic, "tank.mat", 0.2, names=("u", "y")),
-            "-",
-        ),
+        _real("tank pair", "classic, 1 x 2", partial(classic, "two tanks"), "-"),
     )
 }
