@@ -8,7 +8,9 @@ from scipy.io import savemat
 
 from alssnn.datasets import (
     fetch_cascaded_tanks,
+    fetch_classics,
     fetch_coupled_drives,
+    fetch_fine_steering_mirror,
     fetch_quarter_drone,
     fetch_silverbox,
 )
@@ -19,6 +21,8 @@ LOADERS = {
     "cascaded_tanks": fetch_cascaded_tanks,
     "silverbox": fetch_silverbox,
     "quarter_drone": fetch_quarter_drone,
+    "classics": fetch_classics,
+    "fine_steering_mirror": fetch_fine_steering_mirror,
 }
 
 
@@ -148,6 +152,80 @@ def test_drone_runs(tmp_path):
     assert {r.dt for r in runs.values()} == {0.01}
 
 
+def write_mirror(folder):
+    """Write arrays that tell of their level, channel, realization and period."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shape = np.indices((3, 6, 2))
+    tags = (100 * shape[0] + 10 * shape[1] + shape[2])[None]  # channel, run, period
+    for level in (100, 200, 300):
+        for part, runs in (("train", 6), ("test", 3)):
+            for z, sign in (("u", 1.0), ("y", -1.0)):
+                array = np.tile(
+                    sign * (1_000 * level + tags[:, :, :runs]), (8192, 1, 1, 1)
+                )
+                np.save(folder / f"{z}_{level}mV_{part}.npy", array)
+
+
+@pytest.mark.parametrize("folder", ["fine_steering_mirror", "."])
+def test_mirror_averages_the_periods_of_the_training(tmp_path, folder):
+    write_mirror(tmp_path / folder)
+    train, tests = fetch_fine_steering_mirror(tmp_path)
+    assert len(train) == 18
+    assert list(tests) == ["100 mV", "200 mV", "300 mV"]
+    np.testing.assert_array_equal(train[7].u[0], 200_010.5 + np.array([0, 100, 200]))
+    np.testing.assert_array_equal(train[7].y, -train[7].u)
+    last = tests["300 mV"][5]  # third realization, second period
+    np.testing.assert_array_equal(last.y[0], -300_021.0 - np.array([0, 100, 200]))
+    assert train[0].dt == 1 / 6400
+
+
+def test_mirror_foreign_arrays(tmp_path):
+    write_mirror(tmp_path)
+    np.save(tmp_path / "u_100mV_train.npy", np.zeros((8192, 3, 5, 2)))
+    with pytest.raises(ValueError, match=r"must have shape \(8192, 3, 6, 2\), got"):
+        fetch_fine_steering_mirror(tmp_path)
+    (tmp_path / "u_100mV_train.npy").write_text("no array")
+    with pytest.raises(ValueError, match=r"must be an array of NumPy, got: .*github"):
+        fetch_fine_steering_mirror(tmp_path)
+
+
+def write_classics(folder):
+    k = np.arange(2_500.0)
+    savemat(folder / "actuator.mat", {"u": k[:1024, None], "p": -k[:1024, None]})
+    savemat(folder / "tank.mat", {"u": k[None], "y": np.stack([k + 1, k + 2])})
+    for name, length in (("ballbeam", 1_000), ("dryer", 1_000), ("flutter", 1_024)):
+        np.savetxt(folder / f"{name}.dat", np.stack([k, -k], axis=1)[:length])
+    np.savetxt(
+        folder / "gas_furnace.csv",
+        np.stack([k, -k], axis=1)[:296],
+        delimiter=",",
+        header="InputGasRate,CO2",
+        comments="",
+    )
+
+
+def test_classics(tmp_path):
+    write_classics(tmp_path)
+    records = fetch_classics(tmp_path)
+    assert [len(r) for r in records.values()] == [1024, 1000, 1000, 1024, 296, 2500]
+    tanks = records.pop("two tanks")
+    assert tanks.u.shape == (2_500, 1) and tanks.dt == 0.2
+    np.testing.assert_array_equal(tanks.y[3], [4.0, 5.0])
+    for record in records.values():
+        np.testing.assert_array_equal(record.u[:, 0], np.arange(len(record)))
+        np.testing.assert_array_equal(record.y, -record.u)
+
+
+def test_classics_foreign_and_short_files(tmp_path):
+    write_classics(tmp_path)
+    (tmp_path / "dryer.dat").write_text("1 2\n3 4\n")
+    with pytest.raises(ValueError, match="must hold 1000 samples, got 2"):
+        fetch_classics(tmp_path)
+    savemat(tmp_path / "actuator.mat", {"u": np.zeros((1024, 1))})
+    with pytest.raises(ValueError, match="must hold an input and an output"):
+        fetch_classics(tmp_path)
+
+
 def test_truncated_and_renamed_files(tmp_path):
     path = write_drone(tmp_path)
     text = path.read_text()
@@ -167,7 +245,8 @@ def test_missing_file_names_folder_and_source(tmp_path, folder):
     assert str(tmp_path / folder) in message
     assert "ALSSNN_DATA_HOME" in message
     assert "download_if_missing" not in message  # these loaders have no such argument
-    assert ("nonlinearbenchmark.org" in message) == (folder != "quarter_drone")
+    own = {"quarter_drone", "classics", "fine_steering_mirror"}  # not from there
+    assert ("nonlinearbenchmark.org" in message) == (folder not in own)
 
 
 def test_measured_drives():
@@ -198,3 +277,19 @@ def test_measured_drone():
     for record in runs.values():
         assert -2 < record.y.min() < 1 < 70 < record.y.max() < 100  # degrees
         assert 50 < record.u.max() < 65 or "staircase" in record.name  # per cent
+
+
+def test_measured_mirror():
+    train, tests = measured("fine_steering_mirror")
+    assert [len(test) for test in tests.values()] == [6, 6, 6]
+    levels = [np.mean([r.u.std() for r in train[i : i + 6]]) for i in (0, 6, 12)]
+    np.testing.assert_allclose(np.divide(levels, levels[0]), [1, 2, 3], rtol=0.05)
+    first, second = tests["100 mV"][:2]  # two periods of one realization
+    np.testing.assert_allclose(first.u, second.u, atol=0.02 * first.u.std())
+
+
+def test_measured_classics():
+    records = measured("classics")
+    assert all(r.y.std() > 0 for r in records.values())
+    assert records["gas furnace"].u[0, 0] == -0.109  # first row of the file
+    assert records["gas furnace"].y[0, 0] == 53.8

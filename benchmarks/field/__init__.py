@@ -1,0 +1,1 @@
+"""Field benchmark: default fits on records and plants that nobody tuned for."""

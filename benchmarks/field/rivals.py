@@ -1,0 +1,204 @@
+"""Error against time beside two other packages, each in an environment of its own.
+
+    python -m benchmarks.field.rivals [--study wh mirror] [--seconds 240] [--seeds 1]
+
+Study "wh": the circuit, trained on 10,000 samples (rows 5,000 to 14,999), tested on the
+official test part; `GrSsnn` of order 6 with 15 neurons, otherwise with its defaults,
+beside jax-sysid with the same structure.
+Study "mirror": freq-statespace with the settings of its authors' record, on all levels;
+--realizations 3 trains it with half of the records, --ours fits one of our models, too.
+
+The environment is made in --venv, by default a temporary folder, by pip.  Every curve
+is a row per point: seconds of clock and processor since the start of the fit,
+compilation included, and the error.  Nothing of a test is simulated during a fit.  The
+packages run one after the other; leave the machine to them.
+"""
+
+import argparse
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from alssnn.datasets import fetch_wiener_hammerstein
+
+from .records import RECORDS
+from .runs import MODELS, score
+
+HERE = Path(__file__).parent
+PACKAGES = ("jax-sysid==1.0.1", "freq-statespace==0.1.2", "scipy")
+COLUMNS = ("study", "test", "method", "seed", "wall", "cpu", "rmse")
+TRAINING = slice(5_000, 15_000)  # rows of the circuit
+SIZES = {"nx": 6, "n_f": 15}  # in both packages
+LINES = np.arange(1, 3_840)  # excited frequencies of the mirror, up to 3 kHz
+
+
+def environment(folder):
+    """Return the interpreter of an environment with both packages, made if needed."""
+    python = folder / "bin" / "python"
+    if not python.exists():
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+        pip = [python, "-m", "pip", "install", "--quiet"]
+        subprocess.run([*pip, *PACKAGES], check=True)
+    return python
+
+
+def curve(python, script, data, *options):
+    """Return the rows that a script writes, as lists of strings."""
+    out = Path(data).with_suffix(".csv")
+    command = [python, HERE / f"{script}.py", data, out, *map(str, options)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    with out.open(newline="") as file:
+        return list(csv.reader(file))
+
+
+# -- ours ------------------------------------------------------------------------------
+
+
+class Follower:
+    """Keep the models of a fit, and when they were there, as a callback."""
+
+    def __init__(self):
+        self.start, self.cpu = time.perf_counter(), time.process_time()
+        self.points = []
+
+    def keep(self, model):
+        """Keep a point of the curve."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        self.points.append((wall - self.start, cpu - self.cpu, model))
+
+    def setup(self, estimator, context):
+        """Do nothing."""
+
+    def teardown(self, estimator, context):
+        """Do nothing."""
+
+    def on_fit_task_begin(self, estimator, context):
+        """Do nothing."""
+
+    def on_fit_task_end(self, estimator, context, *, fitted_estimator):
+        """Keep a model, at most one a second."""
+        late = (
+            not self.points or time.perf_counter() - self.start > self.points[-1][0] + 1
+        )
+        if context.task_name == "iteration" and fitted_estimator is not None and late:
+            self.keep(fitted_estimator)
+
+
+def our_curve(model, train, tests, n_init, scale):
+    """Return rows (test, wall, cpu, rmse) of one of our models."""
+    follower = Follower()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model.set_callbacks(follower).fit(*map(list, zip(*train, strict=True)))
+    follower.keep(model)
+    rows = []
+    for wall, cpu, fitted in follower.points:
+        fitted.n_init_samples = n_init
+        with np.errstate(all="ignore"):
+            for name, test in tests.items():
+                rmse = score(fitted, test, scale)["rmse"]
+                rows.append((name, f"{wall:.2f}", f"{cpu:.2f}", f"{rmse:.6g}"))
+    return rows
+
+
+# -- studies ---------------------------------------------------------------------------
+
+
+def circuit(python, folder, options):
+    """Yield rows of the study "wh"."""
+    whole, _ = fetch_wiener_hammerstein()
+    _, test = fetch_wiener_hammerstein(split="official")
+    u, y = whole.u[TRAINING], whole.y[TRAINING]
+    data = folder / "wh.npz"
+    np.savez(data, u=u, y=y, u_test=test.u, y_test=test.y, scale=1e3, window=50)
+    for seed in range(options.seeds):
+        model = MODELS["gr"](**SIZES, dt=whole.dt, random_state=seed)
+        tests = {"official": [tuple(test)]}
+        for row in our_curve(model, [(u, y)], tests, 50, 1e3):
+            yield ("wh", row[0], "gr", seed, *row[1:])
+        limits = ("--seconds", options.seconds, "--seed", seed)
+        limits += ("--nx", SIZES["nx"], "--n-f", SIZES["n_f"])
+        for row in curve(python, "rival_jax_sysid", data, *limits):
+            yield ("wh", "official", "jax-sysid", seed, *row)
+
+
+def mirror(python, folder, options):
+    """Yield rows of the study "mirror"."""
+    case = RECORDS["mirror"]
+    records = case.load()
+    data = folder / "mirror.npz"
+    u, y = (_stacked(z) for z in zip(*records.train, strict=True))
+    tests = [zip(*test, strict=True) for test in records.tests.values()]
+    pairs = zip(*[map(_stacked, test) for test in tests], strict=True)
+    u_test, y_test = (np.stack(z) for z in pairs)
+    np.savez(
+        data,
+        u=u,
+        y=y,
+        u_test=u_test,
+        y_test=y_test,
+        names=list(records.tests),
+        lines=LINES,
+        rate=1 / records.dt,
+        scale=case.scale,
+        window=case.n_init,
+    )
+    for seed in range(options.seeds):
+        if options.ours is not None:
+            model = MODELS[options.ours](dt=records.dt)
+            model.set_params(max_time=options.seconds)
+            if options.ours != "lti":
+                model.set_params(random_state=seed)
+            records_of = records.train, records.tests
+            for row in our_curve(model, *records_of, case.n_init, case.scale):
+                yield ("mirror", row[0], options.ours, seed, *row[1:])
+        limits = ["--seconds", options.seconds, "--seed", seed]
+        limits += ["--realizations", options.realizations]
+        for row in curve(python, "rival_freq_statespace", data, *limits):
+            yield ("mirror", row[0], "freq-statespace", seed, *row[1:])
+
+
+def _stacked(signals):
+    """Return signals of shape (N, n) as (N, n, n_signals)."""
+    return np.stack(signals, axis=2)
+
+
+STUDIES = {"wh": circuit, "mirror": mirror}
+
+
+def main(arguments=None):
+    """Make the environment, run the studies, write the curves."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--study", choices=STUDIES, nargs="+", default=["wh"])
+    parser.add_argument("--seconds", type=float, default=240)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--realizations", type=int, default=6)
+    parser.add_argument("--ours", choices=MODELS)
+    parser.add_argument("--venv", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("rivals.csv"))
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        python = environment(options.venv or folder / "venv")
+        with options.out.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for study in options.study:
+                for row in STUDIES[study](python, folder, options):
+                    writer.writerow(row)
+                    file.flush()
+                    print(*row, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

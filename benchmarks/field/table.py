@@ -1,0 +1,144 @@
+"""What many runs say together: medians, worst seeds, and the fits that failed."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+WORSE = 1.02  # of the error of the linear model: what counts as lost against it
+AGREE = (1.3, 2.0)  # worst over median of the seeds
+
+
+@dataclass(frozen=True)
+class Group:
+    """Hold the seeds of one model on one test."""
+
+    case: str
+    test: str
+    model: str
+    options: str
+    rows: list = field(repr=False)
+
+    def values(self, column):
+        """Return a column as numbers; nan where a fit crashed."""
+        return np.array([float(row[column] or "nan") for row in self.rows])
+
+    @property
+    def spread(self):
+        """Return worst over median; infinite if a fit crashed or diverged."""
+        values = self.values("rmse")
+        if not np.isfinite(values).all():
+            return np.inf
+        return values.max() / np.median(values)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Count what must not happen, in fits of nonlinear models."""
+
+    fits: int  # rows of nonlinear models
+    crashes: list
+    diverging: list
+    worse: list  # than the linear model by more than 2 %
+    silent: list  # of the worse and the diverging, those without any warning
+    agree: dict  # limit -> share of the groups
+
+
+def groups(rows):
+    """Return the rows by case, test, model and options, in their order."""
+    parts = {}
+    for row in rows:
+        key = tuple(row[k] for k in ("case", "test", "model", "options"))
+        parts.setdefault(key, []).append(row)
+    # a fit that crashed before it knew its tests stands alone
+    return [Group(*key, part) for key, part in parts.items()]
+
+
+def summary(rows):
+    """Return the counts over all rows of nonlinear models."""
+    rows = [row for row in rows if row["model"] != "lti"]
+    crashes = [row for row in rows if row["error"]]
+    diverging = [row for row in rows if row["rmse"] == "inf"]
+    worse = [
+        row
+        for row in rows
+        if row["rmse"] != "inf" and float(row["relative"] or "nan") > WORSE
+    ]
+    silent = [row for row in diverging + worse if not row["warnings"]]
+    spreads = np.array([group.spread for group in groups(rows)])
+    agree = {limit: float(np.mean(spreads <= limit)) for limit in AGREE if len(spreads)}
+    return Summary(len(rows), crashes, diverging, worse, silent, agree)
+
+
+def report(rows, cases):
+    """Return the lines of the table and of the summary.
+
+    `cases` tells units and published errors by the name of a case.
+    """
+    lines = []
+    by_test = {}
+    for group in groups(rows):
+        by_test.setdefault((group.case, group.test), []).append(group)
+    for (name, test), part in sorted(
+        by_test.items(), key=lambda item: _place(item[0][0], cases)
+    ):
+        case = cases.get(name)
+        unit, split = (case.unit, case.split) if case else ("", "")
+        lines += ["", f"{name}, {test} [{unit}] {split}"]
+        lines += [_row(group) for group in part]
+        for source, errors in (case.published if case else {}).items():
+            if test in errors:
+                lines.append(f"  {source:32s}{'':6s}{errors[test]:12.4g}  published")
+    return [*lines, "", *_counts(summary(rows))]
+
+
+def _place(name, cases):
+    names = list(cases)
+    return names.index(name) if name in names else len(names)
+
+
+def _row(group):
+    error, relative = group.values("rmse"), group.values("relative")
+    n_crashed = int(np.isnan(error).sum())
+    label = f"{group.model} {group.options}".strip()
+    if n_crashed == len(error):
+        return f"  {label:32s}{len(error):4d}  crashed: {group.rows[0]['error'][:60]}"
+    fitted = ~np.isnan(error)
+    error, relative, seconds = (
+        z[fitted] for z in (error, relative, group.values("cpu"))
+    )
+    middle, worst = np.median(relative), relative.max()
+    marks = [f"{n_crashed} crashed"] * bool(n_crashed)
+    marks += ["diverges"] * bool(np.isinf(error).any())
+    marks += ["worse than lti"] * bool(group.model != "lti" and worst > WORSE)
+    return (
+        f"  {label:32s}{len(group.rows):4d}  {np.median(error):12.4g}"
+        f"  of lti {middle:8.3f} worst {worst:8.3f}"
+        f"  nx {'/'.join(dict.fromkeys(row['nx'] for row in group.rows)):8s}"
+        f"{np.median(seconds):8.1f} s  {', '.join(marks)}"
+    )
+
+
+def _counts(found):
+    lines = [
+        f"{found.fits} errors of nonlinear models: {len(found.crashes)} crashed, "
+        f"{len(found.diverging)} diverging, {len(found.worse)} worse than the linear "
+        f"model by more than {WORSE - 1:.0%}; {len(found.silent)} of these without a "
+        "warning"
+    ]
+    for label, part in (
+        ("crashed", found.crashes),
+        ("diverging", found.diverging),
+        ("worse", found.worse),
+    ):
+        lines += [f"  {label}: {_name(row)}" for row in part]
+    lines += [
+        f"worst/median over the seeds <= {limit:g}: {share:.0%} of models and tests"
+        for limit, share in found.agree.items()
+    ]
+    return lines
+
+
+def _name(row):
+    what = row["error"][:80] or f"{row['relative']} of lti"
+    text = f"{row['case']}, {row['test']}, {row['model']} seed {row['seed']}"
+    return f"{text} {row['options']}".rstrip() + f": {what}"

@@ -1,0 +1,236 @@
+"""The field benchmark keeps every fit, whatever happens, and counts what failed."""
+
+import csv
+import os
+from functools import partial
+
+import numpy as np
+import pytest
+
+from alssnn import LinearStateSpace
+from alssnn.metrics import rmse
+from benchmarks.field import __main__ as command
+from benchmarks.field import rivals, runs, table
+from benchmarks.field.case import Case, Data, fresh
+from benchmarks.field.plants import PLANTS
+from benchmarks.field.records import RECORDS
+
+
+def saturated(rng, N):
+    u = rng.standard_normal(N)
+    y = np.zeros(N)
+    for k in range(N - 1):
+        y[k + 1] = np.tanh(0.6 * y[k] + u[k])
+    return u, y
+
+
+def broken():
+    raise RuntimeError("no\nsuch plant")
+
+
+def absent():
+    raise FileNotFoundError("not here")
+
+
+def fatal():
+    os._exit(3)
+
+
+TINY = Case(
+    "tiny",
+    "map",
+    partial(fresh, "tiny", saturated, N=200),
+    "seen",
+    "mV",
+    1e3,
+    n_init=20,
+)
+QUICK = {"options": {"nx": 1, "gr.n_f": 2, "max_iter": 3}, "jobs": 0}
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "field.csv"
+
+
+def said(lines):
+    return lambda text: lines.append(text)
+
+
+def test_rows_are_the_errors_of_the_models(out):
+    runs.run([TINY], ["lti", "gr"], 2, out, **QUICK)
+    rows = runs.read(out)
+    assert [(r["model"], r["seed"], r["options"]) for r in rows] == [
+        ("lti", "0", ""),
+        ("lti", "0", "max_iter=3; nx=1"),
+        ("gr", "0", "max_iter=3; n_f=2; nx=1"),
+        ("gr", "1", "max_iter=3; n_f=2; nx=1"),
+    ]
+    data = TINY.load()
+    model = LinearStateSpace(n_init_samples=20).fit(*data.train[0])
+    y, y_hat = model.simulate_test(*data.tests["fresh"][0])
+    assert len(y) == 180  # the first samples are not scored
+    assert float(rows[0]["rmse"]) == pytest.approx(1e3 * rmse(y, y_hat), rel=1e-4)
+    for row in rows:
+        expected = float(row["rmse"]) / float(rows[0]["rmse"])
+        assert float(row["relative"]) == pytest.approx(expected, rel=1e-4)
+    assert rows[2]["warnings"] == "ConvergenceWarning 1"
+    assert rows[2]["converged"] == "False" and rows[2]["nx"] == "1"
+    assert rows[2]["rmse"] != rows[3]["rmse"]
+
+
+def test_a_run_goes_on_where_the_file_ends(out, monkeypatch):
+    runs.run([TINY], ["gr"], 1, out, **QUICK)
+    fitted = []
+    fit = runs.fit
+    monkeypatch.setattr(runs, "fit", lambda job: fitted.append(job.key()) or fit(job))
+    rows = runs.run([TINY], ["gr"], 2, out, **QUICK)
+    assert fitted == [("tiny", "gr", "1", "max_iter=3; n_f=2; nx=1")]
+    assert len(rows) == len(runs.read(out)) == 3
+
+
+def test_a_crash_is_a_row_and_a_missing_record_is_said(out):
+    wrong = Case("broken", "none", broken, "seen")
+    lines = []
+    missing = Case("absent", "none", absent, "real")
+    rows = runs.run([wrong, missing], ["gr"], 1, out, show=said(lines), **QUICK)
+    assert [row["error"] for row in rows] == ["RuntimeError: no such plant"] * 2
+    assert "absent: not here" in lines
+    found = table.summary(rows)
+    assert len(found.crashes) == found.fits == 1  # the linear model counts apart
+    assert found.agree == {1.3: 0, 2.0: 0}
+    # a fit that cannot start knows its tests
+    rows = runs.run([TINY], ["fl"], 1, out, options={"nx": 500}, jobs=0)
+    assert rows[-1]["test"] == "fresh" and rows[-1]["error"].startswith("ValueError")
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_is_a_row_and_not_the_end(out):
+    cases = [Case("fatal", "none", fatal, "seen"), PLANTS["linear"]]
+    rows = runs.run(cases, ["lti"], 1, out, jobs=2)
+    errors = {row["case"]: row["error"] for row in rows}
+    assert errors == {"fatal": "the process died", "linear": ""}
+
+
+def test_divergence_is_an_infinite_error():
+    class Diverging:
+        def simulate_test(self, u, y):
+            return y, np.full_like(y, np.inf)
+
+    y = np.ones((4, 1))
+    assert runs.score(Diverging(), [(y, y)]) == {"rmse": np.inf, "std": np.inf}
+
+
+def test_scores_are_means_over_experiments_and_outputs():
+    class Off:
+        def simulate_test(self, u, y):
+            return y, y + u
+
+    y = np.array([[1.0, 10.0], [-1.0, -10.0]])
+    errors = runs.score(Off(), [(np.array([[1.0, 2.0]] * 2), y), (3.0, y)], scale=10)
+    assert errors["rmse"] == pytest.approx(10 * np.mean([2.0, 2.5]))
+    assert errors["std"] == pytest.approx(np.mean([2.0, 0.25]))
+
+
+def row(model, seed, value, relative, **more):
+    cells = {"case": "tiny", "test": "fresh", "model": model, "seed": str(seed)}
+    cells |= {"rmse": str(value), "relative": str(relative)}
+    return dict.fromkeys(runs.COLUMNS, "") | cells | more
+
+
+def test_the_table_counts_what_must_not_happen():
+    rows = [row("lti", 0, 2.0, 1.0)]
+    rows += [row("fl", s, 1 + s / 10, 0.5 + s / 20, cpu="2") for s in range(3)]
+    rows += [row("al", 0, 1.0, 0.5), row("al", 1, 1.0, 0.5), row("al", 2, 3.0, 1.5)]
+    rows += [row("gr", 0, "inf", "inf", warnings="RuntimeWarning 1")]
+    rows += [row("gr", 1, "nan", "nan", error="ValueError: no")]
+    found = table.summary(rows)
+    assert found.fits == 8
+    assert found.crashes == [rows[-1]] and found.diverging == [rows[-2]]
+    assert found.worse == found.silent == [rows[6]]
+    assert found.agree == {1.3: 1 / 3, 2.0: 1 / 3}
+    case = Case("tiny", "map", None, "seen", "mV", published={"book": {"fresh": 0.25}})
+    text = "\n".join(table.report(rows, {"tiny": case}))
+    assert "tiny, fresh [mV] seen" in text
+    assert "of lti    0.550 worst    0.600" in text
+    assert "worse: tiny, fresh, al seed 2: 1.5 of lti" in text
+    assert "0.25  published" in text
+    assert "1 crashed, diverges" in text
+
+
+def test_the_command_runs_and_prints_its_file_again(out, monkeypatch, capsys):
+    monkeypatch.setattr(command, "CASES", {"tiny": TINY})
+    arguments = ["--cases", "ti*", "--models", "gr", "--seeds", "1", "--jobs", "0"]
+    arguments += ["--out", str(out), "--set", "nx=1", "n_f=2", "feedback=state"]
+    assert command.main([*arguments, "--max-time", "0.5"]) == 0
+    with out.open(newline="") as file:
+        assert [r["options"] for r in csv.DictReader(file)] == [
+            "",
+            "max_time=0.5; n_f=2; nx=1",
+        ]
+    printed = capsys.readouterr().out
+    assert command.main(["--table", str(out)]) == 0
+    assert capsys.readouterr().out.strip() in printed
+    with pytest.raises(SystemExit, match="no case other"):
+        command.main(["--cases", "other"])
+
+
+def test_plants_are_the_same_in_every_call():
+    case = PLANTS["gaps"]
+    for one, other in zip(case.load().train, case.load().train, strict=True):
+        assert np.array_equal(one[1], other[1], equal_nan=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLANTS)
+def test_plants_move_and_their_tests_are_new(name):
+    data = PLANTS[name].load()
+    u, y = data.train[0]
+    assert u.ndim == y.ndim == 2 and len(u) == len(y)
+    assert np.isfinite(u).all() and not np.isinf(y).any()
+    assert (np.nanstd(y, axis=0) > 0).all()
+    u_t, y_t = data.tests["fresh"][0]
+    assert u.shape[1] == u_t.shape[1] and y.shape[1] == y_t.shape[1]
+    assert not np.array_equal(u[:100], u_t[:100])
+
+
+def test_both_halves_of_the_plants_are_of_all_kinds():
+    assert len(PLANTS) >= 26
+    n_seen = sum(case.split == "seen" for case in PLANTS.values())
+    assert abs(2 * n_seen - len(PLANTS)) <= 2
+    assert {case.split for case in RECORDS.values()} == {"real"}
+
+
+def test_published_errors_name_tests_of_their_case():
+    tests = {"wh official": {"test"}, "tanks": {"validation"}}
+    for name, found in tests.items():
+        for errors in RECORDS[name].published.values():
+            assert set(errors) <= found
+
+
+@pytest.mark.skipif("ALSSNN_DATA_HOME" not in os.environ, reason="no records")
+@pytest.mark.parametrize("name", sorted(set(RECORDS) - {"wh paper"}))
+def test_records_load_and_are_what_they_say(name):
+    case = RECORDS[name]
+    try:
+        data = case.load()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    assert isinstance(data, Data)
+    for u, y in [*data.train, *(part for test in data.tests.values() for part in test)]:
+        assert u.ndim == y.ndim == 2 and len(u) == len(y)
+    for errors in case.published.values():
+        assert set(errors) <= set(data.tests)
+
+
+def test_our_curve_ends_with_the_fitted_model():
+    pytest.importorskip("sklearn.callback", reason="needs scikit-learn 1.9")
+    data = TINY.load()
+    model = runs.MODELS["gr"](nx=1, n_f=2, max_iter=5, random_state=0)
+    rows = rivals.our_curve(model, data.train, data.tests, 20, 1e3)
+    assert len(rows) >= 2 and {row[0] for row in rows} == {"fresh"}
+    model.set_params(n_init_samples=20)
+    y, y_hat = model.simulate_test(*data.tests["fresh"][0])
+    assert float(rows[-1][3]) == pytest.approx(1e3 * rmse(y, y_hat), rel=1e-4)
+    seconds = [float(row[1]) for row in rows]
+    assert seconds == sorted(seconds)
