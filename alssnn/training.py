@@ -37,7 +37,7 @@ ONLY_STAGE = "train"  # label of a training that is one search
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
-def initial_theta(structure, linear, experiments, rng):
+def initial_theta(structure, linear, experiments, rng, bounds=None):
     """Return a start: the linear model plus networks of zero output.
 
     Parameters
@@ -50,6 +50,9 @@ def initial_theta(structure, linear, experiments, rng):
         Pairs (u, y) of scaled deviations.
     rng : numpy.random.Generator
         Source of the inner weights.
+    bounds : dict of str to tuple of ndarray, or None, default=None
+        Bounds of parameters by name: inner weights that they hold are zero, and what
+        a neuron sees of the others has the whole slope.
 
     Returns
     -------
@@ -87,16 +90,24 @@ def initial_theta(structure, linear, experiments, rng):
             for name, axes in structure.parameters.items()
             if axes[0] == axis and len(axes) == 2
         }
-        width = sum(structure.sizes[source] for source in inner.values())
+        free = {name: _free_weights(structure, name, bounds or {}) for name in inner}
+        width = sum(weights.any(axis=0).sum() for weights in free.values())
         bias = np.zeros(size)
         for name, source in inner.items():
             shape = structure.shapes[name]
-            p[name] = rng.normal(scale=INITIAL_SLOPE / np.sqrt(width), size=shape)
+            scale = INITIAL_SLOPE / np.sqrt(max(width, 1))
+            p[name] = rng.normal(scale=scale, size=shape) * free[name]
             bias -= np.sum(p[name] * values(source, samples), axis=1)
         for name, axes in structure.parameters.items():
             if axes == (axis,):
                 p[name] = bias
     return structure.join(p)
+
+
+def _free_weights(structure, name, bounds):
+    """Return which weights of a layer no equal bounds hold."""
+    low, high = bounds.get(name, (-np.inf, np.inf))
+    return np.broadcast_to(np.not_equal(low, high), structure.shapes[name])
 
 
 def estimate_x0(structure, theta, experiments, *, window, noise):

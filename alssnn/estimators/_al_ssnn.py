@@ -6,7 +6,7 @@ from typing import ClassVar
 from sklearn.utils._param_validation import Interval, StrOptions
 
 from ._base import COUNT, WEIGHT
-from ._ssnn import ACTIVATION, FEEDBACK, SIZES, Ssnn
+from ._ssnn import ACTIVATION, FEEDBACK, G_INPUTS, H_INPUTS, SIZES, Ssnn
 
 
 class AlSsnn(Ssnn):
@@ -52,6 +52,14 @@ class AlSsnn(Ssnn):
         what g adds to the output (eq. gauge), which no state basis can hide.
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
+    h_inputs : array_like of int or str, or None, default=None
+        Which outputs h sees, by number from 0 or by name, or with `feedback="state"`
+        which states, by number, of a `linear_start`; None means all. Its weights for
+        the others are held at zero.
+    g_inputs : dict of str to array_like, or None, default=None
+        Which states and inputs g (f of GR-SSNN) sees, ``{"x": ..., "u": ...}``: numbers
+        from 0, names of inputs, or "all"; a letter that is left out is not seen.
+        Numbers of states are those of a `linear_start`. None means everything.
     activation : str, Activation or dict, default="tanh"
         "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
         for all networks or by network, ``{"h": ..., "g": ..., "k": ...}``.
@@ -190,6 +198,8 @@ class AlSsnn(Ssnn):
         "gamma_k": [WEIGHT],
         "gamma_h": [WEIGHT],
         "feedthrough": ["boolean"],
+        "h_inputs": H_INPUTS,
+        "g_inputs": G_INPUTS,
         "activation": ACTIVATION,
         "odd": ["boolean"],
         "feedback": [FEEDBACK],
@@ -212,6 +222,8 @@ class AlSsnn(Ssnn):
         feedback="output",
         penalty="state",
         feedthrough=False,
+        h_inputs=None,
+        g_inputs=None,
         activation="tanh",
         odd=False,
         stability=None,
@@ -250,6 +262,8 @@ class AlSsnn(Ssnn):
         self.feedback = feedback
         self.penalty = penalty
         self.feedthrough = feedthrough
+        self.h_inputs = h_inputs
+        self.g_inputs = g_inputs
         self.activation = activation
         self.odd = odd
         self.stability = stability

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from ._base import WEIGHT
-from ._ssnn import ACTIVATION, FEEDBACK, SIZES, Ssnn
+from ._ssnn import ACTIVATION, FEEDBACK, H_INPUTS, SIZES, Ssnn
 
 
 class FlSsnn(Ssnn):
@@ -30,6 +30,10 @@ class FlSsnn(Ssnn):
         one makes A the best linear fit and h only what is left of it (eq. split). With
         0 the training leaves that split to chance, and A may be unstable though the
         plant is not. Strongly nonlinear plants want 1e-4, mildly nonlinear ones more.
+    h_inputs : array_like of int or str, or None, default=None
+        Which outputs h sees, by number from 0 or by name, or with `feedback="state"`
+        which states, by number, of a `linear_start`; None means all. Its weights for
+        the others are held at zero.
     activation : str, Activation or dict, default="tanh"
         "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
         for all networks or by network, ``{"h": ...}``.
@@ -151,6 +155,7 @@ class FlSsnn(Ssnn):
         "n_h": SIZES,
         "feedback": [FEEDBACK],
         "gamma_h": [WEIGHT],
+        "h_inputs": H_INPUTS,
         "activation": ACTIVATION,
         "odd": ["boolean"],
     }
@@ -162,6 +167,7 @@ class FlSsnn(Ssnn):
         *,
         feedback="output",
         gamma_h=0.0,
+        h_inputs=None,
         activation="tanh",
         odd=False,
         alpha=0.0,
@@ -191,6 +197,7 @@ class FlSsnn(Ssnn):
         self.n_h = n_h
         self.feedback = feedback
         self.gamma_h = gamma_h
+        self.h_inputs = h_inputs
         self.activation = activation
         self.odd = odd
         self.alpha = alpha

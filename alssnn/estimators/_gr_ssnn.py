@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from ._ssnn import ACTIVATION, SIZES, Ssnn
+from ._ssnn import ACTIVATION, G_INPUTS, SIZES, Ssnn
 
 
 class GrSsnn(Ssnn):
@@ -26,6 +26,10 @@ class GrSsnn(Ssnn):
         Hidden neurons of k in the output, by layer; 0 leaves k out.
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
+    g_inputs : dict of str to array_like, or None, default=None
+        Which states and inputs g (f of GR-SSNN) sees, ``{"x": ..., "u": ...}``: numbers
+        from 0, names of inputs, or "all"; a letter that is left out is not seen.
+        Numbers of states are those of a `linear_start`. None means everything.
     activation : str, Activation or dict, default="tanh"
         "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
         for all networks or by network, ``{"g": ..., "k": ...}`` (f is "g").
@@ -144,6 +148,7 @@ class GrSsnn(Ssnn):
         "n_f": SIZES,
         "n_k": SIZES,
         "feedthrough": ["boolean"],
+        "g_inputs": G_INPUTS,
         "activation": ACTIVATION,
     }
 
@@ -156,6 +161,7 @@ class GrSsnn(Ssnn):
         *,
         n_k=0,
         feedthrough=False,
+        g_inputs=None,
         activation="tanh",
         alpha=0.0,
         input_delay=0,
@@ -184,6 +190,7 @@ class GrSsnn(Ssnn):
         self.n_f = n_f
         self.n_k = n_k
         self.feedthrough = feedthrough
+        self.g_inputs = g_inputs
         self.activation = activation
         self.alpha = alpha
         self.input_delay = input_delay

@@ -13,15 +13,18 @@ from sklearn.utils._param_validation import Interval, StrOptions
 from ..activations import ACTIVATIONS, Activation
 from ..stability import contractive_basis
 from ..structures import state_space_structure
-from ..training import Validation, initial_theta, train
+from ..training import Limits, Validation, initial_theta, train
 from ._base import COUNT, POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
+from ._inputs import ALL, check_choice, held_columns, seen_columns
 
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
 # Constraints of the options that several presets offer.
 SIZES = [COUNT, tuple]
 FEEDBACK = StrOptions({"output", "state"})
 ACTIVATION = [StrOptions(set(ACTIVATIONS)), Activation, dict]
+H_INPUTS = ["array-like", str, Integral, None]
+G_INPUTS = ["array-like", None]  # a dict is one, for scikit-learn
 
 
 class Ssnn(StateSpaceModel):
@@ -54,6 +57,9 @@ class Ssnn(StateSpaceModel):
     stability: str | None = None
     phi: float = 0.0
     continuation: int = 0
+    feedback: str = "output"
+    h_inputs = None
+    g_inputs = None
 
     @abstractmethod
     def _networks(self):
@@ -149,7 +155,40 @@ class Ssnn(StateSpaceModel):
             )
         return validation
 
+    def _seen(self, sizes):
+        """Return which columns of signals of known sizes the networks see."""
+        of_h = ("x",) if self.feedback == "state" else ("y",)
+        choices = {
+            "h": check_choice("h_inputs", self.h_inputs, of_h),
+            "g": check_choice("g_inputs", self.g_inputs, ("x", "u")),
+        }
+        own_basis = self.linear_start is not None and self.stability is None
+        names = {"u": getattr(self, "feature_names_in_", None), "y": self.output_names_}
+        seen = {}
+        for net, by_signal in choices.items():
+            argument = f"{net}_inputs"
+            for signal, items in by_signal.items():
+                if signal == "x" and items not in (ALL, []) and not own_basis:
+                    raise ValueError(
+                        f"`{argument}` must be 'all' of the states unless they are "
+                        f"those of `linear_start`, got {items!r}. Numbers need a basis "
+                        "that stays what it is: give `linear_start`, with "
+                        "stability=None."
+                    )
+                if signal in sizes:
+                    seen[net, signal] = seen_columns(
+                        argument, signal, items, sizes[signal], names.get(signal)
+                    )
+        return seen
+
+    def _scaled_bounds(self, structure, contractive=False):
+        """Return the user's bounds, and those of what the networks do not see."""
+        bounds = super()._scaled_bounds(structure, contractive)
+        return {**bounds, **held_columns(structure, self._seen(structure.sizes))}
+
     def _identify(self, experiments, previous, watch, held_out):
+        # before the linear model: a name is cheaper to check
+        self._seen({"u": self.n_features_in_, "y": len(self._scaling.y_offset)})
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
         if previous is not None and self._fits(previous, networks, phi):
@@ -167,8 +206,9 @@ class Ssnn(StateSpaceModel):
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
+            held = held_columns(plain, self._seen(plain.sizes))
             starts = [
-                initial_theta(plain, linear, near, np.random.default_rng(seed))
+                initial_theta(plain, linear, near, np.random.default_rng(seed), held)
                 for seed in seeds
             ]
         penalized, weights = self._criterion_terms(plain)
@@ -230,6 +270,10 @@ class Ssnn(StateSpaceModel):
             return False
         C = structure.constants["C"]
         wanted = self._declare(nx, nu, ny, C=C, **networks)
+        if wanted.shapes == structure.shapes:
+            held = held_columns(structure, self._seen(structure.sizes))
+            if np.any(Limits(structure, bounds=held).clip(theta) != theta):
+                return False  # its networks saw more
         return (
             wanted.shapes == structure.shapes
             and wanted.activations == structure.activations

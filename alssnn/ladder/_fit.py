@@ -338,7 +338,5 @@ def _errors(y_true, y_pred):
 
 
 def _count_parameters(model):
-    """Return the number of trained parameters: C is fixed beside networks."""
-    p = model.params_
-    linear = set(p) == {"A", "B", "C"}
-    return sum(int(p[name].size) for name in p if name != "C" or linear)
+    """Return the number of trained parameters: those that nothing holds."""
+    return int(model._free_entries(model._structure.n_params).sum())

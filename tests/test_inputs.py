@@ -1,0 +1,188 @@
+"""What the networks see: h_inputs and g_inputs."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+
+import alssnn
+from alssnn import AlSsnn, FlSsnn, GrSsnn
+from alssnn.structures import state_space_structure
+from alssnn.subspace import identify_linear
+from alssnn.training import initial_theta
+from models import fit, record
+
+QUICK = {"nx": 3, "max_iter": 15, "tol": 1e-3, "random_state": 0}
+A = np.array([[0.7, 0.2, 0.0], [-0.2, 0.6, 0.1], [0.0, -0.1, 0.5]])
+START = (A, np.ones((3, 2)), np.eye(3)[:2] * 100.0)
+
+
+def test_h_sees_the_outputs_that_are_listed():
+    model = fit(FlSsnn(n_h=3, h_inputs=["flow"], **QUICK))
+    W_y = model.params_["W_y"]
+    assert not W_y[:, 0].any()
+    assert W_y[:, 1].all()
+    by_number = fit(FlSsnn(n_h=3, h_inputs=[1], **QUICK))
+    np.testing.assert_array_equal(by_number.params_["W_y"], W_y)
+
+
+def test_what_h_does_not_see_does_not_move_its_law():
+    model = fit(FlSsnn(n_h=3, h_inputs="flow", **QUICK))
+    h = model._h()
+    y = np.array([[0.0, 0.3], [7.0, 0.3]])
+    assert np.ptp(h(y), axis=0).max() == 0
+
+
+def test_h_sees_the_states_that_are_listed():
+    options = {"linear_start": START, "feedback": "state", "h_inputs": [0, 2]}
+    model = fit(FlSsnn(n_h=3, **QUICK, **options))
+    np.testing.assert_array_equal(model.params_["W_s"].any(axis=0), [True, False, True])
+
+
+@pytest.mark.parametrize(
+    ("g_inputs", "x", "u"),
+    [
+        ({"x": [1], "u": "all"}, [0, 1, 0], [1, 1]),
+        ({"x": "all"}, [1, 1, 1], [0, 0]),
+        ({"u": ["p*/"]}, [0, 0, 0], [0, 1]),
+        ({"x": np.array([0, 2]), "u": (0,)}, [1, 0, 1], [1, 0]),
+    ],
+)
+@pytest.mark.parametrize("model", [AlSsnn(n_h=2, n_g=3), GrSsnn(n_f=3)])
+def test_g_sees_the_signals_that_are_listed(model, g_inputs, x, u):
+    changes = {"linear_start": START, "g_inputs": g_inputs}
+    p = fit(model, **QUICK, **changes).params_
+    np.testing.assert_array_equal(p["W_x"].any(axis=0), np.array(x, bool))
+    np.testing.assert_array_equal(p["W_u"].any(axis=0), np.array(u, bool))
+
+
+def test_none_is_everything():
+    every = {"h_inputs": [0, 1], "g_inputs": {"x": "all", "u": [0, 1]}}
+    model = AlSsnn(n_h=2, n_g=2, **QUICK)
+    np.testing.assert_array_equal(fit(model)._theta, fit(model, **every)._theta)
+
+
+def test_the_start_spreads_over_what_is_seen(rng):
+    u = rng.standard_normal((500, 1))
+    y = np.column_stack([np.convolve(u[:, 0], 0.9 ** np.arange(30))[:500]] * 2)
+    y += 0.1 * rng.standard_normal(y.shape)
+    experiments = [(u, y / y.std(axis=0))]
+    linear = identify_linear(experiments, 2)
+    structure = state_space_structure(2, 1, 2, n_h=4000, C=linear.C)
+    high = np.broadcast_to([0.0, np.inf], (4000, 2))
+    theta = initial_theta(structure, linear, experiments, rng, {"W_y": (-high, high)})
+    W_y = structure.split(theta)["W_y"]
+    assert not W_y[:, 0].any()
+    assert np.std(W_y[:, 1]) == pytest.approx(1.0, abs=0.05)  # the whole slope
+
+
+@pytest.mark.parametrize("method", ["lm", "trf"])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"alpha": 1e-3},
+        {"stability": "contractive"},
+        {"penalty": "output", "gamma_h": 1e-2},
+        {"n_init": 2, "coarse_samples": 100},
+    ],
+)
+def test_every_way_of_training_keeps_the_columns(changes, method):
+    model = AlSsnn(n_h=2, n_g=2, h_inputs=[1], g_inputs={"x": "all"}, **QUICK)
+    p = fit(model, method=method, **changes).params_
+    assert not p["W_y"][:, 0].any()
+    assert not p["W_u"].any()
+
+
+def test_a_warm_start_continues_unless_the_networks_see_less():
+    model = FlSsnn(n_h=2, warm_start=True, **QUICK)
+    data = record(2, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.set_params(h_inputs=[1]).fit(*data)
+        narrow = model.cost_
+        model.set_params(h_inputs=None).fit(*data)  # goes on, with zeros to begin with
+        assert model.history_[0].label != "linear"
+        assert model.cost_ <= narrow
+        model.set_params(h_inputs=[1]).fit(*data)  # begins again
+    assert model.history_[0].label == "linear"
+    assert not model.params_["W_y"][:, 0].any()
+
+
+def test_held_weights_are_certain_and_not_counted():
+    model = fit(AlSsnn(n_h=2, n_g=2, h_inputs=[1], **QUICK))
+    u, y, experiment = record(2, 2)
+    covariance = model.parameter_covariance(u, y, experiment)
+    where = model._structure.slices["W_y"]
+    variance = np.diag(covariance.covariance)[where].reshape(2, 2)
+    assert not variance[:, 0].any()
+    assert variance[:, 1].all()
+    assert covariance.rank <= model._free_entries(len(model._theta)).sum() + 6
+    refits = model.sample_models(covariance, 2, 0, data=(u, y, experiment), max_iter=3)
+    assert not any(refit.params_["W_y"][:, 0].any() for refit in refits)
+
+
+def test_the_ladder_counts_what_is_trained():
+    from alssnn.ladder._fit import _count_parameters
+
+    every, one = (fit(FlSsnn(n_h=2, h_inputs=h, **QUICK)) for h in (None, [0]))
+    assert _count_parameters(every) - _count_parameters(one) == 2
+
+
+def test_choices_survive_a_file(tmp_path):
+    choices = {"h_inputs": ["flow"], "g_inputs": {"x": "all", "u": ["p*/"]}}
+    model = fit(AlSsnn(n_h=2, n_g=2, **QUICK, **choices))
+    model.save(tmp_path / "model.npz")
+    loaded = alssnn.load(tmp_path / "model.npz")
+    assert {k: loaded.get_params()[k] for k in choices} == choices
+    assert clone(loaded).get_params()["g_inputs"] == choices["g_inputs"]
+    np.testing.assert_array_equal(
+        loaded._free_entries(len(loaded._theta)),
+        model._free_entries(len(model._theta)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"h_inputs": ["speed"]}, r"`h_inputs` must hold numbers .* level, flow"),
+        ({"h_inputs": [2]}, r"`h_inputs` must hold numbers of the outputs, 0 to 1"),
+        ({"h_inputs": [-1]}, "Numbers count from 0"),
+        ({"h_inputs": [True, False]}, "got True"),
+        ({"h_inputs": []}, r"`h_inputs` must list .* n_h=0"),
+        ({"h_inputs": [0], "feedback": "state"}, r"`h_inputs` .*`linear_start`"),
+        ({"g_inputs": {}}, "`g_inputs` must name signals among 'x', 'u'"),
+        ({"g_inputs": {"y": [0]}}, r"`g_inputs` .* got \['y'\]"),
+        ({"g_inputs": {"x": []}}, r"`g_inputs` must list .* n_g=0"),
+        ({"g_inputs": {"u": ["speed"]}}, r"`g_inputs` .* valve.a, p\*/"),
+        ({"g_inputs": {"x": [0]}}, r"`g_inputs` .* give `linear_start`"),
+        (
+            {"g_inputs": {"x": [5]}, "linear_start": START},
+            "`g_inputs` must hold numbers of the states, 0 to 2, got 5",
+        ),
+        (
+            {
+                "g_inputs": {"x": [0]},
+                "linear_start": START,
+                "stability": "contractive",
+            },
+            "with stability=None",
+        ),
+        ({"g_inputs": ["valve.a"]}, "`g_inputs`"),
+    ],
+)
+def test_choices_that_name_nothing_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        fit(AlSsnn(n_h=2, n_g=2, **QUICK), **changes)
+
+
+def test_names_need_names():
+    u, y, experiment = (np.asarray(part) for part in record(2, 2))
+    model = FlSsnn(n_h=2, h_inputs=["level"], **QUICK)
+    with pytest.raises(ValueError, match=r"got 'level'\. Names need data frames"):
+        model.fit(u, y, experiment)
+    named = pd.DataFrame(y, columns=["level", "flow"])
+    with pytest.raises(ValueError, match="`h_inputs`"):
+        clone(model).set_params(h_inputs=["flows"]).fit(u, named, experiment)
