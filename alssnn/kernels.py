@@ -221,3 +221,69 @@ def propagate(FH, S, T):
     for FH_k, T_k in zip(FH, T, strict=True):
         dgemm(1.0, S_t, FH_k.T, 1.0, T_k.T, overwrite_c=1)
         S_t = T_k[:nx].T
+
+
+def _filter_sections_loop(sigma, q, beta, u, Z, out):
+    m, n_s = Z.shape[0], Z.shape[1]
+    ic = u.shape[1]
+    for k in range(u.shape[0]):
+        c = 0
+        for b in range(m):
+            x1 = x2 = 0.0
+            for s in range(ic + 1):
+                P, Q = Z[b, s, 0], Z[b, s, 1]
+                x1 += P * beta[b, 0, s] + Q * beta[b, 1, s]
+                x2 += P * beta[b, 1, s] + Q * (q[b] * beta[b, 0, s])
+            for s in range(n_s):
+                P, Q = Z[b, s, 0], Z[b, s, 1]
+                out[k, c], out[k, c + 1] = P, Q
+                c += 2
+                v = 0.0
+                if s < ic:
+                    v = u[k, s]
+                elif s == ic + 1:
+                    v = x1
+                elif s == ic + 2:
+                    v = x2
+                Z[b, s, 0] = sigma[b] * P + q[b] * Q + v
+                Z[b, s, 1] = sigma[b] * Q + P
+        for j in range(ic):
+            out[k, c + j] = u[k, j]
+
+
+@_compiled(_filter_sections_loop)
+def filter_sections(sigma, q, beta, u, Z, out):
+    """Filter inputs, impulse and states of sections of second order (`sections`).
+
+    Every pair (P s, Q s) of a signal s obeys P+ = sigma P + q Q + s, Q+ = sigma Q + P.
+
+    Parameters
+    ----------
+    sigma, q : ndarray of shape (m,)
+        Poles sigma +- sqrt(q).
+    beta : ndarray of shape (m, 2, nu + 1)
+        Input matrix and initial state of every section.
+    u : ndarray of shape (L, nu)
+        Inputs.
+    Z : ndarray of shape (m, nu + 3, 2)
+        Pairs of the inputs, of the initial state (no signal: only where it starts) and
+        of the two states, at the first sample; overwritten with those after the last.
+    out : ndarray of shape (>= L, 2 m (nu + 3) + nu)
+        Receives the pairs of every sample, and u.
+    """
+    m, n_s, _ = Z.shape
+    nu, b = u.shape[1], np.arange(m)
+    F = np.zeros((m, n_s, 2, n_s, 2))
+    for s in range(n_s):
+        F[:, s, 0, s] = np.stack([sigma, q], axis=-1)
+        F[:, s, 1, s] = np.stack([np.ones(m), sigma], axis=-1)
+    beta_1, beta_2 = beta[:, 0], beta[:, 1]
+    F[b, nu + 1, 0, : nu + 1] = np.stack([beta_1, beta_2], axis=-1)
+    F[b, nu + 2, 0, : nu + 1] = np.stack([beta_2, q[:, None] * beta_1], axis=-1)
+    F = F.reshape(m, 2 * n_s, 2 * n_s)
+    n = Z.size
+    out[: len(u), n:] = u
+    for k in range(len(u)):
+        out[k, :n] = Z.reshape(-1)
+        Z[:] = np.matmul(F, Z.reshape(m, -1, 1)).reshape(Z.shape)
+        Z[:, :nu, 0] += u[k]

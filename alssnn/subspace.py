@@ -11,21 +11,23 @@ the weighting that makes it MOESP).  The simulated output is then linear in (B, 
 so that one Gauss-Newton step of the criterion solves for them.
 
 Subspace estimates minimize no simulation error and may be unstable: eigenvalues of
-A are first reflected into the unit disc, and (A, B, C, x0) are then refined by the
-same Levenberg-Marquardt as every other model.  All arrays here are scaled
-deviations (see `experiments`).
+A are first reflected into the unit disc, and all matrices are then refined by the
+same Levenberg-Marquardt as every other model: by poles and C alone (`sections`), or
+entry by entry where A has no basis for that.  All arrays here are scaled deviations
+(see `experiments`).
 """
 
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import lstsq, qr, svd
+from scipy.linalg import LinAlgError, lstsq, qr, svd
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
 from .experiments import stretch
 from .optimizers import minimize, single_threaded
+from .sections import Sections
 from .simulation import trajectory
 from .structures import state_space_structure
 
@@ -34,7 +36,9 @@ MAX_ORDER = 10  # largest order that "auto" chooses
 RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
 REFINED_MARGIN = 1e-6  # of a refined model: integrators stay what they are
 HORIZONS = (15, 40)  # candidate horizons: fast and slow sampling
+SUBSPACE_SAMPLES = 100_000  # of the subspace step: a start needs no more
 TRIAL_SAMPLES = 20_000  # samples of the first, thorough refinement
+TRIAL_TOLERANCE = 1e-4  # of it: the rest is for all samples
 POLISH_STEPS = 10  # trial steps on all samples after it
 
 
@@ -241,7 +245,7 @@ def shift_structure(U, s, nx, ny):
     return stabilize(lstsq(Gamma[:-ny], Gamma[ny:])[0]), Gamma[:ny]
 
 
-def fit_input(experiments, A, C, feedthrough=False):
+def fit_input(experiments, A, C, feedthrough=False, n_jobs=None):
     """Solve for (B, D, x0) at given (A, C): a linear least-squares problem.
 
     Parameters
@@ -254,6 +258,8 @@ def fit_input(experiments, A, C, feedthrough=False):
         Output matrix.
     feedthrough : bool, default=False
         Whether D is free; else it is zero.
+    n_jobs : int or None, default=None
+        Experiments summed in parallel threads, as in joblib.
 
     Returns
     -------
@@ -263,22 +269,73 @@ def fit_input(experiments, A, C, feedthrough=False):
     nx, (nu, ny) = len(A), (signal.shape[1] for signal in experiments[0])
     B, D, x0 = np.zeros((nx, nu)), np.zeros((ny, nu)), np.zeros((len(experiments), nx))
     model = LinearModel(A, B, C, D, x0, feedthrough)
-    structure, criterion, free = _problem(experiments, model)
-    mask = np.ones(criterion.n, dtype=bool)
-    mask[structure.slices["A"]] = mask[structure.slices["C"]] = False
-    restricted = Restricted(criterion, free, mask)
     with single_threaded():
-        JJ, Jr, _ = restricted.normal_equations(free[mask])
-    # the residual is linear in (B, D, x0): one Gauss-Newton step solves
-    theta, x0 = criterion.split(restricted.complete(-lstsq(JJ, Jr)[0]))
-    return replace(model, **structure.split(theta), x0=x0)
+        found = _search(experiments, model, n_jobs).solved()
+    return replace(model, **{**found, "A": A, "C": C})
 
 
-def _problem(experiments, model):
-    """Return structure, criterion and free vector of a linear model."""
-    structure = model.structure
-    criterion = Criterion(structure, experiments)
-    return structure, criterion, criterion.join(structure.join(vars(model)), model.x0)
+class AllEntries(Criterion):
+    """Evaluate |r|, J'r and J'J of a linear model by the entries of its matrices.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array, or Held
+        Pairs (u, y) of scaled deviations.
+    model : LinearModel
+        Where the search starts.
+    n_jobs : int or None, default=None
+        Experiments summed in parallel threads, as in joblib.
+
+    Attributes
+    ----------
+    start : ndarray of shape (n,)
+        Free vector of the model.
+    """
+
+    def __init__(self, experiments, model, n_jobs=None):
+        structure = model.structure
+        super().__init__(structure, experiments, n_jobs=n_jobs)
+        self.start = self.join(structure.join(vars(model)), model.x0)
+
+    def matrices(self, free):
+        """Return the model of a free vector.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector.
+
+        Returns
+        -------
+        matrices : dict of str to ndarray
+            A, B, C, D (if it is free) and x0.
+        """
+        theta, x0 = self.split(free)
+        return {**self.structure.split(theta), "x0": x0}
+
+    def solved(self):
+        """Return the model of the start with the best B, D and x0.
+
+        Returns
+        -------
+        matrices : dict of str to ndarray
+            A, B, C, D (if it is free) and x0.
+        """
+        is_linear = np.ones(self.n, dtype=bool)
+        for name in ("A", "C"):
+            is_linear[self.structure.slices[name]] = False
+        part = Restricted(self, self.start, is_linear)
+        # the residual is linear in (B, D, x0): one Gauss-Newton step solves
+        JJ, Jr, _ = part.normal_equations(self.start[is_linear])
+        return self.matrices(part.complete(self.start[is_linear] - lstsq(JJ, Jr)[0]))
+
+
+def _search(experiments, model, n_jobs):
+    """Return the criterion of a search from a linear model."""
+    try:
+        return Sections(experiments, model, n_jobs)
+    except LinAlgError:  # such as a chain of delays: several poles at one place
+        return AllEntries(experiments, model, n_jobs)
 
 
 def _candidate_horizons(experiments, nx):
@@ -298,7 +355,7 @@ def _candidate_horizons(experiments, nx):
     return sorted({max(lowest, min(horizon, highest)) for horizon in HORIZONS})
 
 
-def refine(experiments, model, *, max_iter, tol, watch=None):
+def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
     """Refine all matrices of a linear model on its simulation error.
 
     Parameters
@@ -313,30 +370,50 @@ def refine(experiments, model, *, max_iter, tol, watch=None):
         Relative tolerance.
     watch : Watch or None, default=None
         Told of every step; may end the search.
+    n_jobs : int or None, default=None
+        Experiments summed in parallel threads, as in joblib.
 
     Returns
     -------
     model : LinearModel
         Stable model of least simulation error near the start; `result` is set.
     """
-    structure, criterion, free = _problem(experiments, model)
+    problem, structure = _search(experiments, model, n_jobs), model.structure
+
+    def to_point(free):
+        found = problem.matrices(free)
+        return np.concatenate([structure.join(found), np.ravel(found["x0"])])
+
     result = minimize(
-        criterion, free, max_iter=max_iter, tol=tol, watch=watch, label="linear"
+        problem,
+        problem.start,
+        max_iter=max_iter,
+        tol=tol,
+        watch=watch,
+        to_point=to_point,
+        label="linear",
     )
-    theta, x0 = criterion.split(result.x)
-    refined = replace(model, **structure.split(theta), x0=x0, result=result)
+    with single_threaded():
+        refined = replace(model, **problem.matrices(result.x), result=result)
     if np.abs(np.linalg.eigvals(refined.A)).max() < 1.0:
         return refined
     # A finite record may prefer a slowly growing mode, which no simulation of
     # another record survives: reflect it, and keep the better of two stable models.
     A = stabilize(refined.A, limit=1.0 - REFINED_MARGIN)
-    reflected = fit_input(experiments, A, refined.C, model.feedthrough)
+    reflected = fit_input(experiments, A, refined.C, model.feedthrough, n_jobs)
     best = min(model, reflected, key=partial(simulation_error, experiments))
     return replace(best, result=result)
 
 
 def identify_linear(
-    experiments, nx, *, feedthrough=False, max_iter=100, tol=1e-8, watch=None
+    experiments,
+    nx,
+    *,
+    feedthrough=False,
+    max_iter=100,
+    tol=1e-8,
+    watch=None,
+    n_jobs=None,
 ):
     """Identify a linear model: subspace start, then simulation-error refinement.
 
@@ -354,6 +431,9 @@ def identify_linear(
         Relative tolerance of the refinement.
     watch : Watch or None, default=None
         Told of every step; may end the search.
+    n_jobs : int or None, default=None
+        Experiments summed in parallel threads, as in joblib. The result does not
+        depend on it.
 
     Returns
     -------
@@ -367,7 +447,10 @@ def identify_linear(
     """
     ny = experiments[0][1].shape[1]
     horizons = _candidate_horizons(experiments, nx)
-    filled = [(u, Filled(y)) for u, y in experiments]
+    near = stretch(experiments, SUBSPACE_SAMPLES)
+    if min(len(u) for u, _ in near) < 10 * horizons[-1]:  # many short ones
+        near = experiments
+    filled = [(u, Filled(y)) for u, y in near]
     spaces = [past_to_future(hankel_triangle(filled, i), filled, i) for i in horizons]
     # the longest horizon sees the slowest dynamics: its values decide the order
     singular_values = spaces[-1][1]
@@ -376,12 +459,15 @@ def identify_linear(
         nx = choose_order(singular_values, min(MAX_ORDER, reach))
     trial = stretch(experiments, TRIAL_SAMPLES)
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
-    starts = [fit_input(trial, A, C, feedthrough) for A, C in pairs]
+    options = {"watch": watch, "n_jobs": n_jobs}
+    starts = [fit_input(trial, A, C, feedthrough, n_jobs) for A, C in pairs]
     model = min(starts, key=partial(simulation_error, trial))
-    model = refine(trial, model, max_iter=max_iter, tol=tol, watch=watch)
-    if sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments):
-        model = fit_input(experiments, model.A, model.C, feedthrough)
-        model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, watch=watch)
+    is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
+    trial_tol = max(tol, TRIAL_TOLERANCE) if is_trial else tol
+    model = refine(trial, model, max_iter=max_iter, tol=trial_tol, **options)
+    if is_trial:
+        model = fit_input(experiments, model.A, model.C, feedthrough, n_jobs)
+        model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, **options)
     model, _ = normalize(model, experiments)
     return replace(model, singular_values=singular_values)
 
@@ -401,8 +487,8 @@ def simulation_error(experiments, model):
     error : float
         Norm of the residual over the measured outputs (eq. cost).
     """
-    _, criterion, free = _problem(experiments, model)
-    return criterion.norm(free)
+    problem = AllEntries(experiments, model)
+    return problem.norm(problem.start)
 
 
 def normalize(model, experiments):
