@@ -18,7 +18,7 @@ r between rho(A) and (1 - phi)^(1/2), the solution P of  (A/r)' P (A/r) - P = -I
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cholesky, eigh, solve_discrete_lyapunov
+from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov
 
 from .criterion import LeastSquares
 from .subspace import stabilize
@@ -100,7 +100,7 @@ def contraction_inverse(K):
     return K @ (V / np.sqrt(eigenvalues)) @ V.T
 
 
-def contractive_basis(model, phi):
+def contractive_basis(model, phi, integrators=0):
     """Bring a linear model into a basis in which A'A < (1 - phi) I.
 
     Parameters
@@ -109,6 +109,9 @@ def contractive_basis(model, phi):
         Linear model; eigenvalues of A too close to the limit are moved inside.
     phi : float
         Rate, 0 <= phi < 1.
+    integrators : int, default=0
+        Number of last states that are integrators (eq. integrate), in a block of
+        their own: nothing contracts them.
 
     Returns
     -------
@@ -116,6 +119,19 @@ def contractive_basis(model, phi):
         The model in the new basis, scaled by one factor so that the mean of the
         diagonal of the basis change is one.
     """
+    if integrators:
+        r, i = np.split(np.arange(len(model.A)), [-integrators])
+        if len(r) == 0:
+            return model
+        A, B, C, x0 = model.A[np.ix_(r, r)], model.B[r], model.C[:, r], model.x0[:, r]
+        rest = contractive_basis(replace(model, A=A, B=B, C=C, x0=x0), phi)
+        return replace(
+            model,
+            A=block_diag(rest.A, np.eye(integrators)),
+            B=np.vstack([rest.B, model.B[i]]),
+            C=np.hstack([rest.C, model.C[:, i]]),
+            x0=np.hstack([rest.x0, model.x0[:, i]]),
+        )
     limit = np.sqrt(1.0 - phi)
     A = stabilize(model.A, limit=MARGIN * limit)
     if np.linalg.norm(A, 2) <= MARGIN * limit:
@@ -139,13 +155,18 @@ class Contractive(LeastSquares):
         Criterion whose structure has a parameter A.
     phi : float
         Rate, 0 <= phi < 1.
+    integrators : int, default=0
+        Number of last states whose rows and columns of A stay what they are.
     """
 
-    def __init__(self, criterion, phi):
+    def __init__(self, criterion, phi, integrators=0):
         self.criterion = criterion
         self.scale = np.sqrt(1.0 - phi)
-        self.where = criterion.structure.slices["A"]
-        self.shape = criterion.structure.shapes["A"]
+        nx = criterion.structure.sizes["x"]
+        n = nx - integrators
+        place = np.arange(nx * nx).reshape(nx, nx)[:n, :n].ravel()
+        self.where = criterion.structure.slices["A"].start + place
+        self.shape = n, n
 
     def to_free(self, free):
         """Return the free vector with A in place of Q.

@@ -436,6 +436,12 @@ class Limits:
             where, shape = structure.slices[name], structure.shapes[name]
             self.low[where] = np.broadcast_to(low, shape).ravel()
             self.high[where] = np.broadcast_to(high, shape).ravel()
+        # a contraction leaves integrators alone, whose columns of A are held
+        A = structure.slices.get("A", slice(0))
+        held = (self.low[A] == self.high[A]).reshape(structure.shapes.get("A", (0, 0)))
+        self.n_integrators = int(held.all(axis=0).sum())
+        if self.n_integrators == len(held):
+            self.phi = None  # nothing is left to contract
 
     def clip(self, theta):
         """Return parameters moved into their bounds.
@@ -473,7 +479,7 @@ class Limits:
         """
         problem, start = criterion, free
         if self.phi is not None:
-            problem = Contractive(criterion, self.phi)
+            problem = Contractive(criterion, self.phi, self.n_integrators)
             start = problem.from_free(free)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
         n_params = len(self.low)

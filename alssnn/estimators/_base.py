@@ -21,12 +21,13 @@ from ..delays import estimate_delays
 from ..experiments import check_inputs, split_experiments
 from ..mapping import Held
 from ..scaling import Scaling
-from ..subspace import TRIAL_SAMPLES, identify_linear
+from ..subspace import TRIAL_SAMPLES
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch, late_fall
 from ._ahead import AheadMixin
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
 from ._files import FilesMixin
+from ._integrators import IntegratorsMixin
 from ._linearity import LinearityMixin
 from ._progress import Progress
 from ._remote import RemoteMixin
@@ -54,6 +55,7 @@ class StateSpaceModel(
     FilesMixin,
     ReportMixin,
     RemoteMixin,
+    IntegratorsMixin,
     ScikitLearnMixin,
     BaseEstimator,
     metaclass=ABCMeta,
@@ -73,6 +75,7 @@ class StateSpaceModel(
         "output_weight": ["array-like", None],
         "linear_start": "no_validation",
         "bounds": [dict, None],
+        "integrators": [COUNT, StrOptions({"auto"})],
         "max_iter": [POSITIVE],
         "tol": [Interval(Real, 0, None, closed="neither")],
         "max_time": [Interval(Real, 0, None, closed="neither"), None],
@@ -136,6 +139,7 @@ class StateSpaceModel(
         if not warm:
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
             self._x_scale = np.ones(1)
+            self.integrators_ = 0
         parts, self.experiments_ = split_experiments(len(u), experiment)
         self.input_delay_ = np.zeros(u.shape[1], dtype=int)
         self._set_delay(Held(self._experiments(u, y, parts)), u.shape[1])
@@ -143,6 +147,8 @@ class StateSpaceModel(
         self._container = container
         self.output_names_ = container.output_names
         experiments, held_out = self._hold_out(u, y, parts, validation)
+        if not warm and self._find_integrators(experiments, watch):
+            experiments, held_out = self._hold_out(u, y, parts, validation)
         watch.observe = Callbacks.of(self, u, y, experiment)
         self._complete(experiments, watch, held_out, warm)
         if watch.observe is not None:
@@ -152,6 +158,8 @@ class StateSpaceModel(
     def _continues(self, nu, ny):
         """Tell whether a fit continues from the last one, of as many signals."""
         if not getattr(self, "warm_start", False) or not hasattr(self, "_theta"):
+            return False
+        if self.integrators not in ("auto", self.integrators_):
             return False
         return len(self._scaling.u_offset) == nu and len(self._scaling.y_offset) == ny
 
@@ -234,7 +242,7 @@ class StateSpaceModel(
         wanted = getattr(self, "coarse_samples", None) or 0
         return experiments.stretch(max(wanted, TRIAL_SAMPLES))
 
-    def _linear_model(self, experiments, watch, **options):
+    def _linear_model(self, experiments, watch):
         """Return the linear start, given or identified, and set the state scales."""
         feedthrough = getattr(self, "feedthrough", False)
         if self.linear_start is not None:
@@ -246,10 +254,9 @@ class StateSpaceModel(
                     f"`nx` must be 'auto' or the order of `linear_start`, "
                     f"{len(model.A)}, got {self.nx}."
                 )
+            self._check_given_integrators(model.A, len(model.C))
         else:
-            model = identify_linear(
-                experiments, self.nx, feedthrough=feedthrough, watch=watch, **options
-            )
+            model = self._identified_linear(experiments, watch)
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
         return model
@@ -261,16 +268,17 @@ class StateSpaceModel(
         return shaped or self._at_rest
 
     def _scaled_bounds(self, structure, contractive=False):
-        return check_bounds(
+        bounds = check_bounds(
             self.bounds,
             structure,
             self._units(),
             own_basis=self.linear_start is not None,
             contractive=contractive,
         )
+        return self._with_integrators(bounds, structure)
 
     def _warn_if_unstable(self):
-        radius = np.abs(np.linalg.eigvals(self.A_)).max()
+        radius = np.abs(np.linalg.eigvals(self._regular(self.A_))).max(initial=0.0)
         if radius < 1 or not self._for_control:
             return
         # a kind of failed training: filtered with its other warnings
@@ -316,7 +324,7 @@ class StateSpaceModel(
         self.cost_ = float(result.cost)
         self.n_iter_ = int(result.nfev)
         self.converged_ = bool(result.success)
-        self.message_ = str(result.message)
+        self.message_ = str(result.message) + self._note()
         self.history_ = watch.history
 
     def _publish_parameters(self):

@@ -25,6 +25,7 @@ class Fitted:
     _scaling: Scaling
     _region: Region
     _y_ndim: int
+    integrators_: int
     _x_scale: np.ndarray  # states of the user over states of the fit
 
     params_: Bunch

@@ -52,6 +52,10 @@ class FlSsnn(Ssnn):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
         B, in the units of the data; equal ones hold an entry.
+    integrators : int or "auto", default=0
+        Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
+        as positions and levels. No network sees their states. "auto" finds them. The
+        mean of u gives way to the input at which they rest.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     initial_state : {"estimate", "rest"}, default="estimate"
@@ -107,6 +111,8 @@ class FlSsnn(Ssnn):
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
         Number of states.
+    integrators_ : int
+        Number of last states that are integrators.
     input_delay_ : ndarray of int of shape (nu,)
         Samples by which each input arrives late.
     cost_ : float
@@ -175,6 +181,7 @@ class FlSsnn(Ssnn):
         output_weight=None,
         linear_start=None,
         bounds=None,
+        integrators=0,
         operating_point="mean",
         initial_state="estimate",
         dt=1.0,
@@ -205,6 +212,7 @@ class FlSsnn(Ssnn):
         self.output_weight = output_weight
         self.linear_start = linear_start
         self.bounds = bounds
+        self.integrators = integrators
         self.operating_point = operating_point
         self.initial_state = initial_state
         self.dt = dt

@@ -46,6 +46,10 @@ class LinearStateSpace(StateSpaceModel):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
         and C, in the units of the data; equal ones hold an entry.
+    integrators : int or "auto", default=0
+        Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
+        as positions and levels. No network sees their states. "auto" finds them. The
+        mean of u gives way to the input at which they rest.
     n_init_samples : int, default=50
         First samples of an experiment from which `score` estimates its initial
         state, at most a quarter of the experiment.
@@ -64,6 +68,8 @@ class LinearStateSpace(StateSpaceModel):
         Singular values behind ``nx="auto"``, descending.
     nx_ : int
         Number of states.
+    integrators_ : int
+        Number of last states that are integrators.
     input_delay_ : ndarray of int of shape (nu,)
         Samples by which each input arrives late.
     cost_ : float
@@ -130,6 +136,7 @@ class LinearStateSpace(StateSpaceModel):
         output_weight=None,
         linear_start=None,
         bounds=None,
+        integrators=0,
         n_init_samples=50,
         verbose=0,
     ):
@@ -145,15 +152,20 @@ class LinearStateSpace(StateSpaceModel):
         self.output_weight = output_weight
         self.linear_start = linear_start
         self.bounds = bounds
+        self.integrators = integrators
         self.n_init_samples = n_init_samples
         self.verbose = verbose
+
+    def _refinement(self):
+        """Return the options of the search where it is the whole fit."""
+        if self._shapes_linear():
+            return {}
+        return {"max_iter": self.max_iter, "tol": self.tol}
 
     def _identify(self, experiments, previous, watch, held_out):
         near = self._near(experiments)
         if not self._shapes_linear() and experiments.is_here:
-            return self._linear_model(
-                near, watch, max_iter=self.max_iter, tol=self.tol
-            ).as_fit()
+            return self._linear_model(near, watch).as_fit()
         linear = self._linear_model(near, watch)
         structure, theta, _ = linear.as_fit()
         result = train(

@@ -18,6 +18,7 @@ class RemoteMixin(Fitted):
     _watch: Callable
     _set_delay: Callable
     _complete: Callable
+    _find_integrators: Callable
     _continues: Callable
     max_time: float | None
     validation_fraction: float | None = None
@@ -39,6 +40,7 @@ class RemoteMixin(Fitted):
             u, y = experiments.moments
             self._scaling = Scaling.from_moments(u, y, self.operating_point)
             self._x_scale = np.ones(1)
+            self.integrators_ = 0
         self.experiments_ = list(range(len(experiments)))
         self._container = Container()
         self.output_names_ = None
@@ -46,6 +48,8 @@ class RemoteMixin(Fitted):
         at_once = experiments.scaled(self._scaling, np.zeros(nu, dtype=int))
         self._set_delay(at_once, nu)
         scaled = experiments.scaled(self._scaling, self.input_delay_)
+        if not warm and self._find_integrators(scaled, watch):
+            scaled = experiments.scaled(self._scaling, self.input_delay_)
         self._complete(scaled, watch, None, warm)
         return self
 

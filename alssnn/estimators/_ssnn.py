@@ -11,6 +11,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..activations import ACTIVATIONS, Activation
+from ..integrators import decouple
 from ..stability import contractive_basis
 from ..structures import state_space_structure
 from ..training import Limits, Validation, initial_theta, train
@@ -110,6 +111,7 @@ class Ssnn(StateSpaceModel):
         return self._fit(u, y, experiment, validation)
 
     def _hold_out(self, u, y, parts, validation):
+        self._check_inputs()
         experiments = self._experiments(u, y, parts)
         if validation is not None:
             return experiments, self._judge(self._given(validation))
@@ -155,6 +157,17 @@ class Ssnn(StateSpaceModel):
             )
         return validation
 
+    def _check_inputs(self):
+        """Refuse choices of inputs and outputs before anything is identified."""
+        has_h = np.any(getattr(self, "n_h", 0)) and self.feedback == "output"
+        if has_h and self.h_inputs is None and self.integrators not in (0, "auto"):
+            raise ValueError(
+                "`h_inputs` must say which outputs h sees beside integrators with "
+                "feedback='output', got None. List those that do not integrate, or "
+                "take feedback='state', where h does not see integrators."
+            )
+        self._seen({"u": self.n_features_in_, "y": len(self._scaling.y_offset)})
+
     def _seen(self, sizes):
         """Return which columns of signals of known sizes the networks see."""
         of_h = ("x",) if self.feedback == "state" else ("y",)
@@ -162,7 +175,10 @@ class Ssnn(StateSpaceModel):
             "h": check_choice("h_inputs", self.h_inputs, of_h),
             "g": check_choice("g_inputs", self.g_inputs, ("x", "u")),
         }
-        own_basis = self.linear_start is not None and self.stability is None
+        if self.integrators_:  # a shift of an integrator shifts the output alone
+            choices["k"] = {"x": ALL, "u": ALL}
+        n = self.integrators_
+        own_basis = self.linear_start is not None and self._keeps_start
         names = {"u": getattr(self, "feature_names_in_", None), "y": self.output_names_}
         seen = {}
         for net, by_signal in choices.items():
@@ -176,19 +192,24 @@ class Ssnn(StateSpaceModel):
                         "stability=None."
                     )
                 if signal in sizes:
-                    seen[net, signal] = seen_columns(
-                        argument, signal, items, sizes[signal], names.get(signal)
+                    hidden = n if signal == "x" else 0
+                    size = sizes[signal] - hidden
+                    columns = seen_columns(
+                        argument, signal, items, size, names.get(signal)
                     )
+                    seen[net, signal] = np.append(columns, np.zeros(hidden, bool))
         return seen
 
     def _scaled_bounds(self, structure, contractive=False):
         """Return the user's bounds, and those of what the networks do not see."""
         bounds = super()._scaled_bounds(structure, contractive)
-        return {**bounds, **held_columns(structure, self._seen(structure.sizes))}
+        return {**bounds, **self._held_weights(structure)}
+
+    def _held_weights(self, structure):
+        """Return bounds that hold at zero what the networks do not see."""
+        return held_columns(structure, self._seen(structure.sizes))
 
     def _identify(self, experiments, previous, watch, held_out):
-        # before the linear model: a name is cheaper to check
-        self._seen({"u": self.n_features_in_, "y": len(self._scaling.y_offset)})
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
         if previous is not None and self._fits(previous, networks, phi):
@@ -197,7 +218,8 @@ class Ssnn(StateSpaceModel):
             near = self._near(experiments)
             linear = self._linear_model(near, watch)
             if phi is not None:
-                linear = contractive_basis(linear, phi)
+                n = self.integrators_
+                linear = contractive_basis(decouple(linear, n), phi, n)
                 self._x_scale = np.ones(len(linear.A))  # a basis of its own
             nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
             plain = self._declare(nx, nu, ny, C=linear.C, **networks)
@@ -206,7 +228,7 @@ class Ssnn(StateSpaceModel):
                 return linear.as_fit()  # nothing to train beyond the linear model
             random_state = check_random_state(self.random_state)
             seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
-            held = held_columns(plain, self._seen(plain.sizes))
+            held = self._held_weights(plain)
             starts = [
                 initial_theta(plain, linear, near, np.random.default_rng(seed), held)
                 for seed in seeds
@@ -264,14 +286,16 @@ class Ssnn(StateSpaceModel):
         if self.nx not in ("auto", nx):
             return False
         A = structure.split(theta)["A"]
-        if phi is not None and not np.linalg.norm(A, 2) < np.sqrt(1 - phi):
+        A_r = self._regular(A)
+        size = np.linalg.norm(A_r, 2) if A_r.size else 0.0
+        if phi is not None and not size < np.sqrt(1 - phi):
             return False  # no contraction of this rate
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]
         wanted = self._declare(nx, nu, ny, C=C, **networks)
         if wanted.shapes == structure.shapes:
-            held = held_columns(structure, self._seen(structure.sizes))
+            held = self._with_integrators(self._held_weights(structure), structure)
             if np.any(Limits(structure, bounds=held).clip(theta) != theta):
                 return False  # its networks saw more
         return (

@@ -78,6 +78,7 @@ def save(model, path):
             "message": model.message_,
             "history": [_encode_step(step) for step in model.history_],
             "y_ndim": model._y_ndim,
+            "integrators": model.integrators_,
             "container": {
                 "library": model._container.library,
                 "is_series": model._container.is_series,
@@ -175,6 +176,7 @@ def _restore(cls, document, arrays):
     model._region = Region(**{**region, "radius": region["radius"][()]})
     for name in RESULTS:
         setattr(model, name, arrays[name.rstrip("_")])
+    model.integrators_ = int(fit.get("integrators", 0))  # older files have none
     model._publish_parameters()
     model.cost_ = float(_finite("cost", fit["cost"]))
     model.n_iter_, model.converged_ = int(fit["n_iter"]), bool(fit["converged"])
