@@ -205,8 +205,12 @@ def decouple(model, n):
     model : LinearModel
         The same in a basis with L = 0 (eq. integrate).
     """
+    if n == 0:
+        return model
     n_r = len(model.A) - n
     A_r, L = model.A[:n_r, :n_r], model.A[n_r:, :n_r]
+    if n_r:  # a pole at one that nobody declared
+        A_r = stabilize(A_r, limit=1.0 - REFINED_MARGIN)
     T = np.eye(len(model.A))
     T[n_r:, :n_r] = L @ np.linalg.inv(np.eye(n_r) - A_r)  # x_i + L (I - A_r)^-1 x_r
     T_inv = 2 * np.eye(len(T)) - T

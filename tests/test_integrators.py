@@ -346,6 +346,26 @@ def test_validation_and_coarse_stages_know_the_operating_point():
     np.testing.assert_array_equal(model.A_[:, 1], [0, 1])
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_integrators_of_experiments_on_a_cluster():
+    dask = pytest.importorskip("distributed", reason='needs the extra "cluster"')
+    remote = pytest.importorskip("alssnn.distributed")
+    parts = [integrating(n, seed=i, offset=0.5) for i, n in enumerate((700, 500))]
+    here = fit(MODELS["al"], *zip(*parts, strict=True), integrators=1, **QUICK)
+    options = {"processes": False, "dashboard_address": None, "n_workers": 1}
+    with dask.Client(**options) as client:
+        futures = client.scatter(parts)
+        model = clone(MODELS["al"]).set_params(integrators=1, **QUICK)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            there = remote.fit(model, futures, client=client)
+    assert there.integrators_ == 1
+    np.testing.assert_allclose(there.u_offset_, here.u_offset_, rtol=1e-6)
+    np.testing.assert_array_equal(there.A_[:, 1], [0, 1])
+    assert there.score(*parts[0]) > 0.98
+
+
 def test_a_loop_around_an_integrator():
     u, y = servo(1200)
     model = fit(MODELS["fl"], u, y, integrators=1, max_iter=40, tol=1e-4)

@@ -22,7 +22,7 @@ AUTO = "auto"
 class IntegratorsMixin(Fitted):
     """Declare or find integrators, and hold their poles at one (eq. integrate)."""
 
-    integrators: int | str
+    integrators: int | str = 0  # what a model does not offer
     integrators_: int
     linear_start: Any
     nx: int | str

@@ -210,6 +210,7 @@ class Ssnn(StateSpaceModel):
         return held_columns(structure, self._seen(structure.sizes))
 
     def _identify(self, experiments, previous, watch, held_out):
+        self._check_inputs()
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self.phi if self.stability == "contractive" else None
         if previous is not None and self._fits(previous, networks, phi):
