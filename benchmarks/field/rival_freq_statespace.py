@@ -88,24 +88,35 @@ def train(clock, data, options):
     clock.keep(model)
 
 
+@eqx.filter_jit
+def simulated(model, u, x0):
+    """Return outputs (N, ny, runs) for inputs (N, nu, runs), both normalized."""
+    return model._simulate(u, x0)[0]
+
+
+@eqx.filter_jit
+def sensitivity(model, u, x0):
+    """Return the derivative of the outputs of one run by its initial state."""
+
+    def outputs(x0):
+        return model._simulate(u[..., None], x0[:, None])[0].ravel()
+
+    return jax.jacfwd(outputs)(x0)
+
+
 def error(model, norm, u, y, window):
     """Return the error behind the window that estimates the initial states."""
     u = jnp.asarray((u - norm.u_mean[:, None]) / norm.u_std[:, None])
-    z = jnp.asarray((y - norm.y_mean[:, None]) / norm.y_std[:, None])
+    z = np.asarray((y - norm.y_mean[:, None]) / norm.y_std[:, None])
     nx, n_runs = model.A.shape[0], u.shape[2]
-
-    def misfit(x0, u, z):
-        return (model._simulate(u[..., None], x0[:, None])[0][..., 0] - z).ravel()
-
-    x0 = np.zeros((nx, n_runs))
-    for r in range(n_runs):
-        first = u[:window, :, r], z[:window, :, r]
-        for _ in range(3):  # Gauss-Newton; the models are almost linear
-            e = np.asarray(misfit(x0[:, r], *first))
-            J = np.asarray(jax.jacfwd(misfit)(x0[:, r], *first))
+    first, x0 = u[:window], np.zeros((nx, n_runs))
+    for _ in range(3):  # Gauss-Newton; the models are almost linear
+        e = np.asarray(simulated(model, first, jnp.asarray(x0))) - z[:window]
+        for r in range(n_runs):
+            J = np.asarray(sensitivity(model, first[..., r], jnp.asarray(x0[:, r])))
             H = J.T @ J + 1e-6 * np.eye(nx)
-            x0[:, r] -= np.linalg.solve(H, J.T @ e + 1e-6 * x0[:, r])
-    e = np.asarray(model._simulate(u, jnp.asarray(x0))[0] - z)[window:]
+            x0[:, r] -= np.linalg.solve(H, J.T @ e[..., r].ravel() + 1e-6 * x0[:, r])
+    e = (np.asarray(simulated(model, u, jnp.asarray(x0))) - z)[window:]
     return float(np.mean(np.sqrt(np.mean(e**2, axis=0)) * norm.y_std[:, None]))
 
 
@@ -135,6 +146,7 @@ def main():
         writer = csv.writer(file, lineterminator="\n")
         for wall, cpu, model in clock.points:
             tests = content["names"], content["u_test"], content["y_test"]
+            file.flush()
             for name, u, y in zip(*tests, strict=True):
                 rmse = error(model, data.norm, u, y, int(content["window"]))
                 rmse *= float(content["scale"])
