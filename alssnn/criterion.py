@@ -3,7 +3,7 @@
 The cost of one model over several experiments (eq. cost)
 
     J_N = 1/N sum_k ( |y_k - yhat_k|^2 + gamma |g_k|^2 + gamma_k |k_k|^2 )
-          + alpha |theta_net|^2
+          + alpha |theta_net - center|^2
 
 is |r|^2 for the stacked residual r = weights * (z - target), where the target of y
 is the record and that of every penalized channel is zero.  Outputs that were not
@@ -131,6 +131,10 @@ class Criterion(LeastSquares):
         Weight of the squared error of every output; None means one.
     alpha : float, default=0.0
         Weight of the squared network parameters.
+    center : ndarray of shape (n_params,) or None, default=None
+        Parameters from which that weight pulls away as little as possible; None means
+        zero. Around the random start of a network it leads to the linear model, while
+        around zero it takes the inner weights, too, and with them the gradient.
     x0_weight : float, default=0.0
         Weight of the squared initial states: a prior, for short records.
     chunk : int or None, default=None
@@ -157,6 +161,7 @@ class Criterion(LeastSquares):
         gamma_h=0.0,
         output_weight=None,
         alpha=0.0,
+        center=None,
         x0_weight=0.0,
         chunk=None,
         n_jobs=None,
@@ -186,6 +191,9 @@ class Criterion(LeastSquares):
         self.decay[structure.n_params :] = np.sqrt(x0_weight)
         for name in structure.network_parameters:
             self.decay[structure.slices[name]] = np.sqrt(alpha)
+        self.center = np.zeros(self.n)
+        if center is not None:
+            self.center[: structure.n_params] = center
         self._memo: tuple = (None, 0.0)  # last free vector and its norm
 
     # -- the free vector -----------------------------------------------------------
@@ -241,7 +249,7 @@ class Criterion(LeastSquares):
             Root of the cost J_N (eq. cost).
         """
         if self._memo[0] is None or not np.array_equal(free, self._memo[0]):
-            square = float(np.sum((self.decay * free) ** 2))
+            square = float(np.sum((self.decay * (free - self.center)) ** 2))
             theta, x0 = self.split(free)
             value = partial(self.one.square, theta)
             square += self.experiments.reduce(value, add, x0)
@@ -273,8 +281,8 @@ class Criterion(LeastSquares):
             If the simulation diverges, or its sensitivities do.
         """
         n_params, n_x0 = self.structure.n_params, self.structure.n_x0
-        JJ, Jr = np.diag(self.decay**2), self.decay**2 * free
-        square = float(np.sum((self.decay * free) ** 2))
+        away = self.decay * (free - self.center)
+        JJ, Jr, square = np.diag(self.decay**2), self.decay * away, float(away @ away)
         theta, x0 = self.split(free)
         arrow = self.experiments.reduce(
             partial(self.one.arrow, theta), Arrow.merge, range(len(x0)), x0
@@ -309,7 +317,7 @@ class Criterion(LeastSquares):
             lambda *one: list(self.one.residuals(theta, *one)), x0
         )
         parts = [r.ravel() for rs in residuals for r in rs]
-        return np.concatenate([*parts, self.decay * free])
+        return np.concatenate([*parts, self.decay * (free - self.center)])
 
     def jacobian(self, free):
         """Return the full Jacobian of `residuals`; for tests and small problems.

@@ -17,6 +17,7 @@ from scipy.linalg import qr
 from scipy.stats import chi2
 
 from .experiments import stretch
+from .orders import compare_orders
 from .regression import Triangle, lagged
 from .subspace import identify_linear, simulation_error
 
@@ -67,7 +68,7 @@ def estimate_delays(experiments, nx, *, feedthrough=False, max_delay=50):
     experiments = _longest(experiments, SIMULATED)
     if nx == "auto":  # once: a higher order could stand in for a delay
         pairs = _delayed(experiments, delay, delay.max())
-        nx = len(identify_linear(pairs, nx, max_iter=1).A)
+        nx = compare_orders(pairs, None).nx
     for i in np.flatnonzero(delay):
         trials = np.tile(delay, (delay[i] + 1, 1))
         trials[:, i] = np.arange(delay[i] + 1)

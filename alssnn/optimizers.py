@@ -26,6 +26,8 @@ from .watch import INTERRUPTED, NO_PROGRESS, Stop
 
 GRADIENT_TOLERANCE = 1e-12  # cosine between r and its derivatives
 STOPPED = -1  # status of a search that was left (`watch`)
+CLIFF = "the derivatives overflow next to the best point"
+RETREATS = 8  # halvings of the way to a point whose derivatives overflow
 TERMINATION_MESSAGES = {
     0: "stopped after max_iter trial steps",
     1: "the gradient vanishes",
@@ -111,23 +113,17 @@ def minimize(
             "the records, or start from a stable linear model."
         )
     search = _Search(criterion, free, watch, patience, to_point, label)
+    options = {
+        "method": method,
+        "bounds": (-np.inf, np.inf) if bounds is None else bounds,
+        "x_scale": "jac",
+        "ftol": tol,
+        "xtol": tol,
+        "gtol": GRADIENT_TOLERANCE,
+    }
     try:
         with single_threaded():
-            found = least_squares(
-                search.fun,
-                free,
-                jac=search.jac,
-                method=method,
-                bounds=(-np.inf, np.inf) if bounds is None else bounds,
-                x_scale="jac",
-                ftol=tol,
-                xtol=tol,
-                gtol=GRADIENT_TOLERANCE,
-                max_nfev=max_iter,
-            )
-            if search.last is None or np.any(found.x != search.last):
-                search.accept(found.x)  # the step that met a tolerance
-        status, message = found.status, TERMINATION_MESSAGES[found.status]
+            status, message = search.run(free, max_iter, options)
     except Stop as stop:
         status, message = STOPPED, str(stop)
     except KeyboardInterrupt as interrupt:
@@ -165,11 +161,43 @@ class _Search:
         self.best = free.copy()
         self.least = np.inf
         self.nfev = self.njev = self.n_accepted = 0
+        self.anchor: np.ndarray | None = (
+            None  # last accepted point that has derivatives
+        )
+        self.edge: np.ndarray = free  # last accepted point
+        self.reach: float = np.inf  # how far from the anchor a step may go
+
+    def run(self, free, max_iter, options):
+        """Run `least_squares`; a step to overflowing derivatives is a rejected one."""
+        for _ in range(RETREATS):
+            left = max_iter - self.nfev
+            if left < 1:
+                break
+            try:
+                found = least_squares(
+                    self.fun, free, jac=self.jac, max_nfev=left, **options
+                )
+            except FloatingPointError:
+                if self.anchor is None:
+                    return STOPPED, CLIFF
+                # MINPACK cannot take a step back: it starts anew, on a shorter leash
+                self.reach = float(np.linalg.norm(self.edge - self.anchor)) / 2
+                free = self.anchor
+                if self.patience is None and np.array_equal(self.best, self.edge):
+                    self.best, self.least = free.copy(), self.criterion.norm(free)
+                continue
+            if self.last is None or np.any(found.x != self.last):
+                self.accept(found.x)  # the step that met a tolerance
+            return found.status, TERMINATION_MESSAGES[found.status]
+        return 0, TERMINATION_MESSAGES[0]
 
     def fun(self, x):
         if self.watch is not None:
             self.watch.check()
         residual = self.criterion.fun(x)
+        if self.anchor is not None and np.isfinite(self.reach):
+            if np.linalg.norm(x - self.anchor) > self.reach:
+                residual[0] = DIVERGED_NORM
         self.nfev += 1
         if self.patience is None and residual[0] < self.least:
             self.best, self.least = x.copy(), residual[0]
@@ -178,7 +206,10 @@ class _Search:
     def jac(self, x):  # both methods ask for it at accepted points only
         self.accept(x)
         self.njev += 1
-        return self.criterion.jac(x)
+        self.edge = x.copy()
+        jacobian = self.criterion.jac(x)
+        self.anchor, self.reach = self.edge, np.inf
+        return jacobian
 
     def accept(self, x):
         """Tell watch and patience of an accepted point; raise `Stop` at their wish."""

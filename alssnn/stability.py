@@ -18,12 +18,14 @@ r between rho(A) and (1 - phi)^(1/2), the solution P of  (A/r)' P (A/r) - P = -I
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov
+from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov, svd
 
 from .criterion import LeastSquares
 from .subspace import stabilize
 
 MARGIN = 0.98  # of the start inside the set that Q can reach: Q stays finite
+NEAREST = 1e-7  # distance of a start to a limit of one
+ROUNDING = 1e-9  # norms this close to one are taken for one, and moved inside
 
 
 def contraction(Q):
@@ -91,16 +93,16 @@ def contraction_inverse(K):
     ValueError
         If the norm of `K` is not below one.
     """
-    eigenvalues, V = eigh(np.eye(len(K)) - K.T @ K)
-    if not eigenvalues[0] > 0:
-        norm = np.linalg.norm(K, 2)
+    U, s, V_t = svd(K)
+    if not s.max(initial=0.0) < 1 + ROUNDING:
         raise ValueError(
-            f"`K` must have a norm below 1, got {norm:.6g}. Change the state basis."
+            f"`K` must have a norm below 1, got {s.max():.6g}. Change the state basis."
         )
-    return K @ (V / np.sqrt(eigenvalues)) @ V.T
+    s = np.minimum(s, 1 - ROUNDING)
+    return U * (s / np.sqrt(1 - s**2)) @ V_t
 
 
-def contractive_basis(model, phi, integrators=0):
+def contractive_basis(model, phi, integrators=0, radius=1.0):
     """Bring a linear model into a basis in which A'A < (1 - phi) I.
 
     Parameters
@@ -124,7 +126,8 @@ def contractive_basis(model, phi, integrators=0):
         if len(r) == 0:
             return model
         A, B, C, x0 = model.A[np.ix_(r, r)], model.B[r], model.C[:, r], model.x0[:, r]
-        rest = contractive_basis(replace(model, A=A, B=B, C=C, x0=x0), phi)
+        rest = replace(model, A=A, B=B, C=C, x0=x0)
+        rest = contractive_basis(rest, phi, radius=radius)
         return replace(
             model,
             A=block_diag(rest.A, np.eye(integrators)),
@@ -133,10 +136,12 @@ def contractive_basis(model, phi, integrators=0):
             x0=np.hstack([rest.x0, model.x0[:, i]]),
         )
     limit = np.sqrt(1.0 - phi)
-    A = stabilize(model.A, limit=MARGIN * limit)
-    if np.linalg.norm(A, 2) <= MARGIN * limit:
-        return replace(model, A=A)  # nothing to do: keep the basis
+    # slow states stay slow: only what is next to the limit keeps a distance
+    inside = 1.0 - (1.0 + MARGIN) * (1.0 - limit) - NEAREST
+    A = stabilize(model.A, limit=min(inside, radius))
     r = (np.abs(np.linalg.eigvals(A)).max() + limit) / 2  # radius < r < limit
+    if np.linalg.norm(A, 2) <= min(r, MARGIN * limit):
+        return replace(model, A=A)  # nothing to do: keep the basis
     P = solve_discrete_lyapunov((A / r).T, np.eye(len(A)))
     T = cholesky(P)  # P = T'T
     T /= np.sqrt(np.mean(T**2) * len(T))

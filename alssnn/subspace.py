@@ -21,18 +21,19 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import LinAlgError, lstsq, qr, svd
+from scipy.linalg import LinAlgError, eigh, lstsq, qr, solve_discrete_lyapunov, svd
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
-from .experiments import stretch
+from .experiments import chunks, stretch
 from .optimizers import minimize, single_threaded
 from .sections import Sections
 from .simulation import trajectory
 from .structures import state_space_structure
 
 QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
-MAX_ORDER = 10  # largest order that "auto" chooses
+LEAST_VARIANCE = 1e-12  # of a state, relative to the largest, that counts as moving
+GAP = 2 * 40  # samples without any output behind which a record starts anew
 RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
 REFINED_MARGIN = 1e-6  # of a refined model: integrators stay what they are
 HORIZONS = (15, 40)  # candidate horizons: fast and slow sampling
@@ -141,29 +142,6 @@ def hankel_triangle(experiments, horizon):
             H_t = _past_future(u[start:stop], y[start:stop], horizon)
             R = qr(np.vstack([R, H_t]), mode="r", overwrite_a=True)[0][:n_rows]
     return np.vstack([R, np.zeros((n_rows - len(R), n_rows))])
-
-
-def choose_order(singular_values, max_order=MAX_ORDER):
-    """Choose the model order from singular values.
-
-    Parameters
-    ----------
-    singular_values : ndarray of shape (n,)
-        Singular values, descending.
-    max_order : int, default=10
-        Largest order.
-
-    Returns
-    -------
-    nx : int
-        Number of singular values above the geometric mean of the largest and the
-        smallest one, at least 1 and at most `max_order`.
-    """
-    s = singular_values[singular_values > 0]
-    if len(s) == 0:
-        return 1
-    above = np.log(s) > (np.log(s[0]) + np.log(s[-1])) / 2
-    return int(np.clip(np.count_nonzero(above), 1, max_order))
 
 
 def stabilize(A, limit=RADIUS_LIMIT):
@@ -342,9 +320,8 @@ def _candidate_horizons(experiments, nx):
     """Return the horizons to try, ascending: within reach of record and order."""
     nu, ny = (signal.shape[1] for signal in experiments[0])
     longest = max(len(u) for u, _ in experiments)
-    order = 1 if nx == "auto" else nx
-    lowest = max(2, -(-order // ny) + 1)  # Gamma without its last block has rank nx
-    samples = 2 * lowest + order
+    lowest = max(2, -(-nx // ny) + 1)  # Gamma without its last block has rank nx
+    samples = 2 * lowest + nx
     if longest < samples:
         raise ValueError(
             f"`u` and `y` must have at least {samples} samples in one experiment for "
@@ -353,6 +330,49 @@ def _candidate_horizons(experiments, nx):
     # more columns than rows in H, or else U_f leaves nothing of the past
     highest = (longest + 1) // (2 * (nu + ny) + 2)
     return sorted({max(lowest, min(horizon, highest)) for horizon in HORIZONS})
+
+
+def largest_order(experiments):
+    """Return the largest order that a record can tell.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+
+    Returns
+    -------
+    nx : int
+        At least 1; the parameters of a model of this order are a tenth of the samples.
+    """
+    nu, ny = (signal.shape[1] for signal in experiments[0])
+    longest = max(len(u) for u, _ in experiments)
+    return max(1, longest // (10 * (nu + ny)))
+
+
+def without_gaps(experiments):
+    """Return the experiments cut where no output was measured for long.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+
+    Returns
+    -------
+    pieces : list of tuple of array
+        Pairs (u, y), slices; shorter gaps are left in.
+    """
+    pieces = []
+    for u, y in experiments:
+        missing = np.concatenate([np.isnan(y[i]).all(axis=1) for i in chunks(len(y))])
+        edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(int)))
+        gaps = [(a, b) for a, b in edges.reshape(-1, 2) if b - a >= GAP]
+        starts = [0, *(b for _, b in gaps)]
+        stops = [*(a for a, _ in gaps), len(u)]
+        whole = zip(starts, stops, strict=True)
+        pieces += [(u[a:b], y[a:b]) for a, b in whole if a < b] if gaps else [(u, y)]
+    return pieces
 
 
 def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
@@ -421,8 +441,8 @@ def identify_linear(
     ----------
     experiments : sequence of tuple of ndarray
         Pairs (u, y) of scaled deviations.
-    nx : int or "auto"
-        Order; "auto" decides by `choose_order`.
+    nx : int
+        Order.
     feedthrough : bool, default=False
         Whether D is free; else it is zero.
     max_iter : int, default=100
@@ -446,17 +466,18 @@ def identify_linear(
         If the longest experiment is too short for the order.
     """
     ny = experiments[0][1].shape[1]
-    horizons = _candidate_horizons(experiments, nx)
     near = stretch(experiments, SUBSPACE_SAMPLES)
-    if min(len(u) for u, _ in near) < 10 * horizons[-1]:  # many short ones
+    if min(len(u) for u, _ in near) < 10 * HORIZONS[-1]:  # many short ones
         near = experiments
-    filled = [(u, Filled(y)) for u, y in near]
-    spaces = [past_to_future(hankel_triangle(filled, i), filled, i) for i in horizons]
-    # the longest horizon sees the slowest dynamics: its values decide the order
+    pieces = without_gaps(near)
+    horizons = _candidate_horizons(pieces, nx)
+    filled = [(u, Filled(y)) for u, y in pieces]
+    with single_threaded():
+        spaces = [
+            past_to_future(hankel_triangle(filled, i), filled, i) for i in horizons
+        ]
+    # the longest horizon sees the slowest dynamics
     singular_values = spaces[-1][1]
-    if nx == "auto":
-        reach = (horizons[0] - 1) * ny  # rank that Gamma can have at every horizon
-        nx = choose_order(singular_values, min(MAX_ORDER, reach))
     trial = stretch(experiments, TRIAL_SAMPLES)
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
     options = {"watch": watch, "n_jobs": n_jobs}
@@ -468,7 +489,7 @@ def identify_linear(
     if is_trial:
         model = fit_input(experiments, model.A, model.C, feedthrough, n_jobs)
         model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, **options)
-    model, _ = normalize(model, experiments)
+    model = decorrelate(model, experiments)
     return replace(model, singular_values=singular_values)
 
 
@@ -508,15 +529,7 @@ def normalize(model, experiments):
     std : ndarray of shape (nx,)
         States before over states after.
     """
-    structure = model.structure
-    lure = structure.lure(structure.join(vars(model)))
-    count, total, square = 0, 0.0, 0.0
-    for (u, _), x0 in zip(experiments, model.x0, strict=True):
-        for _, _, X in trajectory(lure, u, x0):
-            count += len(X) - 1
-            total = total + X[:-1].sum(axis=0)
-            square = square + (X[:-1] ** 2).sum(axis=0)
-    std = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
+    std = np.sqrt(np.diag(_state_covariance(model, experiments)))
     std = np.where((std > 0) & np.isfinite(std), std, 1.0)
     scaled = replace(
         model,
@@ -526,6 +539,60 @@ def normalize(model, experiments):
         x0=model.x0 / std,
     )
     return scaled, std
+
+
+def decorrelate(model, experiments):
+    """Bring a model into the basis of uncorrelated states of unit variance.
+
+    Among these bases, the one whose states contribute to later outputs one by one and
+    in falling order: a balanced realization for the spectrum of the record. States of
+    two poles close to each other would else be nearly the same, and a network that
+    sees them would see one; a white input makes A a contraction.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Stable model.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+
+    Returns
+    -------
+    model : LinearModel
+        The model in this basis; as it is where a state does not move.
+    """
+    model, _ = normalize(model, experiments)
+    variance, V = eigh(_state_covariance(model, experiments))
+    radius = np.abs(np.linalg.eigvals(model.A)).max()
+    if not variance[0] > LEAST_VARIANCE * variance[-1] or not radius < 1:
+        return model
+    T = (V / np.sqrt(variance)).T  # T cov T' = I
+    T_inv = V * np.sqrt(variance)
+    A, C = T @ model.A @ T_inv, model.C @ T_inv
+    energy, U = eigh(solve_discrete_lyapunov(A.T, C.T @ C))
+    U = U[:, np.argsort(-energy)]
+    T, T_inv = U.T @ T, T_inv @ U
+    return replace(
+        model,
+        A=T @ model.A @ T_inv,
+        B=T @ model.B,
+        C=model.C @ T_inv,
+        x0=model.x0 @ T.T,
+    )
+
+
+def _state_covariance(model, experiments):
+    """Return the covariance of the simulated states."""
+    structure = model.structure
+    lure = structure.lure(structure.join(vars(model)))
+    count, total, square = 0, 0.0, 0.0
+    for (u, _), x0 in zip(experiments, model.x0, strict=True):
+        for _, _, X in trajectory(lure, u, x0):
+            count += len(X) - 1
+            total = total + X[:-1].sum(axis=0)
+            square = square + X[:-1].T @ X[:-1]
+    mean = total / count
+    return square / count - np.outer(mean, mean)
 
 
 class Filled:

@@ -165,6 +165,7 @@ def train(
     n_jobs=None,
     watch=None,
     validation=None,
+    fallback=None,
     **options,
 ):
     """Train networks from several starts, coarse to fine.
@@ -178,7 +179,8 @@ def train(
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
     weights : dict or None, default=None
-        ``gamma``, ``gamma_k``, ``alpha`` and ``output_weight`` of `Criterion`.
+        ``gamma``, ``gamma_k``, ``gamma_h``, ``alpha``, ``center`` and
+        ``output_weight`` of `Criterion`.
     phi : float or None, default=None
         Rate of stability by construction (eq. contract); None leaves A free.
     bounds : dict of str to tuple of ndarray, or None, default=None
@@ -198,6 +200,9 @@ def train(
         Told of every step; may end the training.
     validation : Validation or None, default=None
         Data that judge the points of every stage and the starts.
+    fallback : ndarray of shape (n_params,) or None, default=None
+        Parameters from which the stage on all samples starts if those of the coarse
+        stages simulate them worse.
     **options : dict
         ``method``, ``max_iter`` and ``tol`` of `optimizers.minimize`.
 
@@ -229,7 +234,15 @@ def train(
         steps = best.nfev
         criterion = Criterion(structure, experiments, **weights)
         options = {**options, "max_iter": polish_iter}
-        best = _stage(criterion, best.theta, limits, watch=watch, label=last, **options)
+        best = _stage(
+            criterion,
+            best.theta,
+            limits,
+            fallback=fallback,
+            watch=watch,
+            label=last,
+            **options,
+        )
         best.nfev += steps
     return best
 
@@ -318,15 +331,31 @@ def _descend(stages, start, limits, watch, options):
     return result
 
 
-def _stage(criterion, theta, limits, x0=None, *, watch, validation=None, **options):
+def _stage(
+    criterion,
+    theta,
+    limits,
+    x0=None,
+    *,
+    watch,
+    validation=None,
+    fallback=None,
+    **options,
+):
     """Minimize from theta and x0, which is estimated first if it is not known."""
+    starts = [theta] if fallback is None else [theta, fallback]
+
+    def start():
+        points = [_start_of_stage(criterion, start, limits, x0) for start in starts]
+        return min(points, key=criterion.norm)
+
     with single_threaded():
         try:
-            free = _start_of_stage(criterion, theta, limits, x0)
+            free = start()
         except KeyboardInterrupt as interrupt:
             # between two searches: once more, then the next one ends at its start
             watch.stop(INTERRUPTED, interrupt)
-            free = _start_of_stage(criterion, theta, limits, x0)
+            free = start()
         patience = validation and validation.patience(criterion)
         result = limits.minimize(
             criterion, free, watch=watch, patience=patience, **options
@@ -354,6 +383,31 @@ def _start_of_stage(criterion, theta, limits, x0):
     return free
 
 
+class Behind:
+    """Outputs without the first samples of an experiment; only sliced.
+
+    Parameters
+    ----------
+    y : array of shape (N, ny)
+        Outputs.
+    start : int
+        First sample that counts; those before are nan.
+    """
+
+    def __init__(self, y, start):
+        self.y, self.start, self.shape = y, start, y.shape
+
+    def __len__(self):
+        """Return the number of samples."""
+        return len(self.y)
+
+    def __getitem__(self, part):
+        """Return the samples of a slice, shape (L, ny)."""
+        y = np.array(self.y[part])
+        y[: max(0, self.start - (part.start or 0))] = np.nan
+        return y
+
+
 class Validation:
     """Judge parameters on data that they are not fitted to.
 
@@ -363,25 +417,22 @@ class Validation:
     Parameters
     ----------
     experiments : sequence of tuple of array
-        Pairs (u, y) of scaled deviations.
+        Pairs (u, y) of scaled deviations; only sliced.
     output_weight : ndarray of shape (ny,)
         Weight of the squared error of every output.
     n_init_samples : int
         Samples spent on an initial state, at most a quarter of the experiment.
-    n_iter_no_change : int
+    n_iter_no_change : int, default=1
         Accepted steps without a new least error after which a search ends.
     """
 
-    def __init__(self, experiments, output_weight, n_init_samples, n_iter_no_change):
+    def __init__(self, experiments, output_weight, n_init_samples, n_iter_no_change=1):
         self.output_weight = np.asarray(output_weight) / np.sum(output_weight)
         self.n_iter_no_change = n_iter_no_change
-        self.heads, self.scored = [], []
-        for u, y in experiments:
-            window = min(n_init_samples, len(u) // 4)
-            u, y, scored = np.array(u), np.array(y), np.array(y)
-            scored[:window] = np.nan  # simulated, but not counted
-            self.heads.append((u[:window], y[:window]))
-            self.scored.append((u, scored))
+        windows = [min(n_init_samples, len(u) // 4) for u, _ in experiments]
+        pairs = list(zip(experiments, windows, strict=True))
+        self.heads = [(u[:n], y[:n]) for (u, y), n in pairs]
+        self.scored = [(u, Behind(y, n)) for (u, y), n in pairs]
 
     def patience(self, criterion):
         """Return what judges the points of one search.
@@ -396,20 +447,37 @@ class Validation:
         patience : Patience
             Its judge, which has seen nothing yet.
         """
-        structure = criterion.structure
-        error = Criterion(structure, self.scored, output_weight=self.output_weight)
         noise = [1.0]  # mean square of the last error: what an estimate may trust
 
         def rmse(free):
             theta, _ = criterion.split(free)
-            x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise[0])
-            norm = error.norm(error.join(theta, x0))
-            if not norm < DIVERGED_NORM:
-                return np.inf
-            noise[0] = norm**2
-            return norm
+            error = self.rmse(criterion.structure, theta, noise[0])
+            noise[0] = error**2 if np.isfinite(error) else noise[0]
+            return error
 
         return Patience(rmse, self.n_iter_no_change)
+
+    def rmse(self, structure, theta, noise):
+        """Return the error of parameters.
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model.
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        noise : float
+            Mean square error that is expected, for the estimate of initial states.
+
+        Returns
+        -------
+        rmse : float
+            Root mean square error, outputs of unit variance; inf where it diverges.
+        """
+        error = Criterion(structure, self.scored, output_weight=self.output_weight)
+        x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise)
+        norm = error.norm(error.join(theta, x0))
+        return norm if norm < DIVERGED_NORM else np.inf
 
 
 class Limits:

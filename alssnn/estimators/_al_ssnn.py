@@ -1,9 +1,8 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
-from numbers import Real
 from typing import ClassVar
 
-from sklearn.utils._param_validation import Interval, StrOptions
+from sklearn.utils._param_validation import StrOptions
 
 from ._base import COUNT, WEIGHT
 from ._ssnn import ACTIVATION, FEEDBACK, G_INPUTS, H_INPUTS, SIZES, Ssnn
@@ -210,8 +209,6 @@ class AlSsnn(Ssnn):
         "odd": ["boolean"],
         "feedback": [FEEDBACK],
         "penalty": [StrOptions({"state", "output"})],
-        "stability": [StrOptions({"contractive"}), None],
-        "phi": [Interval(Real, 0, 1, closed="left")],
         "continuation": [COUNT],
     }
 
@@ -220,22 +217,22 @@ class AlSsnn(Ssnn):
         nx="auto",
         n_h=10,
         n_g=10,
-        gamma=1.0,
+        gamma=0.01,
         *,
         n_k=0,
         gamma_k=1.0,
         gamma_h=0.0,
-        feedback="output",
-        penalty="state",
+        feedback="state",
+        penalty="output",
         feedthrough=False,
         h_inputs=None,
         g_inputs=None,
         activation="tanh",
         odd=False,
-        stability=None,
-        phi=0.01,
+        stability="auto",
+        phi=1e-5,
         continuation=0,
-        alpha=0.0,
+        alpha="auto",
         input_delay=0,
         output_weight=None,
         linear_start=None,
@@ -244,13 +241,13 @@ class AlSsnn(Ssnn):
         operating_point="mean",
         initial_state="estimate",
         dt=1.0,
-        n_init=1,
+        n_init=3,
         max_iter=300,
-        tol=1e-6,
+        tol=1e-4,
         max_time=None,
         validation_fraction=None,
         n_iter_no_change=10,
-        coarse_samples=15_000,
+        coarse_samples=8_000,
         polish_iter=30,
         method="lm",
         n_init_samples=50,

@@ -17,11 +17,16 @@ from sklearn.utils.validation import (
 )
 
 from ..containers import Container
+from ..criterion import Criterion
 from ..delays import estimate_delays
 from ..experiments import check_inputs, split_experiments
 from ..mapping import Held
+from ..optimizers import single_threaded
+from ..orders import SAMPLES as ORDER_SAMPLES
+from ..orders import compare_orders
 from ..scaling import Scaling
 from ..subspace import TRIAL_SAMPLES
+from ..training import Validation
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch, late_fall
 from ._ahead import AheadMixin
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
@@ -41,6 +46,8 @@ from ._validation import ValidationMixin
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
+TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
+NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 DELAY_SAMPLES = 20_000  # of experiments on a cluster, that tell of their delays
 
 
@@ -67,7 +74,7 @@ class StateSpaceModel(
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
     _parameter_constraints: ClassVar[dict] = {
-        "nx": [POSITIVE, StrOptions({"auto"})],
+        "nx": [POSITIVE, StrOptions({"auto"}), range, "array-like"],
         "operating_point": [StrOptions({"mean", "zero"}), tuple],
         "initial_state": [StrOptions({"estimate", "rest"})],
         "dt": [Interval(Real, 0, None, closed="neither")],
@@ -134,12 +141,19 @@ class StateSpaceModel(
         u, y, experiment = join_records(u, y, experiment)
         container = Container.of(y)
         u, y = self._validate(u, y, reset=True)
+        with single_threaded():  # small matrices: more threads only get in the way
+            self._fit_checked(u, y, experiment, validation, container, watch)
+        return self
+
+    def _fit_checked(self, u, y, experiment, validation, container, watch):
+        """Scale the data, then fit."""
         columns = y.reshape(len(y), -1)
         warm = self._continues(u.shape[1], columns.shape[1])
         if not warm:
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
             self._x_scale = np.ones(1)
             self.integrators_ = 0
+            self._orders = self._decay = self._curve = None
         parts, self.experiments_ = split_experiments(len(u), experiment)
         self.input_delay_ = np.zeros(u.shape[1], dtype=int)
         self._set_delay(Held(self._experiments(u, y, parts)), u.shape[1])
@@ -153,7 +167,6 @@ class StateSpaceModel(
         self._complete(experiments, watch, held_out, warm)
         if watch.observe is not None:
             watch.observe.end()
-        return self
 
     def _continues(self, nu, ny):
         """Tell whether a fit continues from the last one, of as many signals."""
@@ -176,6 +189,7 @@ class StateSpaceModel(
         )
         self._publish(result, watch)
         self._region = self._training_region(experiments)
+        self._score_training(experiments)
         if watch.interrupt is not None:
             raise watch.interrupt
         self._warn_if_unstable()
@@ -193,6 +207,34 @@ class StateSpaceModel(
                 f"{settled if np.isfinite(fall) else ''}",
                 ConvergenceWarning,
                 stacklevel=4,
+            )
+
+    def _own_judge(self, experiments):
+        """Return what judges a model on its own record, by the policy of `score`."""
+        ny = len(self._scaling.y_offset)
+        return Validation(experiments, np.ones(ny), self.n_init_samples)
+
+    def _score_training(self, experiments):
+        """Set `train_score_`; warn of a model that needs one exact initial state."""
+        self.train_score_ = float("nan")
+        if not experiments.is_here:
+            return
+        structure, theta = self._structure, self._theta
+        noise = min(self.cost_, 1.0)
+        rmse = self._own_judge(experiments).rmse(structure, theta, noise)
+        self.train_score_ = float(1.0 - rmse**2)
+        criterion = Criterion(structure, experiments)
+        ny = structure.sizes["y"]
+        fitted = criterion.norm(criterion.join(theta, self.x0_ / self._x_scale))
+        if rmse > TOO_FAR * fitted / np.sqrt(ny) and rmse > NOTABLE:
+            warnings.warn(
+                f"{type(self).__name__} simulates its own training record with a "
+                f"relative error of {rmse:.2g} from an estimated initial state, and of "
+                f"{fitted / np.sqrt(ny):.2g} from the fitted one: it hangs on an exact "
+                "initial state. Take stability='contractive', a smaller `nx`, or a "
+                "longer record.",
+                ConvergenceWarning,
+                stacklevel=6,
             )
 
     def _set_delay(self, experiments, nu):
@@ -261,6 +303,14 @@ class StateSpaceModel(
         self.singular_values_ = model.singular_values
         return model
 
+    def _choose_order(self, experiments):
+        """Return the order of the linear model; keep how others compare."""
+        feedthrough = getattr(self, "feedthrough", False)
+        candidates = None if isinstance(self.nx, str) else list(np.atleast_1d(self.nx))
+        stretches = Held.of(experiments).stretch(ORDER_SAMPLES)
+        self._orders = compare_orders(stretches, candidates, feedthrough=feedthrough)
+        return self._orders.nx
+
     def _shapes_linear(self):
         """Tell whether the user shapes the linear model beyond its identification."""
         shapes = (self.linear_start, self.output_weight)
@@ -326,6 +376,9 @@ class StateSpaceModel(
         self.converged_ = bool(result.success)
         self.message_ = str(result.message) + self._note()
         self.history_ = watch.history
+        self.orders_ = {}
+        if self._orders is not None:
+            self.orders_["linear"] = self._orders.curve
 
     def _publish_parameters(self):
         """Set the attributes that follow from structure, theta and scales."""

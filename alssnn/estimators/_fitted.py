@@ -36,6 +36,8 @@ class Fitted:
     x0_: np.ndarray
     nx_: int
     cost_: float
+    train_score_: float
+    orders_: dict
     n_iter_: int
     converged_: bool
     message_: str

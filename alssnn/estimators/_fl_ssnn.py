@@ -171,12 +171,14 @@ class FlSsnn(Ssnn):
         nx="auto",
         n_h=10,
         *,
-        feedback="output",
+        feedback="state",
         gamma_h=0.0,
         h_inputs=None,
         activation="tanh",
         odd=False,
-        alpha=0.0,
+        stability="auto",
+        phi=1e-5,
+        alpha="auto",
         input_delay=0,
         output_weight=None,
         linear_start=None,
@@ -185,13 +187,13 @@ class FlSsnn(Ssnn):
         operating_point="mean",
         initial_state="estimate",
         dt=1.0,
-        n_init=1,
+        n_init=3,
         max_iter=300,
-        tol=1e-6,
+        tol=1e-4,
         max_time=None,
         validation_fraction=None,
         n_iter_no_change=10,
-        coarse_samples=15_000,
+        coarse_samples=8_000,
         polish_iter=30,
         method="lm",
         n_init_samples=50,
@@ -207,6 +209,8 @@ class FlSsnn(Ssnn):
         self.h_inputs = h_inputs
         self.activation = activation
         self.odd = odd
+        self.stability = stability
+        self.phi = phi
         self.alpha = alpha
         self.input_delay = input_delay
         self.output_weight = output_weight

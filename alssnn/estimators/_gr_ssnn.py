@@ -169,7 +169,9 @@ class GrSsnn(Ssnn):
         feedthrough=False,
         g_inputs=None,
         activation="tanh",
-        alpha=0.0,
+        stability="auto",
+        phi=1e-5,
+        alpha="auto",
         input_delay=0,
         output_weight=None,
         linear_start=None,
@@ -178,13 +180,13 @@ class GrSsnn(Ssnn):
         operating_point="mean",
         initial_state="estimate",
         dt=1.0,
-        n_init=1,
+        n_init=3,
         max_iter=300,
-        tol=1e-6,
+        tol=1e-4,
         max_time=None,
         validation_fraction=None,
         n_iter_no_change=10,
-        coarse_samples=15_000,
+        coarse_samples=8_000,
         polish_iter=30,
         method="lm",
         n_init_samples=50,
@@ -199,6 +201,8 @@ class GrSsnn(Ssnn):
         self.feedthrough = feedthrough
         self.g_inputs = g_inputs
         self.activation = activation
+        self.stability = stability
+        self.phi = phi
         self.alpha = alpha
         self.input_delay = input_delay
         self.output_weight = output_weight

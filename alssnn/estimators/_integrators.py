@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ class IntegratorsMixin(Fitted):
     nx: int | str
     operating_point: str | tuple
     _near: Callable
+    _choose_order: Callable
 
     def _find_integrators(self, experiments, watch):
         """Set `integrators_`; tell whether the operating point moved to their rest.
@@ -73,6 +75,8 @@ class IntegratorsMixin(Fitted):
 
     def _plain_linear(self, experiments, nx, watch):
         """Return the linear model without integrators."""
+        if not isinstance(nx, Integral):
+            nx = self._choose_order(experiments)
         return identify_linear(
             experiments,
             nx,
@@ -139,7 +143,7 @@ class IntegratorsMixin(Fitted):
     @property
     def _keeps_start(self):
         """Whether the states are those of the linear start."""
-        return getattr(self, "stability", None) is None
+        return getattr(self, "_phi", None) is None
 
     def _regular(self, A):
         """Return the block of A without integrators."""

@@ -40,6 +40,7 @@ class RemoteMixin(Fitted):
             u, y = experiments.moments
             self._scaling = Scaling.from_moments(u, y, self.operating_point)
             self._x_scale = np.ones(1)
+            self._orders = self._decay = self._curve = None
             self.integrators_ = 0
         self.experiments_ = list(range(len(experiments)))
         self._container = Container()

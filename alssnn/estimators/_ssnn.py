@@ -1,24 +1,41 @@
 """The training that all estimators with networks share."""
 
+import warnings
 from abc import abstractmethod
 from functools import partial
 from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
+from scipy.optimize import OptimizeResult
 from sklearn.base import _fit_context
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..activations import ACTIVATIONS, Activation
+from ..criterion import Criterion
 from ..integrators import decouple
+from ..mapping import Held
+from ..orders import compare_orders
+from ..search import Recipe, search
 from ..stability import contractive_basis
 from ..structures import state_space_structure
-from ..training import Limits, Validation, initial_theta, train
+from ..training import (
+    WINDOW,
+    Limits,
+    Validation,
+    estimate_x0,
+    initial_theta,
+    train,
+)
 from ._base import COUNT, POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
 from ._inputs import ALL, check_choice, held_columns, seen_columns
 
+SLOWEST = 5.0  # time constants in a record, of the slowest pole of a start
+MORE_STATES = 1  # orders above that of the linear model, tried with networks
+LEFT_LINEAR = "the networks do not help: this is the linear model"
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
 # Constraints of the options that several presets offer.
 SIZES = [COUNT, tuple]
@@ -37,7 +54,9 @@ class Ssnn(StateSpaceModel):
 
     _parameter_constraints: ClassVar[dict] = {
         **StateSpaceModel._parameter_constraints,
-        "alpha": [WEIGHT],
+        "alpha": [WEIGHT, StrOptions({"auto"})],
+        "stability": [StrOptions({"auto", "contractive"}), None],
+        "phi": [Interval(Real, 0, 1, closed="left")],
         "n_init": [POSITIVE],
         "coarse_samples": [POSITIVE, None],
         "polish_iter": [POSITIVE],
@@ -150,7 +169,7 @@ class Ssnn(StateSpaceModel):
             self.n_init_samples,
             self.n_iter_no_change,
         )
-        if all(np.isnan(y).all() for _, y in validation.scored):
+        if all(np.isnan(y[:]).all() for _, y in validation.scored):
             raise ValueError(
                 "Validation needs measured outputs behind the samples that estimate "
                 "the initial states, got none. Pass other records as `validation`."
@@ -211,41 +230,49 @@ class Ssnn(StateSpaceModel):
 
     def _identify(self, experiments, previous, watch, held_out):
         self._check_inputs()
-        networks = {**self._networks(), "feedthrough": self.feedthrough}
-        phi = self.phi if self.stability == "contractive" else None
-        if previous is not None and self._fits(previous, networks, phi):
-            plain, starts = previous[0], [previous[1]]
+        continues = previous is not None and self._fits(previous)
+        if continues:
+            plain, starts, fallback = previous[0], [previous[1]], None
+            # "auto" goes on with what the fit that is continued has chosen
+            given = 0.0 if self.alpha == "auto" else self.alpha
+            weights = (self.alpha == "auto" and self._decay) or {"alpha": given}
         else:
             near = self._near(experiments)
             linear = self._linear_model(near, watch)
-            if phi is not None:
-                n = self.integrators_
-                linear = contractive_basis(decouple(linear, n), phi, n)
-                self._x_scale = np.ones(len(linear.A))  # a basis of its own
-            nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
-            plain = self._declare(nx, nu, ny, C=linear.C, **networks)
-            is_linear = plain.nw == 0 and phi is None and not self._shapes_linear()
+            if self._phi is not None:
+                self._x_scale = np.ones(1)  # a basis of its own
+            linear, plain = self._declared(linear)
+            is_linear = plain.nw == 0 and not self._phi and not self._shapes_linear()
             if is_linear and held_out is None and experiments.is_here:
                 return linear.as_fit()  # nothing to train beyond the linear model
-            random_state = check_random_state(self.random_state)
-            seeds = random_state.randint(np.iinfo(np.int32).max, size=self.n_init)
-            held = self._held_weights(plain)
-            starts = [
-                initial_theta(plain, linear, near, np.random.default_rng(seed), held)
-                for seed in seeds
-            ]
-        penalized, weights = self._criterion_terms(plain)
+            seeds = check_random_state(self.random_state).randint(
+                np.iinfo(np.int32).max, size=self.n_init
+            )
+            fallback = self._start(plain, linear, near, seeds[0])
+            if self.alpha == "auto" and plain.nw > 0:
+                found = self._search(near, linear, seeds, watch)
+                self._decay = {"alpha": found.alpha, "center": found.start}
+                self._curve = found.curve
+                if not found.helps:
+                    return self._left_linear(linear, near, experiments)
+                plain, starts, weights = found.structure, [found.theta], self._decay
+                if plain.sizes["x"] != len(linear.A):
+                    fallback = None
+            else:
+                starts = [self._start(plain, linear, near, seed) for seed in seeds]
+                weights = {"alpha": 0.0 if self.alpha == "auto" else self.alpha}
+        penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(self._snapshot, plain)
         result = train(
             penalized,
             experiments,
             starts,
-            weights=weights,
-            phi=phi,
-            bounds=self._scaled_bounds(plain, contractive=phi is not None),
+            weights={**terms, **weights},
+            phi=self._phi,
+            bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
             at_rest=self._at_rest,
-            continuation=self.continuation,
+            continuation=0 if self.alpha == "auto" else self.continuation,
             coarse_samples=self.coarse_samples,
             polish_iter=self.polish_iter,
             n_jobs=self.n_jobs,
@@ -254,8 +281,123 @@ class Ssnn(StateSpaceModel):
             tol=self.tol,
             watch=watch,
             validation=held_out,
+            fallback=fallback,
         )
+        if self._phi is not None:
+            self._x_scale = np.ones(plain.sizes["x"])
+        if not continues and self._loses(plain, result, linear, experiments):
+            return self._left_linear(linear, near, experiments)
         return plain, result.theta, result
+
+    def _loses(self, plain, result, linear, experiments):
+        """Tell whether a fit simulates its own record worse than the linear model."""
+        if self.alpha != "auto" or not experiments.is_here:
+            return False
+        judge = self._own_judge(experiments)
+        structure, theta, fit = linear.as_fit()
+        start = Criterion(structure, experiments)
+        noise = start.norm(start.join(theta, fit.x0)) ** 2
+        least = judge.rmse(structure, theta, min(noise, 1.0))
+        return judge.rmse(plain, result.theta, min(result.cost, 1.0)) > 1.02 * least
+
+    def _publish(self, result, watch):
+        super()._publish(result, watch)
+        decay = self._decay or {"alpha": self.alpha}
+        self.alpha_ = 0.0 if decay["alpha"] == "auto" else float(decay["alpha"])
+        if self._curve:
+            self.orders_["networks"] = self._curve
+
+    @property
+    def _phi(self):
+        """Return the rate of contraction; None where A is free."""
+        stable = self.stability == "contractive" or (
+            self.stability == "auto" and self.linear_start is None
+        )
+        return self.phi if stable else None
+
+    def _declared(self, linear, radius=1.0):
+        """Return a linear model in the basis of the training, and the structure."""
+        if self._phi is not None:
+            n = self.integrators_
+            linear = contractive_basis(decouple(linear, n), self._phi, n, radius)
+        nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
+        networks = {**self._networks(), "feedthrough": self.feedthrough}
+        return linear, self._declare(nx, nu, ny, C=linear.C, **networks)
+
+    def _start(self, plain, linear, experiments, seed):
+        """Return the linear model with networks of random inner weights."""
+        held = self._held_weights(plain)
+        rng = np.random.default_rng(seed)
+        return initial_theta(plain, linear, experiments, rng, held)
+
+    def _search(self, experiments, linear, seeds, watch):
+        """Return order, start and decay by hidden samples (`search`)."""
+        if self.coarse_samples is not None:
+            experiments = Held.of(experiments).stretch(self.coarse_samples)
+
+        # at the limit of stability the search would hardly move; and a pole slower
+        # than the record is no better known than one of its length
+        radius = 1.0 - SLOWEST / max(len(u) for u, _ in experiments)
+
+        def declare(model):
+            linear, plain = self._declared(model, max(radius, 0.5))
+            return linear, plain, *self._criterion_terms(plain)
+
+        def limits(plain):
+            bounds = self._scaled_bounds(plain, contractive=self._phi is not None)
+            return Limits(plain, self._phi, bounds, self._at_rest)
+
+        orders, candidates = self._orders, [len(linear.A)]
+        if self.linear_start is not None or self.integrators_:
+            orders = compare_orders(experiments, None, model=linear)
+        elif orders is None:
+            orders = compare_orders(
+                experiments, candidates, feedthrough=self.feedthrough
+            )
+        else:
+            candidates = sorted(orders.models)
+        if isinstance(self.nx, str) and len(candidates) > 1:
+            candidates = [
+                nx for nx in candidates if nx <= max(orders.nx + MORE_STATES, 3)
+            ]
+        return search(
+            Recipe(declare, self._start, limits),
+            orders,
+            candidates,
+            seeds,
+            max_iter=self.max_iter,
+            method=self.method,
+            n_jobs=self.n_jobs,
+            output_weight=self._output_weight(experiments[0][1].shape[1]),
+            watch=watch,
+        )
+
+    def _left_linear(self, linear, near, experiments):
+        """Return the linear model as the outcome of a fit, and say so."""
+        linear, plain = self._declared(linear)
+        theta = self._start(plain, linear, near, 0)
+        if self._phi is not None:
+            self._x_scale = np.ones(plain.sizes["x"])
+        warnings.warn(
+            f"The networks of {type(self).__name__} do not simulate hidden samples "
+            "better than the linear model, which is returned. Try another `nx`, a "
+            "longer record, or `LinearStateSpace`.",
+            ConvergenceWarning,
+            stacklevel=7,
+        )
+        x0 = linear.x0
+        if not experiments.is_here:  # there, a stretch of them was seen
+            x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=1.0)
+        weight = self._output_weight(len(linear.C))
+        criterion = Criterion(plain, experiments, output_weight=weight)
+        result = OptimizeResult(
+            x0=x0,
+            cost=criterion.norm(criterion.join(theta, x0)) ** 2,
+            nfev=0,
+            success=True,
+            message=LEFT_LINEAR,
+        )
+        return plain, theta, result
 
     def _criterion_terms(self, plain):
         nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
@@ -263,7 +405,6 @@ class Ssnn(StateSpaceModel):
             "gamma": self.gamma,
             "gamma_k": self.gamma_k,
             "gamma_h": self.gamma_h,
-            "alpha": self.alpha,
             "output_weight": self._output_weight(ny),
         }
         if plain.nw == 0:  # the linear model
@@ -280,9 +421,11 @@ class Ssnn(StateSpaceModel):
         )
         return penalized, weights
 
-    def _fits(self, previous, networks, phi):
+    def _fits(self, previous):
         """Tell whether a fitted model is one that the parameters ask for."""
         structure, theta = previous
+        networks = {**self._networks(), "feedthrough": self.feedthrough}
+        phi = self._phi
         nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
         if self.nx not in ("auto", nx):
             return False

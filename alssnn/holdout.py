@@ -1,0 +1,101 @@
+"""Hold-out: quarters of a record that judge a model which is simulated through them.
+
+A fold hides a quarter of every experiment: its outputs become nan, so that a fit does
+not see them, while the simulation runs on through the gap.  The error on the hidden
+samples is then that of a free run from a state that the model itself has reached: no
+initial state has to be estimated, and short experiments need not be cut.  The first
+quarter is never hidden, for it tells the initial state.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .criterion import DIVERGED_NORM, Criterion
+
+SHARE = 0.25  # of every experiment, hidden in one fold
+NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
+FEW, MANY = 2_500, 6_000  # samples up to which three folds, two folds judge
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Hold the samples that are fitted, and those that judge.
+
+    Parameters
+    ----------
+    fitted : list of tuple of ndarray
+        Pairs (u, y), where the hidden samples of y are nan.
+    hidden : list of tuple of ndarray
+        Pairs (u, y), where all but the hidden samples of y are nan.
+    """
+
+    fitted: list
+    hidden: list
+
+    def error(self, structure, theta, x0, output_weight=None):
+        """Return the mean square error of a simulation on the hidden samples.
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+        output_weight : ndarray of shape (ny,) or None, default=None
+            Weight of every output; None means one.
+
+        Returns
+        -------
+        error : float
+            Mean square over outputs of unit variance; inf where it diverges.
+        """
+        ny = structure.sizes["y"]
+        weight = np.ones(ny) if output_weight is None else np.asarray(output_weight)
+        criterion = Criterion(
+            structure, self.hidden, output_weight=weight / weight.sum()
+        )
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(STARTS, *x0.shape))
+        starts = [x0, *(x0 + NUDGE * signs)]
+        norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
+        return norm**2 if norm < DIVERGED_NORM else np.inf
+
+
+def hold_out(experiments, share=SHARE):
+    """Return the folds that judge models of some experiments.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    share : float, default=0.25
+        Share of every experiment that one fold hides.
+
+    Returns
+    -------
+    folds : list of Fold
+        One for long records, whose last part tells enough; up to three for short ones,
+        as long as the beginning stays visible.
+    """
+    n_samples = sum(len(u) for u, _ in experiments)
+    wanted = 3 if n_samples <= FEW else 2 if n_samples <= MANY else 1
+    n_folds = max(1, min(wanted, int(np.floor(1 / share + 1e-9)) - 1))
+    return [_fold(experiments, share, i) for i in range(n_folds)]
+
+
+def _fold(experiments, share, i):
+    """Hide the i-th part of every experiment, counted from its end."""
+    fitted, hidden = [], []
+    for u, y in experiments:
+        u, y = np.array(u), np.array(y)
+        part = slice(
+            len(u) - round((i + 1) * share * len(u)), len(u) - round(i * share * len(u))
+        )
+        seen, unseen = y.copy(), np.full_like(y, np.nan)
+        seen[part] = np.nan
+        unseen[part] = y[part]
+        fitted.append((u, seen))
+        hidden.append((u, unseen))
+    return Fold(fitted, hidden)

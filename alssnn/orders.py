@@ -1,0 +1,126 @@
+"""Orders: how many states, by the simulation error of linear models on hidden samples.
+
+Singular values of a subspace step tell the order of a linear system in white noise.
+A nonlinear plant has no order of that kind: its distortions show as further singular
+values, without a gap.  What can be measured for every plant is how well a model of an
+order simulates samples that it was not fitted to.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .holdout import hold_out
+from .subspace import identify_linear, largest_order
+from .training import WINDOW, estimate_x0
+
+SAMPLES = 8_000  # of a record, on which orders are compared
+PATIENCE = 3  # larger orders without a gain, after which the search ends
+TOLERANCE = 0.03  # relative, of the error, for which a smaller order is taken
+NOISE = 1e-8  # least mean square error that an initial state is estimated for
+STEPS, TOL = 30, 1e-4  # of the refinement of every candidate
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Hold linear models of several orders and their errors on hidden samples.
+
+    Parameters
+    ----------
+    folds : list of Fold
+        What the models were fitted to, and what judges them.
+    models : dict of int to list of LinearModel
+        By order: one model per fold.
+    errors : dict of int to ndarray of shape (n_folds,)
+        By order: mean square errors on the hidden samples, outputs of unit variance.
+    """
+
+    folds: list
+    models: dict
+    errors: dict
+
+    @property
+    def nx(self):
+        """Return the smallest order whose error is close to the least one."""
+        total = {nx: np.mean(errors) for nx, errors in self.errors.items()}
+        least = min(total.values())
+        return min(
+            nx for nx, error in total.items() if error <= (1 + TOLERANCE) ** 2 * least
+        )
+
+    @property
+    def curve(self):
+        """Return the root mean square error on hidden samples, by order."""
+        return {nx: float(np.sqrt(np.mean(e))) for nx, e in self.errors.items()}
+
+
+def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=None):
+    """Fit linear models of several orders, and judge them on hidden samples.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    orders : iterable of int or None
+        Orders to compare; None goes up from 1 until three in a row bring no gain.
+    share : float or None, default=None
+        Share of every experiment that one fold hides; None means a quarter.
+    feedthrough : bool, default=False
+        Whether D is free; else it is zero.
+    model : LinearModel or None, default=None
+        A model that is given: it is not fitted, only judged.
+
+    Returns
+    -------
+    orders : Orders
+        The models and their errors.
+
+    Raises
+    ------
+    ValueError
+        If the longest experiment is too short for the least order.
+    """
+    folds = hold_out(experiments) if share is None else hold_out(experiments, share)
+    models: dict = {}
+    errors: dict = {}
+
+    def judge(nx, fitted):
+        models[nx] = fitted
+        errors[nx] = np.array(
+            [
+                fold.error(*_as_point(one))
+                for fold, one in zip(folds, fitted, strict=True)
+            ]
+        )
+
+    if model is not None:
+        judge(len(model.A), [_started(model, fold) for fold in folds])
+        return Orders(folds, models, errors)
+    highest = largest_order(experiments)
+    for nx in range(1, highest + 1) if orders is None else sorted(set(orders)):
+        judge(
+            nx,
+            [
+                identify_linear(
+                    fold.fitted, nx, feedthrough=feedthrough, max_iter=STEPS, tol=TOL
+                )
+                for fold in folds
+            ],
+        )
+        total = {n: np.mean(e) for n, e in errors.items()}
+        if orders is None and nx - min(total, key=lambda n: total[n]) >= PATIENCE:
+            break
+    return Orders(folds, models, errors)
+
+
+def _started(model, fold):
+    """Return a model with the initial states of the experiments of a fold."""
+    structure, theta, _ = model.as_fit()
+    noise = max(fold.error(structure, theta, np.zeros_like(model.x0)), NOISE)
+    x0 = estimate_x0(structure, theta, fold.fitted, window=WINDOW, noise=noise)
+    return replace(model, x0=x0)
+
+
+def _as_point(model):
+    structure, theta, result = model.as_fit()
+    return structure, theta, result.x0

@@ -1,0 +1,247 @@
+"""Search: order, random start and weight decay, judged by hidden samples.
+
+Three choices decide whether a network helps or harms, and no theory makes them: how
+many states, which random start, and how far the networks may move.  All three are made
+by the simulation error on hidden quarters of the record (`holdout`).
+
+A start has networks of random inner weights and zero output, so that it is the linear
+model.  The decay alpha |theta_net - start|^2 (eq. cost) is lowered along a path, each
+optimum the start of the next: a large alpha leaves the linear model, a middle one fits
+the outputs of random networks, a small one moves them freely.  A path is a continuation
+and a choice of complexity in one.  (Decay towards zero instead would take the inner
+weights first, and with them every gradient: the linear model is a saddle.)
+
+Of the alphas that do nearly as well as the best, averaged over the better starts, the
+largest is taken; of the starts, the best at this alpha.  The networks are kept if they
+beat the best linear model on the hidden samples: in the sum over the folds, not much
+worse in any of them, and with an error that is worth a prediction.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from .criterion import Criterion
+
+ALPHAS = 10.0 ** np.arange(1, -9, -1)
+SCREEN = slice(0, 5, 2)  # of the alphas, by which orders are compared
+STAGES = 25  # a stage of a path has this share of the trial steps of a fit
+STAGE_TOL = 1e-4  # relative change of the cost that ends one
+WAIT = 3  # alphas without a gain, after which a path ends
+ENOUGH = 1e-4  # the largest alpha at which it may
+NEARLY = 1.04  # relative mean square error that is as good as the best
+GAIN = 0.96  # mean square error over that of the linear model, at most
+WORSE = 1.5  # the same of a single fold
+USEFUL = 0.9  # root mean square error of a fold, outputs of unit variance, at most
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Say how a linear model becomes one with networks.
+
+    Parameters
+    ----------
+    declare : callable
+        Called as ``declare(linear)``: returns the linear model in the basis of the
+        training, the structure for simulation, the one with penalized channels, and
+        the weights of the criterion.
+    start : callable
+        Called as ``start(structure, linear, experiments, seed)``: returns theta.
+    limits : callable
+        Called as ``limits(structure)``: returns the `Limits` of theta.
+    """
+
+    declare: Callable
+    start: Callable
+    limits: Callable
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Hold the outcome of a search.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure for simulation.
+    theta : ndarray of shape (n_params,)
+        Parameters, fitted without the samples that the first fold hides.
+    start : ndarray of shape (n_params,)
+        The random start, center of the decay.
+    alpha : float
+        Weight of the decay; inf leaves the linear model.
+    errors : ndarray of shape (n_folds,)
+        Mean square errors on the hidden samples, outputs of unit variance.
+    linear_errors : ndarray of shape (n_folds,)
+        Those of the best linear model.
+    curve : dict of int to float
+        Root mean square error on hidden samples of the networks, by order.
+    """
+
+    structure: object
+    theta: np.ndarray
+    start: np.ndarray
+    alpha: float
+    errors: np.ndarray
+    linear_errors: np.ndarray
+    curve: dict
+
+    @property
+    def helps(self):
+        """Return whether the networks are better than the linear model."""
+        linear = self.linear_errors
+        # a part of the record that happens to be linear is no reason against
+        bound = WORSE * np.maximum(linear, linear.mean() / 2)
+        return bool(
+            np.isfinite(self.alpha)
+            and self.errors.sum() < GAIN * linear.sum()
+            and np.all(self.errors < bound)
+            and np.sqrt(self.errors.max()) < USEFUL
+        )
+
+
+class _Path:
+    """Descend from one start along falling alphas, on all folds at once."""
+
+    def __init__(self, recipe, folds, linears, seed, weight):
+        self.folds, self.weight = folds, weight
+        self.problems, self.points = [], []
+        for fold, model in zip(folds, linears, strict=True):
+            linear, structure, penalized, weights = recipe.declare(model)
+            theta = recipe.start(structure, linear, fold.fitted, seed)
+            limits = recipe.limits(structure)
+            self.problems.append((structure, penalized, weights, limits))
+            self.points.append((limits.clip(theta), linear.x0))
+        self.starts = [theta for theta, _ in self.points]
+        self.errors = [self._judge()]
+        self.states = [self.points]
+
+    def _judge(self):
+        return np.array(
+            [
+                fold.error(structure, theta, x0, self.weight)
+                for fold, (structure, *_), (theta, x0) in zip(
+                    self.folds, self.problems, self.points, strict=True
+                )
+            ]
+        )
+
+    def descend(self, alphas, watch, **options):
+        """Go down the path, and stop where smaller alphas bring no more."""
+        waited, least = 0, self.errors[0].sum()
+        for alpha in alphas:
+            self.points = [
+                self._stage(i, alpha, watch, options) for i in range(len(self.folds))
+            ]
+            self.errors.append(self._judge())
+            self.states.append(self.points)
+            waited = 0 if self.errors[-1].sum() < 0.99 * least else waited + 1
+            least = min(least, self.errors[-1].sum())
+            if (waited >= WAIT and alpha <= ENOUGH) or watch.reason is not None:
+                break
+        return self
+
+    def _stage(self, i, alpha, watch, options):
+        _, penalized, weights, limits = self.problems[i]
+        theta, x0 = self.points[i]
+        criterion = Criterion(
+            penalized,
+            self.folds[i].fitted,
+            alpha=alpha,
+            center=self.starts[i],
+            **weights,
+        )
+        free = criterion.join(theta, 0.0 * x0 if limits.at_rest else x0)
+        if not np.isfinite(criterion.norm(free)) or criterion.norm(free) > 1e50:
+            return theta, x0
+        result = limits.minimize(criterion, free, watch=watch, **options)
+        return criterion.split(result.x)
+
+
+def search(
+    recipe,
+    orders,
+    candidates,
+    seeds,
+    *,
+    max_iter,
+    method="lm",
+    n_jobs=None,
+    output_weight=None,
+    watch=None,
+):
+    """Choose order, start and decay of networks.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        How linear models become models with networks.
+    orders : Orders
+        Linear models of every fold, by order.
+    candidates : sequence of int
+        Orders among which the networks choose.
+    seeds : sequence of int
+        One per random start.
+    max_iter : int
+        Trial steps of a whole fit; a stage of a path takes a share of it.
+    method : {"lm", "trf"}, default="lm"
+        Method of `optimizers.minimize`.
+    n_jobs : int or None, default=None
+        Starts in parallel, as in joblib.
+    output_weight : ndarray of shape (ny,) or None, default=None
+        Weight of the error of every output.
+    watch : Watch
+        May end the search; told of its steps, without reports of every one.
+
+    Returns
+    -------
+    found : Found
+        The choice.
+    """
+    folds = orders.folds
+    quiet = watch.fork()
+    quiet.report = quiet.report_end = quiet.observe = None
+    options = {
+        "method": method,
+        "max_iter": max(2, max_iter // STAGES),
+        "tol": STAGE_TOL,
+        "label": "search",
+    }
+
+    def path(nx, seed, alphas):
+        walk = _Path(recipe, folds, orders.models[nx], seed, output_weight)
+        return walk.descend(alphas, quiet, **options)
+
+    curve = {}
+    if len(candidates) > 1:
+        for nx in candidates:
+            errors = path(nx, seeds[0], ALPHAS[SCREEN]).errors
+            curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
+        nx = min(curve, key=lambda n: curve[n])
+    else:
+        (nx,) = candidates
+    calls = [(nx, seed, ALPHAS) for seed in seeds]
+    if n_jobs in (None, 1) or len(calls) == 1:
+        paths = [path(*call) for call in calls]
+    else:
+        paths = Parallel(n_jobs=n_jobs)(delayed(path)(*call) for call in calls)
+    length = max(len(walk.errors) for walk in paths)
+    table = np.full((len(paths), length), np.inf)
+    for row, walk in zip(table, paths, strict=True):
+        row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
+    typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
+    stage = int(np.argmax(typical <= NEARLY * typical.min()))
+    walk = paths[int(np.argmin(table[:, stage]))]
+    curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
+    structure = walk.problems[0][0]
+    return Found(
+        structure,
+        walk.states[stage][0][0],
+        walk.starts[0],
+        float(np.inf if stage == 0 else ALPHAS[stage - 1]),
+        walk.errors[stage],
+        orders.errors[orders.nx],
+        curve,
+    )
