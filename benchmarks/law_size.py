@@ -3,9 +3,9 @@
     python -m benchmarks.law_size [--plants tanks] [--seeds 0] [--weights 0 1e-6 ...]
 
 Fits AL-SSNN with state feedback, a penalty on e and options set by hand (`LAW`) to the
-first half of two tanks in a row, the pendulum and the Duffing oscillator (4,000 samples)
-and the Wiener-Hammerstein circuit (8,000), all with about 1 % noise.  The other half
-gives the error of the simulation, in % of the standard deviation of y; the
+first half of two tanks in a row, the pendulum and the Duffing oscillator (4,000
+samples) and the Wiener-Hammerstein circuit (8,000), all with about 1 % noise.  The
+other half gives the error of the simulation, in % of the standard deviation of y; the
 linearization error along the record, and with the recorded input as v; and the share of
 samples that this loop spends outside the region of the training data.  Then the loop of
 `alssnn control` steps by one standard deviation of y: the ranges of v and u, relative
@@ -29,6 +29,7 @@ from alssnn.datasets import (
     make_wiener_hammerstein,
 )
 from alssnn.feedback import balanced_weights, lqi, step_comparison
+from benchmarks._options import by_hand
 
 WEIGHTS = (0.0, 1e-6, 1e-5, 1e-4)
 STEP_SAMPLES = 400
@@ -36,14 +37,9 @@ LAW = {
     "feedback": "state",
     "penalty": "output",
     "stability": "contractive",
-    "phi": 0.01,
     "gamma": 0.01,
     "continuation": 4,
-    "alpha": 0.0,
-    "n_init": 1,
     "max_iter": 120,
-    "tol": 1e-6,
-    "coarse_samples": 15_000,
 }
 
 
@@ -99,7 +95,7 @@ def measure(record, nx, gamma_h, seed):
     """Return the cells of one fit."""
     start = time.perf_counter()
     own = {"gamma_h": gamma_h, "dt": record.dt, "random_state": seed}
-    models = {"AL-SSNN": AlSsnn(nx, **LAW, **own)}
+    models = {"AL-SSNN": by_hand(AlSsnn, nx, **LAW, **own)}
     (row,) = model_ladder(*record, dt=record.dt, models=models)
     seconds = time.perf_counter() - start
     model = row.model
