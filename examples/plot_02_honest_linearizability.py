@@ -46,9 +46,15 @@ print(record.name)
 # second penalizes :math:`|e|^2`, feeds back the state, and keeps A a contraction.
 
 common = {"nx": 6, "n_h": 6, "n_g": 8, "dt": record.dt, "random_state": 0}
+common |= {"alpha": 0.0, "n_init": 1}  # set by hand: nothing is searched
 models = {
     "penalty on g, output feedback": AlSsnn(
-        gamma=1 / np.var(train[1]), max_iter=40, **common
+        gamma=1 / np.var(train[1]),
+        max_iter=40,
+        feedback="output",
+        penalty="state",
+        stability=None,
+        **common,
     ),
     "penalty on e, state feedback": AlSsnn(
         gamma=0.01,
@@ -57,6 +63,7 @@ models = {
         feedback="state",
         penalty="output",
         stability="contractive",
+        phi=0.01,
         **common,
     ),
 }

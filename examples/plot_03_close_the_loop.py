@@ -29,10 +29,7 @@ options = {"nx": 2, "dt": record.dt, "operating_point": "zero"}
 model = AlSsnn(
     n_h=8,
     n_g=2,
-    feedback="state",
-    penalty="output",
     gamma_h=1e-4,
-    tol=1e-4,
     random_state=0,
     **options,
 ).fit(record.u, record.y)

@@ -65,7 +65,7 @@ for i, s in enumerate(signed, start=1):
 # Sizes and weights were chosen on the last quarter of the training samples.
 
 common = {"nx": nx, "operating_point": "zero", "dt": dt, "random_state": 0}
-common |= {"max_iter": 200}
+common |= {"max_iter": 200, "n_init": 1, "stability": None}
 h = {"n_h": 4, "odd": True, "gamma_h": 1e-3, "feedback": "state", "alpha": 1e-4}
 models = {
     "LTI": linear,

@@ -59,8 +59,9 @@ u, y = zip(*train, strict=True)
 # Sizes and weights were chosen by fitting one training run and simulating the other.
 
 common = {"nx": 3, "dt": dt}
-net = {"alpha": 1e-3, "max_iter": 60, "random_state": 0, **common}
-h = {"n_h": 6, "gamma_h": 1e-3}
+net = {"alpha": 1e-3, "n_init": 1, "stability": None, "max_iter": 60}
+net |= {"random_state": 0, **common}
+h = {"n_h": 6, "gamma_h": 1e-3, "feedback": "output"}
 models = {
     "LTI": LinearStateSpace(**common),
     "FL-SSNN": FlSsnn(**h, **net),

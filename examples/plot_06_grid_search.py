@@ -62,7 +62,7 @@ for nx in (2, 4, 6, 8):
 # Two scores in one search.  `refit` takes a callable that chooses by both.
 
 search = GridSearchCV(
-    AlSsnn(dt=record.dt, penalty="output", max_iter=12, random_state=0),
+    AlSsnn(alpha=0.0, n_init=1, dt=record.dt, max_iter=12, random_state=0),
     {"nx": [4, 6], "n_h": [0, 5], "n_g": [5], "gamma": [1.0, 0.1, 0.01]},
     cv=BlockedTimeSeriesSplit(2, gap=50),
     scoring={

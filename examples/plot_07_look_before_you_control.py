@@ -41,10 +41,7 @@ linear = LinearStateSpace(**options).fit(train.u, train.y)
 model = AlSsnn(
     n_h=8,
     n_g=2,
-    feedback="state",
-    penalty="output",
     gamma_h=1e-4,
-    tol=1e-4,
     random_state=0,
     **options,
 ).fit(train.u, train.y)

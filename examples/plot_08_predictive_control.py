@@ -20,9 +20,7 @@ from alssnn.datasets import make_pendulum
 
 record = make_pendulum(3_000, amplitude=5.0, noise=0.01, random_state=0)
 options = {"nx": 2, "dt": record.dt, "operating_point": "zero"}
-model = FlSsnn(
-    n_h=6, feedback="state", gamma_h=1e-4, tol=1e-4, random_state=0, **options
-)
+model = FlSsnn(n_h=6, gamma_h=1e-4, random_state=0, **options)
 model.fit(record.u, record.y)
 linear = LinearStateSpace(**options).fit(record.u, record.y)
 

@@ -55,10 +55,10 @@ print(f"linear models say {auto.input_delay_[0]} samples")
 models = {
     delay: FlSsnn(
         n_h=6,
-        feedback="state",
         gamma_h=1e-4,
+        alpha=0.0,  # costs are compared: the same decay for all
+        n_init=1,
         input_delay=delay,
-        tol=1e-4,
         random_state=0,
         **options,
     ).fit(u, y)
