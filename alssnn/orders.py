@@ -54,7 +54,9 @@ class Orders:
         return {nx: float(np.sqrt(np.mean(e))) for nx, e in self.errors.items()}
 
 
-def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=None):
+def compare_orders(
+    experiments, orders, *, feedthrough=False, model=None, integrators=0
+):
     """Fit linear models of several orders, and judge them on hidden samples.
 
     Parameters
@@ -63,12 +65,12 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
         Pairs (u, y) of scaled deviations.
     orders : iterable of int or None
         Orders to compare; None goes up from 1 until three in a row bring no gain.
-    share : float or None, default=None
-        Share of every experiment that one fold hides; None means a quarter.
     feedthrough : bool, default=False
         Whether D is free; else it is zero.
     model : LinearModel or None, default=None
         A model that is given: it is not fitted, only judged.
+    integrators : int, default=0
+        Number of its last states that integrate.
 
     Returns
     -------
@@ -80,7 +82,7 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
     ValueError
         If the longest experiment is too short for the least order.
     """
-    folds = hold_out(experiments) if share is None else hold_out(experiments, share)
+    folds = hold_out(experiments, integrators=integrators)
     models: dict = {}
     errors: dict = {}
 

@@ -25,7 +25,7 @@ from joblib import Parallel, delayed
 
 from .criterion import Criterion
 
-ALPHAS = 10.0 ** np.arange(1, -9, -1)
+ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = slice(0, 5, 2)  # of the alphas, by which orders are compared
 STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
