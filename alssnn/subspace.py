@@ -35,6 +35,7 @@ QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
 MAX_ORDER = 10  # largest order that "auto" chooses
 RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
 REFINED_MARGIN = 1e-6  # of a refined model: integrators stay what they are
+MAX_BASIS_CONDITION = 1e8  # of a change of basis
 HORIZONS = (15, 40)  # candidate horizons: fast and slow sampling
 SUBSPACE_SAMPLES = 100_000  # of the subspace step: a start needs no more
 TRIAL_SAMPLES = 20_000  # samples of the first, thorough refinement
@@ -461,14 +462,14 @@ def identify_linear(
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
     options = {"watch": watch, "n_jobs": n_jobs}
     starts = [fit_input(trial, A, C, feedthrough, n_jobs) for A, C in pairs]
-    model = min(starts, key=partial(simulation_error, trial))
+    model = start = min(starts, key=partial(simulation_error, trial))
     is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
     trial_tol = max(tol, TRIAL_TOLERANCE) if is_trial else tol
     model = refine(trial, model, max_iter=max_iter, tol=trial_tol, **options)
     if is_trial:
         model = fit_input(experiments, model.A, model.C, feedthrough, n_jobs)
         model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, **options)
-    model, _ = normalize(model, experiments)
+    model, _ = normalize(align(model, start), experiments)
     return replace(model, singular_values=singular_values)
 
 
@@ -489,6 +490,56 @@ def simulation_error(experiments, model):
     """
     problem = AllEntries(experiments, model)
     return problem.norm(problem.start)
+
+
+def align(model, other):
+    """Give a model the basis in which its states are observed as those of another.
+
+    The networks of a nonlinear model start in the basis of its linear start: it should
+    not depend on the path of a search.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Model.
+    other : LinearModel
+        Model of the same order.
+
+    Returns
+    -------
+    model : LinearModel
+        The model in another basis; the model itself if there is none.
+    """
+    ours, theirs = (observability(m.A, m.C, 2 * len(m.A)) for m in (model, other))
+    T = lstsq(ours, theirs)[0]
+    if not np.linalg.cond(T) < MAX_BASIS_CONDITION:
+        return model
+    inverse = np.linalg.inv(T)
+    A, B, C = inverse @ model.A @ T, inverse @ model.B, model.C @ T
+    return replace(model, A=A, B=B, C=C, x0=model.x0 @ inverse.T)
+
+
+def observability(A, C, horizon):
+    """Return [C; CA; CA^2; ...].
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix.
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+    horizon : int
+        Block rows.
+
+    Returns
+    -------
+    Gamma : ndarray of shape (horizon * ny, nx)
+        Extended observability matrix.
+    """
+    blocks = [C]
+    for _ in range(horizon - 1):
+        blocks.append(blocks[-1] @ A)
+    return np.vstack(blocks)
 
 
 def normalize(model, experiments):

@@ -3,6 +3,7 @@ import pytest
 
 from alssnn.subspace import (
     LinearModel,
+    align,
     choose_order,
     hankel_triangle,
     identify_linear,
@@ -71,6 +72,21 @@ def test_a_change_of_the_true_state_basis_changes_nothing(rng):
         models.append(identify_linear([(u, y)], 3))
     first, second = (markov(m.A, m.B, m.C) for m in models)
     np.testing.assert_allclose(first, second, atol=1e-7)
+
+
+def test_align_changes_the_basis_alone(rng):
+    A, B, C = system(rng, 3, 2, 2)
+    T, x0 = rng.standard_normal((3, 3)), rng.standard_normal((1, 3))
+    inverse = np.linalg.inv(T)
+    model = LinearModel(A, B, C, np.zeros((2, 2)), x0)
+    other = LinearModel(inverse @ A @ T, inverse @ B, C @ T, model.D, x0 @ inverse.T)
+    aligned = align(model, other)
+    for name in ("A", "B", "C", "x0"):
+        np.testing.assert_allclose(
+            getattr(aligned, name), getattr(other, name), atol=1e-9
+        )
+    blind = LinearModel(A, B, 0 * C, model.D, x0)
+    assert align(model, blind) is model
 
 
 def test_refinement_reaches_the_noise_floor(rng):
