@@ -15,7 +15,7 @@ from .criterion import DIVERGED_NORM, Criterion
 
 SHARE = 0.25  # of every experiment, hidden in one fold
 NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
-FEW, MANY = 2_500, 6_000  # samples up to which three folds, two folds judge
+FEW, MANY = 1_200, 4_000  # samples up to which three folds, two folds judge
 
 
 @dataclass(frozen=True, eq=False)

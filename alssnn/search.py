@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from .criterion import Criterion
+from .criterion import DIVERGED_NORM, Criterion
 
 ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = slice(0, 5, 2)  # of the alphas, by which orders are compared
@@ -113,7 +113,8 @@ class _Path:
             theta = recipe.start(structure, linear, fold.fitted, seed)
             limits = recipe.limits(structure)
             self.problems.append((structure, penalized, weights, limits))
-            self.points.append((limits.clip(theta), linear.x0))
+            x0 = 0.0 * linear.x0 if limits.at_rest else linear.x0
+            self.points.append((limits.clip(theta), x0))
         self.starts = [theta for theta, _ in self.points]
         self.errors = [self._judge()]
         self.states = [self.points]
@@ -153,8 +154,8 @@ class _Path:
             center=self.starts[i],
             **weights,
         )
-        free = criterion.join(theta, 0.0 * x0 if limits.at_rest else x0)
-        if not np.isfinite(criterion.norm(free)) or criterion.norm(free) > 1e50:
+        free = criterion.join(theta, x0)
+        if not criterion.norm(free) < DIVERGED_NORM:
             return theta, x0
         result = limits.minimize(criterion, free, watch=watch, **options)
         return criterion.split(result.x)
