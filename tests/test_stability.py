@@ -76,7 +76,7 @@ def test_normal_equations_by_Q(rng):
     free = problem.from_free(criterion.join(structure.join(p), rng.standard_normal(3)))
     np.testing.assert_allclose(problem.to_free(free)[:9], p["A"].ravel(), atol=1e-14)
     JJ, Jr, norm = problem.normal_equations(free)
-    assert norm == problem.norm(free)
+    assert norm == pytest.approx(problem.norm(free), rel=1e-14)
     gradient = [
         (problem.norm(free + d) ** 2 - problem.norm(free - d) ** 2) / 2e-5 / 2
         for d in 1e-5 * np.eye(len(free))
