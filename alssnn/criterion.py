@@ -187,6 +187,7 @@ class Criterion(LeastSquares):
         ny = structure.sizes["y"]
         n_measured = self.experiments.n_measured / ny
         N = np.where(np.arange(structure.nz) < ny, max(n_measured, 1), self.n_samples)
+        n_jobs = getattr(self.experiments, "n_jobs", n_jobs)
         pipelined = len(self.experiments) == 1 and n_jobs not in (None, 1)
         self.one = Contribution(structure, np.sqrt(square / N), chunk, pipelined)
         self.decay = np.zeros(self.n)  # square roots of the L2 weights

@@ -34,7 +34,7 @@ ENOUGH = 1e-4  # the largest alpha at which it may
 NEARLY = 1.04  # relative mean square error that is as good as the best
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
-USEFUL = 0.9  # root mean square error of a fold, outputs of unit variance, at most
+USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
 
 
 @dataclass(frozen=True)
