@@ -2,9 +2,9 @@
 
 A fold hides a quarter of every experiment: its outputs become nan, so that a fit does
 not see them, while the simulation runs on through the gap.  The error on the hidden
-samples is then that of a free run from a state that the model itself has reached: no
-initial state has to be estimated, and short experiments need not be cut.  The first
-quarter is never hidden, for it tells the initial state.
+samples (eq. holdout) is then that of a free run from a state that the model itself has
+reached: no initial state has to be estimated, and short experiments need not be cut.
+The first quarter is never hidden, for it tells the initial state.
 """
 
 from dataclasses import dataclass

@@ -5,7 +5,7 @@ many states, which random start, and how far the networks may move.  All three a
 by the simulation error on hidden quarters of the record (`holdout`).
 
 A start has networks of random inner weights and zero output, so that it is the linear
-model.  The decay alpha |theta_net - start|^2 (eq. cost) is lowered along a path, each
+model.  The decay alpha |theta_net - start|^2 (eq. decay) is lowered along a path, each
 optimum the start of the next: a large alpha leaves the linear model, a middle one fits
 the outputs of random networks, a small one moves them freely.  A path is a continuation
 and a choice of complexity in one.  (Decay towards zero instead would take the inner

@@ -101,8 +101,11 @@ def measure_memory(n_samples):
     """Return the peak memory of a whole fit above that of the data, in MB."""
     from alssnn import AlSsnn
     from alssnn.datasets import make_wiener_hammerstein
+    from benchmarks._options import by_hand
 
-    model = AlSsnn(nx=NX, n_h=N_H, n_g=N_G, max_iter=2, polish_iter=2, random_state=0)
+    model = by_hand(
+        AlSsnn, nx=NX, n_h=N_H, n_g=N_G, max_iter=2, polish_iter=2, random_state=0
+    )
     warnings.simplefilter("ignore")
     # libraries and compiled code are not ours
     model.fit(*make_wiener_hammerstein(3000, random_state=0))
