@@ -54,7 +54,9 @@ class Orders:
         return {nx: float(np.sqrt(np.mean(e))) for nx, e in self.errors.items()}
 
 
-def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=None):
+def compare_orders(
+    experiments, orders, *, share=None, feedthrough=False, model=None, watch=None
+):
     """Fit linear models of several orders, and judge them on hidden samples.
 
     Parameters
@@ -69,6 +71,8 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
         Whether D is free; else it is zero.
     model : LinearModel or None, default=None
         A model that is given: it is not fitted, only judged.
+    watch : Watch or None, default=None
+        May end the comparison, which then leaves the orders so far.
 
     Returns
     -------
@@ -81,6 +85,13 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
         If the longest experiment is too short for the least order.
     """
     folds = hold_out(experiments) if share is None else hold_out(experiments, share)
+    quiet = None if watch is None else watch.quiet()
+    options = {
+        "feedthrough": feedthrough,
+        "max_iter": STEPS,
+        "tol": TOL,
+        "watch": quiet,
+    }
     models: dict = {}
     errors: dict = {}
 
@@ -100,13 +111,10 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
     for nx in range(1, highest + 1) if orders is None else sorted(set(orders)):
         judge(
             nx,
-            [
-                identify_linear(
-                    fold.fitted, nx, feedthrough=feedthrough, max_iter=STEPS, tol=TOL
-                )
-                for fold in folds
-            ],
+            [identify_linear(fold.fitted, nx, **options) for fold in folds],
         )
+        if quiet is not None and quiet.reason is not None:
+            break
         total = {n: np.mean(e) for n, e in errors.items()}
         if orders is None and nx - min(total, key=lambda n: total[n]) >= PATIENCE:
             break
