@@ -55,7 +55,13 @@ class Orders:
 
 
 def compare_orders(
-    experiments, orders, *, feedthrough=False, model=None, integrators=0
+    experiments,
+    orders,
+    *,
+    feedthrough=False,
+    model=None,
+    integrators=0,
+    watch=None,
 ):
     """Fit linear models of several orders, and judge them on hidden samples.
 
@@ -71,6 +77,8 @@ def compare_orders(
         A model that is given: it is not fitted, only judged.
     integrators : int, default=0
         Number of its last states that integrate.
+    watch : Watch or None, default=None
+        May end the comparison, which then leaves the orders so far.
 
     Returns
     -------
@@ -83,6 +91,13 @@ def compare_orders(
         If the longest experiment is too short for the least order.
     """
     folds = hold_out(experiments, integrators=integrators)
+    quiet = None if watch is None else watch.quiet()
+    options = {
+        "feedthrough": feedthrough,
+        "max_iter": STEPS,
+        "tol": TOL,
+        "watch": quiet,
+    }
     models: dict = {}
     errors: dict = {}
 
@@ -102,13 +117,10 @@ def compare_orders(
     for nx in range(1, highest + 1) if orders is None else sorted(set(orders)):
         judge(
             nx,
-            [
-                identify_linear(
-                    fold.fitted, nx, feedthrough=feedthrough, max_iter=STEPS, tol=TOL
-                )
-                for fold in folds
-            ],
+            [identify_linear(fold.fitted, nx, **options) for fold in folds],
         )
+        if quiet is not None and quiet.reason is not None:
+            break
         total = {n: np.mean(e) for n, e in errors.items()}
         if orders is None and nx - min(total, key=lambda n: total[n]) >= PATIENCE:
             break

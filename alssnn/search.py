@@ -24,6 +24,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from .criterion import DIVERGED_NORM, Criterion
+from .watch import Watch
 
 ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = slice(0, 5, 2)  # of the alphas, by which orders are compared
@@ -194,7 +195,7 @@ def search(
     output_weight : ndarray of shape (ny,) or None, default=None
         Weight of the error of every output.
     watch : Watch
-        May end the search; told of its steps, without reports of every one.
+        May end the search; it is not told of its steps.
 
     Returns
     -------
@@ -202,8 +203,7 @@ def search(
         The choice.
     """
     folds = orders.folds
-    quiet = watch.fork()
-    quiet.report = quiet.report_end = quiet.observe = None
+    quiet = (Watch() if watch is None else watch).quiet()
     options = {
         "method": method,
         "max_iter": max(2, max_iter // STAGES),

@@ -142,6 +142,8 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
 def _estimate_one(structure, theta, window, noise, u, y):
     """Return the estimate of the initial state of one experiment."""
     u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
+    if len(u) == 0:
+        return x0  # an experiment too short to spend samples on it
     criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
     mask = np.arange(criterion.n) >= structure.n_params
     problem = Restricted(criterion, criterion.join(theta, x0), mask)
