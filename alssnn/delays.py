@@ -12,6 +12,8 @@ that prediction allows, and the largest one whose simulation error is no more th
 trifle above the least is taken.
 """
 
+from numbers import Integral
+
 import numpy as np
 from scipy.linalg import qr
 from scipy.stats import chi2
@@ -38,8 +40,8 @@ def estimate_delays(experiments, nx, *, feedthrough=False, max_delay=50):
     ----------
     experiments : sequence of tuple of array
         Pairs (u, y) of scaled deviations; nan where an output was not measured.
-    nx : int or "auto"
-        Order of the linear models that are compared.
+    nx : int, sequence of int or "auto"
+        Order of the linear models that are compared; of several, one is chosen.
     feedthrough : bool, default=False
         Whether the model responds to u within the same sample; else one sample of
         delay is part of it.
@@ -66,9 +68,9 @@ def estimate_delays(experiments, nx, *, feedthrough=False, max_delay=50):
     if not delay.any():
         return delay
     experiments = _longest(experiments, SIMULATED)
-    if nx == "auto":  # once: a higher order could stand in for a delay
+    if not isinstance(nx, Integral):  # once: a higher order could stand in for a delay
         pairs = _delayed(experiments, delay, delay.max())
-        nx = compare_orders(pairs, None).nx
+        nx = compare_orders(pairs, None if nx == "auto" else nx).nx
     for i in np.flatnonzero(delay):
         trials = np.tile(delay, (delay[i] + 1, 1))
         trials[:, i] = np.arange(delay[i] + 1)

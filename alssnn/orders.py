@@ -54,7 +54,15 @@ class Orders:
         return {nx: float(np.sqrt(np.mean(e))) for nx, e in self.errors.items()}
 
 
-def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=None):
+def compare_orders(
+    experiments,
+    orders,
+    *,
+    feedthrough=False,
+    model=None,
+    integrators=0,
+    watch=None,
+):
     """Fit linear models of several orders, and judge them on hidden samples.
 
     Parameters
@@ -63,12 +71,14 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
         Pairs (u, y) of scaled deviations.
     orders : iterable of int or None
         Orders to compare; None goes up from 1 until three in a row bring no gain.
-    share : float or None, default=None
-        Share of every experiment that one fold hides; None means a quarter.
     feedthrough : bool, default=False
         Whether D is free; else it is zero.
     model : LinearModel or None, default=None
         A model that is given: it is not fitted, only judged.
+    integrators : int, default=0
+        Number of its last states that integrate.
+    watch : Watch or None, default=None
+        May end the comparison, which then leaves the orders so far.
 
     Returns
     -------
@@ -80,7 +90,14 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
     ValueError
         If the longest experiment is too short for the least order.
     """
-    folds = hold_out(experiments) if share is None else hold_out(experiments, share)
+    folds = hold_out(experiments, integrators=integrators)
+    quiet = None if watch is None else watch.quiet()
+    options = {
+        "feedthrough": feedthrough,
+        "max_iter": STEPS,
+        "tol": TOL,
+        "watch": quiet,
+    }
     models: dict = {}
     errors: dict = {}
 
@@ -100,13 +117,10 @@ def compare_orders(experiments, orders, *, share=None, feedthrough=False, model=
     for nx in range(1, highest + 1) if orders is None else sorted(set(orders)):
         judge(
             nx,
-            [
-                identify_linear(
-                    fold.fitted, nx, feedthrough=feedthrough, max_iter=STEPS, tol=TOL
-                )
-                for fold in folds
-            ],
+            [identify_linear(fold.fitted, nx, **options) for fold in folds],
         )
+        if quiet is not None and quiet.reason is not None:
+            break
         total = {n: np.mean(e) for n, e in errors.items()}
         if orders is None and nx - min(total, key=lambda n: total[n]) >= PATIENCE:
             break

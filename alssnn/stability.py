@@ -137,7 +137,7 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
         )
     limit = np.sqrt(1.0 - phi)
     # slow states stay slow: only what is next to the limit keeps a distance
-    inside = 1.0 - (1.0 + MARGIN) * (1.0 - limit) - NEAREST
+    inside = max(limit - MARGIN * (1.0 - limit), MARGIN * limit) - NEAREST
     A = stabilize(model.A, limit=min(inside, radius))
     r = (np.abs(np.linalg.eigvals(A)).max() + limit) / 2  # radius < r < limit
     if np.linalg.norm(A, 2) <= min(r, MARGIN * limit):

@@ -571,6 +571,9 @@ def decorrelate(model, experiments):
     A, C = T @ model.A @ T_inv, model.C @ T_inv
     energy, U = eigh(solve_discrete_lyapunov(A.T, C.T @ C))
     U = U[:, np.argsort(-energy)]
+    # an eigenvector has no sign of its own: rounding is not to choose the basis
+    seen = C @ U
+    U = U * np.where(seen[np.abs(seen).argmax(axis=0), range(len(A))] < 0, -1.0, 1.0)
     T, T_inv = U.T @ T, T_inv @ U
     return replace(
         model,

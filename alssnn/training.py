@@ -142,6 +142,8 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
 def _estimate_one(structure, theta, window, noise, u, y):
     """Return the estimate of the initial state of one experiment."""
     u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
+    if len(u) == 0:
+        return x0  # an experiment too short to spend samples on it
     criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
     mask = np.arange(criterion.n) >= structure.n_params
     problem = Restricted(criterion, criterion.join(theta, x0), mask)
@@ -215,12 +217,14 @@ def train(
     watch = Watch() if watch is None else watch
     options["validation"] = validation
     weights = {} if weights is None else weights
-    experiments = Held.of(experiments, n_jobs)
+    experiments = Held.of(experiments)
+    if experiments.is_here:
+        experiments = Held(experiments, n_jobs)
     is_coarse = coarse_samples is not None and coarse_samples < experiments.n_samples
     first = experiments.stretch(coarse_samples) if is_coarse else experiments
-    if len(starts) > 1 and first is experiments and experiments.is_here:
-        first = Held(experiments)  # the starts are parallel, not the experiments
-    first = Held.of(first, n_jobs if len(starts) == 1 else None)
+    if experiments.is_here:  # of several starts, the starts are parallel
+        first = Held(first, n_jobs if len(starts) == 1 else None)
+    first = Held.of(first)
     factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
     criteria = [
         Criterion(structure, first, **_times(weights, factor)) for factor in factors

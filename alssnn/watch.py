@@ -114,6 +114,18 @@ class Watch:
         fork.start, fork.reason, fork.parent = self.start, self.reason, self
         return fork
 
+    def quiet(self):
+        """Return a watch that ends with this one, and tells nobody of its steps.
+
+        Returns
+        -------
+        watch : Watch
+            Watch of searches that prepare the fit: of no stage of it.
+        """
+        quiet = self.fork()
+        quiet.report = quiet.report_end = quiet.observe = None
+        return quiet
+
     def __getstate__(self):
         """Leave behind what belongs to this process."""
         return {**vars(self), "observe": None, "parent": None}

@@ -63,6 +63,47 @@ def test_contractive_basis(rng, phi, radius):
             )
 
 
+@pytest.mark.parametrize("norm", [1 - 1e-6, 1 - 1e-12, 1.0, 1 + 1e-12])
+def test_next_to_a_norm_of_one_Q_stays_finite(rng, norm):
+    V = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    K = norm * V * [1.0, 0.5, -0.2]
+    Q = contraction_inverse(K)
+    assert np.isfinite(Q).all()
+    # norms of 1 - 1e-9 and more are moved there
+    np.testing.assert_allclose(contraction(Q), K, rtol=0, atol=2e-9)
+
+
+def linear(poles, rng):
+    """Return a model of real poles, in a basis that is no contraction."""
+    T = rng.standard_normal((len(poles), len(poles)))
+    A = T @ np.diag(poles) @ np.linalg.inv(T)
+    B, C = rng.standard_normal((len(poles), 1)), rng.standard_normal((1, len(poles)))
+    return LinearModel(A, B, C, np.zeros((1, 1)), np.zeros((1, len(poles))))
+
+
+@pytest.mark.parametrize(
+    ("phi", "poles"),
+    # square roots of 1 - phi: 1, 0.999995, 0.894, 0.316
+    [
+        (0.0, [0.9999, 0.99, -0.5]),
+        (1e-5, [0.9999, 0.99, -0.5]),
+        (0.2, [0.85, 0.8, -0.3]),
+        (0.9, [0.3, 0.2, -0.25]),
+    ],
+)
+def test_poles_below_the_limit_stay_what_they_are(rng, phi, poles):
+    new = contractive_basis(linear(poles, rng), phi)
+    assert np.linalg.norm(new.A, 2) < np.sqrt(1 - phi)
+    found = np.sort(np.linalg.eigvals(new.A).real)
+    np.testing.assert_allclose(found, np.sort(poles), rtol=1e-9)
+
+
+def test_a_basis_may_leave_out_what_is_slower_than_the_record(rng):
+    new = contractive_basis(linear([0.9999, 0.5], rng), 1e-5, radius=0.99)
+    found = np.sort(np.linalg.eigvals(new.A).real)
+    np.testing.assert_allclose(found, [0.5, 0.99], rtol=1e-9)
+
+
 def test_normal_equations_by_Q(rng):
     structure = state_space_structure(
         3, 1, 1, n_h=2, n_g=2, C=np.ones((1, 3)), penalty="state"
@@ -76,7 +117,7 @@ def test_normal_equations_by_Q(rng):
     free = problem.from_free(criterion.join(structure.join(p), rng.standard_normal(3)))
     np.testing.assert_allclose(problem.to_free(free)[:9], p["A"].ravel(), atol=1e-14)
     JJ, Jr, norm = problem.normal_equations(free)
-    assert norm == problem.norm(free)
+    assert norm == pytest.approx(problem.norm(free), rel=1e-14)
     gradient = [
         (problem.norm(free + d) ** 2 - problem.norm(free - d) ** 2) / 2e-5 / 2
         for d in 1e-5 * np.eye(len(free))

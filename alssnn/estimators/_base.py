@@ -1,6 +1,5 @@
 """What all estimators share: the data, the fit, what it sets."""
 
-import warnings
 from abc import ABCMeta, abstractmethod
 from numbers import Integral, Real
 from typing import ClassVar
@@ -8,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import OptimizeResult
 from sklearn.base import BaseEstimator, _fit_context
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils.validation import (
@@ -42,6 +40,7 @@ from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model, portable
 from ._uncertainty import UncertaintyMixin
 from ._validation import ValidationMixin
+from ._warn import warn_of_training
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
@@ -133,6 +132,7 @@ class StateSpaceModel(
     def _fit(self, u, y, experiment, validation=None):
         """Check and scale the data, then fit."""
         watch = self._watch()
+        self._nx_choices()
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -153,7 +153,7 @@ class StateSpaceModel(
             self._scaling = Scaling.from_data(u, columns, self.operating_point)
             self._x_scale = np.ones(1)
             self.integrators_ = 0
-            self._orders = self._decay = self._curve = None
+            self.__dict__.pop("_decay", None)
         parts, self.experiments_ = split_experiments(len(u), experiment)
         self.input_delay_ = np.zeros(u.shape[1], dtype=int)
         self._set_delay(Held(self._experiments(u, y, parts)), u.shape[1])
@@ -188,6 +188,8 @@ class StateSpaceModel(
             experiments, previous, watch, held_out
         )
         self._publish(result, watch)
+        for name in ("_orders", "_curve"):  # the first holds the record
+            self.__dict__.pop(name, None)
         self._region = self._training_region(experiments)
         self._score_training(experiments)
         if watch.interrupt is not None:
@@ -201,12 +203,10 @@ class StateSpaceModel(
             settled = (
                 f" Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
             )
-            warnings.warn(
+            warn_of_training(
                 f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
                 f"{reason} or `tol`, or continue with `warm_start=True`."
                 f"{settled if np.isfinite(fall) else ''}",
-                ConvergenceWarning,
-                stacklevel=4,
             )
 
     def _own_judge(self, experiments):
@@ -227,14 +227,12 @@ class StateSpaceModel(
         ny = structure.sizes["y"]
         fitted = criterion.norm(criterion.join(theta, self.x0_ / self._x_scale))
         if rmse > TOO_FAR * fitted / np.sqrt(ny) and rmse > NOTABLE:
-            warnings.warn(
+            warn_of_training(
                 f"{type(self).__name__} simulates its own training record with a "
                 f"relative error of {rmse:.2g} from an estimated initial state, and of "
                 f"{fitted / np.sqrt(ny):.2g} from the fitted one: it hangs on an exact "
                 "initial state. Take stability='contractive', a smaller `nx`, or a "
                 "longer record.",
-                ConvergenceWarning,
-                stacklevel=6,
             )
 
     def _set_delay(self, experiments, nu):
@@ -244,7 +242,7 @@ class StateSpaceModel(
                 list(experiments)
                 if experiments.is_here
                 else experiments.stretch(DELAY_SAMPLES),
-                self.nx,
+                self._nx_choices() or "auto",
                 feedthrough=getattr(self, "feedthrough", False),
             )
             return
@@ -291,7 +289,7 @@ class StateSpaceModel(
             model, self._x_scale = given_model(
                 self.linear_start, self._scaling, experiments, self.dt, feedthrough
             )
-            if self.nx not in ("auto", len(model.A)):
+            if not self._allows(len(model.A)):
                 raise ValueError(
                     f"`nx` must be 'auto' or the order of `linear_start`, "
                     f"{len(model.A)}, got {self.nx}."
@@ -303,12 +301,32 @@ class StateSpaceModel(
         self.singular_values_ = model.singular_values
         return model
 
-    def _choose_order(self, experiments):
+    def _nx_choices(self):
+        """Return the orders that the user allows; None where all are."""
+        if isinstance(self.nx, str):
+            return None
+        orders = np.atleast_1d(self.nx)
+        valid = orders.ndim == 1 and np.issubdtype(orders.dtype, np.integer)
+        if not valid or orders.size == 0 or orders.min() < 1:
+            raise ValueError(
+                "`nx` must be 'auto', a positive integer or several of them, got "
+                f"{self.nx!r}. Give the orders to compare, such as range(1, 5)."
+            )
+        return sorted({int(nx) for nx in orders})
+
+    def _allows(self, nx):
+        """Tell whether a model may have an order."""
+        choices = self._nx_choices()
+        return choices is None or nx in choices
+
+    def _choose_order(self, experiments, watch):
         """Return the order of the linear model; keep how others compare."""
-        feedthrough = getattr(self, "feedthrough", False)
-        candidates = None if isinstance(self.nx, str) else list(np.atleast_1d(self.nx))
-        stretches = Held.of(experiments).stretch(ORDER_SAMPLES)
-        self._orders = compare_orders(stretches, candidates, feedthrough=feedthrough)
+        self._orders = compare_orders(
+            Held.of(experiments).stretch(ORDER_SAMPLES),
+            self._nx_choices(),
+            feedthrough=getattr(self, "feedthrough", False),
+            watch=watch,
+        )
         return self._orders.nx
 
     def _shapes_linear(self):
@@ -332,13 +350,11 @@ class StateSpaceModel(
         if radius < 1 or not self._for_control:
             return
         # a kind of failed training: filtered with its other warnings
-        warnings.warn(
+        warn_of_training(
             f"The linear part of {type(self).__name__} is unstable, spectral radius "
             f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
             "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
             "another `nx`, or `AlSsnn` with stability='contractive'.",
-            ConvergenceWarning,
-            stacklevel=5,
         )
 
     @abstractmethod

@@ -7,6 +7,7 @@ from sklearn.utils import Bunch
 
 from ..containers import Container
 from ..linearizability import Region
+from ..orders import Orders
 from ..scaling import Scaling
 from ..structures import Structure
 from ..watch import Step
@@ -26,6 +27,9 @@ class Fitted:
     _region: Region
     _y_ndim: int
     integrators_: int
+    _orders: Orders | None = None  # of the fit that goes on
+    _decay: dict | None = None  # of the networks, as a search chose it
+    _curve: dict | None = None  # of the networks, by order
     _x_scale: np.ndarray  # states of the user over states of the fit
 
     params_: Bunch

@@ -69,7 +69,7 @@ class FlSsnn(Ssnn):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
         B, in the units of the data; equal ones hold an entry.
-    integrators : int or "auto", default=0
+    integrators : int or "auto", default="auto"
         Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
         as positions and levels. No network sees their states. "auto" finds them. The
         mean of u gives way to the input at which they rest.
@@ -212,7 +212,7 @@ class FlSsnn(Ssnn):
         output_weight=None,
         linear_start=None,
         bounds=None,
-        integrators=0,
+        integrators="auto",
         operating_point="mean",
         initial_state="estimate",
         dt=1.0,

@@ -26,7 +26,7 @@ class IntegratorsMixin(Fitted):
     integrators: int | str = 0  # what a model does not offer
     integrators_: int
     linear_start: Any
-    nx: int | str
+    nx: Any
     operating_point: str | tuple
     _near: Callable
     _choose_order: Callable
@@ -46,7 +46,7 @@ class IntegratorsMixin(Fitted):
         if is_auto:
             self.integrators_ = count_integrators(near, model)
         n, ny = self.integrators_, len(model.C)
-        if self.nx == AUTO and len(model.A) <= n <= ny:
+        if isinstance(self.nx, str) and len(model.A) <= n <= ny:
             model = self._plain_linear(near, n + 1, watch)
         self._check_count(len(model.A), ny)
         if n == 0:
@@ -76,7 +76,7 @@ class IntegratorsMixin(Fitted):
     def _plain_linear(self, experiments, nx, watch):
         """Return the linear model without integrators."""
         if not isinstance(nx, Integral):
-            nx = self._choose_order(experiments)
+            nx = self._choose_order(experiments, watch)
         return identify_linear(
             experiments,
             nx,

@@ -48,7 +48,7 @@ class LinearStateSpace(StateSpaceModel):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
         and C, in the units of the data; equal ones hold an entry.
-    integrators : int or "auto", default=0
+    integrators : int or "auto", default="auto"
         Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
         as positions and levels. No network sees their states. "auto" finds them. The
         mean of u gives way to the input at which they rest.
@@ -144,7 +144,7 @@ class LinearStateSpace(StateSpaceModel):
         output_weight=None,
         linear_start=None,
         bounds=None,
-        integrators=0,
+        integrators="auto",
         n_init_samples=50,
         verbose=0,
     ):

@@ -20,6 +20,7 @@ class RemoteMixin(Fitted):
     _complete: Callable
     _find_integrators: Callable
     _continues: Callable
+    _nx_choices: Callable
     max_time: float | None
     validation_fraction: float | None = None
     operating_point: str | tuple
@@ -28,6 +29,7 @@ class RemoteMixin(Fitted):
         """Fit to `distributed.Remote` experiments, in the units of the user."""
         watch = self._watch()
         self._validate_params()
+        self._nx_choices()
         if self.validation_fraction is not None:
             raise ValueError(
                 "`validation_fraction` must be None for experiments on a cluster, got "
@@ -40,7 +42,7 @@ class RemoteMixin(Fitted):
             u, y = experiments.moments
             self._scaling = Scaling.from_moments(u, y, self.operating_point)
             self._x_scale = np.ones(1)
-            self._orders = self._decay = self._curve = None
+            self.__dict__.pop("_decay", None)
             self.integrators_ = 0
         self.experiments_ = list(range(len(experiments)))
         self._container = Container()

@@ -1,6 +1,5 @@
 """The training that all estimators with networks share."""
 
-import warnings
 from abc import abstractmethod
 from functools import partial
 from numbers import Integral, Real
@@ -9,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import OptimizeResult
 from sklearn.base import _fit_context
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
@@ -29,9 +27,11 @@ from ..training import (
     initial_theta,
     train,
 )
+from ..watch import INTERRUPTED
 from ._base import COUNT, POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
 from ._inputs import ALL, check_choice, held_columns, seen_columns
+from ._warn import warn_of_training
 
 SLOWEST = 5.0  # time constants in a record, of the slowest pole of a start
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -230,12 +230,16 @@ class Ssnn(StateSpaceModel):
 
     def _identify(self, experiments, previous, watch, held_out):
         self._check_inputs()
-        continues = previous is not None and self._fits(previous)
+        chosen = self._decay or {"alpha": 0.0}
+        self._decay = None
+        is_auto = self.alpha == "auto"
+        # a search that left the linear model is repeated: there is nothing to go on
+        left = is_auto and not np.isfinite(chosen["alpha"])
+        continues = previous is not None and not left and self._fits(previous)
         if continues:
             plain, starts, fallback = previous[0], [previous[1]], None
             # "auto" goes on with what the fit that is continued has chosen
-            given = 0.0 if self.alpha == "auto" else self.alpha
-            weights = (self.alpha == "auto" and self._decay) or {"alpha": given}
+            weights = chosen if is_auto else {"alpha": self.alpha}
         else:
             near = self._near(experiments)
             linear = self._linear_model(near, watch)
@@ -249,18 +253,19 @@ class Ssnn(StateSpaceModel):
                 np.iinfo(np.int32).max, size=self.n_init
             )
             fallback = self._start(plain, linear, near, seeds[0])
-            if self.alpha == "auto" and plain.nw > 0:
+            if is_auto and plain.nw > 0:
                 found = self._search(near, linear, seeds, watch)
-                self._decay = {"alpha": found.alpha, "center": found.start}
-                self._curve = found.curve
-                if not found.helps:
-                    return self._left_linear(linear, near, experiments)
-                plain, starts, weights = found.structure, [found.theta], self._decay
+                if found is None or not found.helps:
+                    return self._left_linear(linear, near, experiments, watch)
+                plain, starts = found.structure, [found.theta]
+                weights = {"alpha": found.alpha, "center": found.start}
                 if plain.sizes["x"] != len(linear.A):
                     fallback = None
             else:
                 starts = [self._start(plain, linear, near, seed) for seed in seeds]
-                weights = {"alpha": 0.0 if self.alpha == "auto" else self.alpha}
+                weights = {"alpha": 0.0 if is_auto else self.alpha}
+        if is_auto:
+            self._decay = weights
         penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(self._snapshot, plain)
@@ -272,7 +277,7 @@ class Ssnn(StateSpaceModel):
             phi=self._phi,
             bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
             at_rest=self._at_rest,
-            continuation=0 if self.alpha == "auto" else self.continuation,
+            continuation=0 if is_auto else self.continuation,
             coarse_samples=self.coarse_samples,
             polish_iter=self.polish_iter,
             n_jobs=self.n_jobs,
@@ -286,7 +291,7 @@ class Ssnn(StateSpaceModel):
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
         if not continues and self._loses(plain, result, linear, experiments):
-            return self._left_linear(linear, near, experiments)
+            return self._left_linear(linear, near, experiments, watch)
         return plain, result.theta, result
 
     def _loses(self, plain, result, linear, experiments):
@@ -302,8 +307,8 @@ class Ssnn(StateSpaceModel):
 
     def _publish(self, result, watch):
         super()._publish(result, watch)
-        decay = self._decay or {"alpha": self.alpha}
-        self.alpha_ = 0.0 if decay["alpha"] == "auto" else float(decay["alpha"])
+        given = 0.0 if self.alpha == "auto" else self.alpha
+        self.alpha_ = float(self._decay["alpha"] if self._decay else given)
         if self._curve:
             self.orders_["networks"] = self._curve
 
@@ -331,7 +336,7 @@ class Ssnn(StateSpaceModel):
         return initial_theta(plain, linear, experiments, rng, held)
 
     def _search(self, experiments, linear, seeds, watch):
-        """Return order, start and decay by hidden samples (`search`)."""
+        """Return order, start and decay by hidden samples; None if interrupted."""
         if self.coarse_samples is not None:
             experiments = Held.of(experiments).stretch(self.coarse_samples)
 
@@ -349,10 +354,12 @@ class Ssnn(StateSpaceModel):
 
         orders, candidates = self._orders, [len(linear.A)]
         if self.linear_start is not None or self.integrators_:
-            orders = compare_orders(experiments, None, model=linear)
+            orders = compare_orders(
+                experiments, None, model=linear, integrators=self.integrators_
+            )
         elif orders is None:
             orders = compare_orders(
-                experiments, candidates, feedthrough=self.feedthrough
+                experiments, candidates, feedthrough=self.feedthrough, watch=watch
             )
         else:
             candidates = sorted(orders.models)
@@ -360,31 +367,39 @@ class Ssnn(StateSpaceModel):
             candidates = [
                 nx for nx in candidates if nx <= max(orders.nx + MORE_STATES, 3)
             ]
-        return search(
-            Recipe(declare, self._start, limits),
-            orders,
-            candidates,
-            seeds,
-            max_iter=self.max_iter,
-            method=self.method,
-            n_jobs=self.n_jobs,
-            output_weight=self._output_weight(experiments[0][1].shape[1]),
-            watch=watch,
-        )
+        try:
+            found = search(
+                Recipe(declare, self._start, limits),
+                orders,
+                candidates,
+                seeds,
+                max_iter=self.max_iter,
+                method=self.method,
+                n_jobs=self.n_jobs,
+                output_weight=self._output_weight(experiments[0][1].shape[1]),
+                watch=watch,
+            )
+        except KeyboardInterrupt as interrupt:  # between two stages, or in a worker
+            watch.stop(INTERRUPTED, interrupt)
+            return None
+        self._curve = found.curve
+        return found
 
-    def _left_linear(self, linear, near, experiments):
+    def _left_linear(self, linear, near, experiments, watch):
         """Return the linear model as the outcome of a fit, and say so."""
+        self._decay = {"alpha": np.inf}
         linear, plain = self._declared(linear)
         theta = self._start(plain, linear, near, 0)
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
-        warnings.warn(
-            f"The networks of {type(self).__name__} do not simulate hidden samples "
-            "better than the linear model, which is returned. Try another `nx`, a "
-            "longer record, or `LinearStateSpace`.",
-            ConvergenceWarning,
-            stacklevel=7,
-        )
+        if watch.reason is None:  # else nobody knows whether they would help
+            warn_of_training(
+                f"The networks of {type(self).__name__} do not simulate hidden samples "
+                "better than the linear model, which is returned. Try another `nx`, a "
+                "longer record, or `LinearStateSpace`.",
+            )
+        if self._shapes_linear():
+            return self._shaped(plain, theta, experiments, watch)
         x0 = linear.x0
         if not experiments.is_here:  # there, a stretch of them was seen
             x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=1.0)
@@ -394,10 +409,33 @@ class Ssnn(StateSpaceModel):
             x0=x0,
             cost=criterion.norm(criterion.join(theta, x0)) ** 2,
             nfev=0,
-            success=True,
-            message=LEFT_LINEAR,
+            success=watch.reason is None,
+            message=watch.reason or LEFT_LINEAR,
         )
         return plain, theta, result
+
+    def _shaped(self, plain, theta, experiments, watch):
+        """Return the linear model as the user shapes it, networks held at zero."""
+        p = plain.split(theta)
+        held = {name: (p[name], p[name]) for name in plain.network_parameters}
+        result = train(
+            plain,
+            experiments,
+            [theta],
+            weights={"output_weight": self._output_weight(plain.sizes["y"])},
+            phi=self._phi,
+            bounds={
+                **self._scaled_bounds(plain, contractive=self._phi is not None),
+                **held,
+            },
+            at_rest=self._at_rest,
+            max_iter=self.max_iter,
+            tol=self.tol,
+            watch=watch,
+        )
+        if result.success:
+            result.message = LEFT_LINEAR
+        return plain, result.theta, result
 
     def _criterion_terms(self, plain):
         nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
@@ -427,7 +465,7 @@ class Ssnn(StateSpaceModel):
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self._phi
         nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
-        if self.nx not in ("auto", nx):
+        if not self._allows(nx):
             return False
         A = structure.split(theta)["A"]
         A_r = self._regular(A)

@@ -5,6 +5,7 @@ A file holds what a fit leaves behind, and nothing that follows from it:
     class, params             the estimator as it was constructed
     structure                 sizes and options for `state_space_structure`
     parameter.A, .B, ...      theta by name, and C where it is a constant
+    center.W_h, ...           the random start, where the decay is centered at it
     u_offset ... x_scale      units of the fit
     x0, input_delay, region   and the other results of `fit`
 
@@ -27,6 +28,7 @@ from ._archive import decode, encode, read, release, write
 from ._parts import shipped_name
 
 PARAMETER = "parameter."
+CENTER = "center."
 REGION = ("low", "high", "center", "whiten", "radius")
 SCALING = ("u_offset", "y_offset", "u_scale", "y_scale")
 RESULTS = ("x0_", "input_delay_", "singular_values_")
@@ -77,6 +79,9 @@ def save(model, path):
             "converged": model.converged_,
             "message": model.message_,
             "history": [_encode_step(step) for step in model.history_],
+            "train_score": encode(model.train_score_),
+            "orders": encode(model.orders_),
+            "alpha": encode(getattr(model, "alpha_", None)),
             "y_ndim": model._y_ndim,
             "integrators": model.integrators_,
             "container": {
@@ -95,6 +100,10 @@ def save(model, path):
     arrays["x_scale"] = model._x_scale
     arrays |= {name.rstrip("_"): getattr(model, name) for name in RESULTS}
     arrays |= {f"region.{k}": np.asarray(getattr(model._region, k)) for k in REGION}
+    decay = model._decay or {}
+    if "center" in decay:
+        center = structure.split(decay["center"])
+        arrays |= {CENTER + name: value for name, value in center.items()}
     for name, value in arrays.items():
         _finite(name, value)
     write(path, document, arrays)
@@ -167,6 +176,9 @@ def _restore(cls, document, arrays):
         "region.radius": (),
         "singular_values": np.shape(arrays["singular_values"])[:1],
     }
+    centered = any(name.startswith(CENTER) for name in arrays)
+    if centered:
+        shapes |= {CENTER + name: shape for name, shape in structure.shapes.items()}
     _check_arrays(arrays, shapes)
     model._structure = structure
     model._theta = structure.join({k: arrays[PARAMETER + k] for k in structure.shapes})
@@ -182,6 +194,10 @@ def _restore(cls, document, arrays):
     model.n_iter_, model.converged_ = int(fit["n_iter"]), bool(fit["converged"])
     model.message_ = str(fit.get("message", ""))
     model.history_ = [_decode_step(step) for step in fit.get("history", ())]
+    _restore_choices(model, fit)
+    if centered:
+        center = {name: arrays[CENTER + name] for name in structure.shapes}
+        model._decay = {"alpha": model.alpha_, "center": structure.join(center)}
     model.experiments_ = fit["experiments"]
     model.n_features_in_ = nu
     if fit["input_names"] is not None:
@@ -196,6 +212,23 @@ def _restore(cls, document, arrays):
     )
     _check_fit(model, nu, ny)
     return model
+
+
+def _restore_choices(model, fit):
+    """Set what a search chose and how it compared; older files do not tell."""
+    model.train_score_ = float(decode(fit.get("train_score", {"float": "nan"})))
+    orders = decode(fit.get("orders", {"dict": []}))
+    if any(errors.keys() != {int(nx) for nx in errors} for errors in orders.values()):
+        raise ValueError(f"orders {orders} are not integers")
+    model.orders_ = {
+        str(kind): {nx: float(error) for nx, error in errors.items()}
+        for kind, errors in orders.items()
+    }
+    if hasattr(model, "alpha"):
+        alpha = decode(fit.get("alpha"))
+        given = 0.0 if model.alpha == "auto" else model.alpha
+        model.alpha_ = float(given if alpha is None else alpha)
+        model._decay = {"alpha": model.alpha_} if model.alpha == "auto" else None
 
 
 def _check_arrays(arrays, shapes):

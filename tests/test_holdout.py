@@ -1,0 +1,132 @@
+"""Folds: what they hide, what they see, and how they judge."""
+
+import numpy as np
+import pytest
+
+from alssnn import holdout
+from alssnn.holdout import hold_out
+from alssnn.structures import state_space_structure
+from helpers import simulate_linear
+
+
+def records(rng, lengths, ny=2):
+    normal = rng.standard_normal
+    return [(normal((n, 1)), normal((n, ny))) for n in lengths]
+
+
+@pytest.mark.parametrize(
+    ("lengths", "n_folds"),
+    # by the number of samples of all experiments: FEW = 2500, MANY = 6000
+    [((40,), 3), ((1000, 1500), 3), ((2501,), 2), ((3000, 3000), 2), ((6001,), 1)],
+)
+def test_short_records_are_judged_by_more_folds(rng, lengths, n_folds):
+    assert len(hold_out(records(rng, lengths))) == n_folds
+
+
+@pytest.mark.parametrize("lengths", [(400,), (101, 55, 8), (7, 400)])
+def test_a_fold_hides_one_quarter_and_never_the_first(rng, lengths):
+    experiments = records(rng, lengths)
+    folds = hold_out(experiments)
+    for i, (u, y) in enumerate(experiments):
+        judged = np.zeros(len(u), dtype=int)
+        for fold in folds:
+            u_f, seen = fold.fitted[i]
+            u_h, unseen = fold.hidden[i]
+            np.testing.assert_array_equal(u_f, u)
+            np.testing.assert_array_equal(u_h, u)
+            is_hidden = np.isnan(seen)
+            # every sample either fits or judges
+            np.testing.assert_array_equal(is_hidden, ~np.isnan(unseen))
+            np.testing.assert_array_equal(np.where(is_hidden, unseen, seen), y)
+            assert abs(is_hidden[:, 0].sum() - len(u) / 4) <= 1
+            assert np.ptp(np.flatnonzero(is_hidden[:, 0])) == is_hidden[:, 0].sum() - 1
+            judged += is_hidden[:, 0]
+        assert judged.max() == 1  # no sample judges twice
+        assert not judged[: int(np.floor(len(u) / 4))].any()
+
+
+def test_the_share_that_is_hidden_can_be_chosen(rng):
+    experiments = records(rng, (200,))
+    (fold,) = hold_out(experiments, share=0.5)
+    np.testing.assert_array_equal(
+        np.isnan(fold.fitted[0][1][:, 0]), np.arange(200) >= 100
+    )
+
+
+def test_what_the_record_lacks_judges_nobody(rng):
+    experiments = records(rng, (80,))
+    experiments[0][1][70:, 1] = np.nan
+    fold = hold_out(experiments)[0]
+    assert np.isnan(fold.hidden[0][1][70:, 1]).all()
+    assert np.isfinite(fold.hidden[0][1][60:, 0]).all()
+
+
+def test_the_data_are_not_touched(rng):
+    experiments = records(rng, (80, 60))
+    kept = [(u.copy(), y.copy()) for u, y in experiments]
+    hold_out(experiments)
+    for one, other in zip(experiments, kept, strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+        np.testing.assert_array_equal(one[1], other[1])
+
+
+# -- the error -------------------------------------------------------------------------
+
+A, B, C = np.diag([0.9, 0.5]), np.ones((2, 1)), np.array([[1.0, 0.5], [0.0, 2.0]])
+
+
+def point(A, B, C):
+    """Return a linear structure and its parameters."""
+    structure = state_space_structure(len(A), B.shape[1], len(C))
+    return structure, structure.join({"A": A, "B": B, "C": C})
+
+
+@pytest.mark.parametrize("weight", [None, [1.0, 3.0], [0.0, 2.0]])
+def test_the_error_is_that_of_a_simulation_through_the_gap(rng, weight, monkeypatch):
+    monkeypatch.setattr(holdout, "NUDGE", 0.0)
+    experiments, x0 = records(rng, (60, 90)), rng.standard_normal((2, 2))
+    structure, theta = point(A, B, C)
+    share = np.array([1.0, 1.0] if weight is None else weight)
+    for i, fold in enumerate(hold_out(experiments)):
+        square, count = np.zeros(2), 0
+        for (u, y), start in zip(experiments, x0, strict=True):
+            # 60 and 90 samples: quarters of 15, and of 22 and 23
+            n = len(u)
+            last, first = n - round(i * n / 4), n - round((i + 1) * n / 4)
+            error = y - simulate_linear(A, B, C, u, start)
+            square += np.sum(error[first:last] ** 2, axis=0)
+            count += last - first
+        expected = square / count @ share / share.sum()
+        error = fold.error(structure, theta, x0, weight)
+        assert error == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_error_is_the_worst_from_starts_next_to_x0(rng):
+    ((u, _),), x0 = records(rng, (80,)), np.array([[0.3, -0.2]])
+    y = simulate_linear(A, B, C, u, x0[0])
+    fold, (structure, theta) = hold_out([(u, y)])[-1], point(A, B, C)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(2, 1, 2))
+    errors = []
+    for sign in signs[:, 0]:
+        shifted = simulate_linear(A, B, C, u, x0[0] + 0.1 * sign)
+        errors.append(np.mean((shifted - y)[20:40] ** 2))
+    assert max(errors) > 0
+    error = fold.error(structure, theta, x0)
+    assert error == pytest.approx(max(errors), rel=1e-12)
+
+
+def test_a_model_that_hangs_on_an_exact_state_is_found_out(rng):
+    # a mode that grows by 2 % per sample is silent from its exact state, zero; from a
+    # tenth beside it, it is 0.1 * 1.02**225 = 8.6 where the last quarter begins
+    u = rng.standard_normal((300, 1))
+    B, C = np.array([[1.0], [0.0]]), np.ones((1, 2))
+    y = simulate_linear(np.diag([0.5, 1.02]), B, C, u)
+    fold, x0 = hold_out([(u, y)])[0], np.zeros((1, 2))
+    assert fold.error(*point(np.diag([0.5, 1.02]), B, C), x0) > 8.6**2
+    assert fold.error(*point(np.diag([0.5, 0.9]), B, C), x0) < 1e-12
+
+
+def test_a_model_that_diverges_is_infinitely_bad(rng):
+    experiments = records(rng, (3000,), ny=1)
+    structure, theta = point(np.diag([3.0, 0.5]), B, np.ones((1, 2)))
+    assert hold_out(experiments)[0].error(structure, theta, np.ones((1, 2))) == np.inf
