@@ -60,7 +60,8 @@ def restore_sign(u, y, model=None, max_turns=30):
     >>> s = np.zeros(400)
     >>> for k in range(399):
     ...     s[k + 1] = 0.8 * s[k] + u[k, 0]
-    >>> restored, model = restore_sign(u, abs(s))
+    >>> first_order = alssnn.LinearStateSpace(nx=1, operating_point="zero")
+    >>> restored, model = restore_sign(u, abs(s), first_order)
     >>> bool(np.allclose(restored, s))
     True
     """

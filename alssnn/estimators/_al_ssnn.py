@@ -167,8 +167,8 @@ class AlSsnn(Ssnn):
         unit variance, under "linear" (if `nx` was chosen) and, with ``alpha="auto"``,
         "networks".
     alpha_ : float
-        Weight of the squared network parameters that was given or found; inf if the
-        search found nothing better than the linear model.
+        Weight of the squared network parameters that was given or found; inf if
+        networks do not help and the linear model was returned.
     integrators_ : int
         Number of last states that are integrators.
     input_delay_ : ndarray of int of shape (nu,)

@@ -51,9 +51,9 @@ class LinearizingLaw:
     Examples
     --------
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.FlSsnn(nx=2, n_h=2, max_iter=20, tol=1e-2, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=2, alpha=0.0, max_iter=20, tol=1e-2)
     >>> law = model.fit(record.u, record.y).linearizing_law(u_min=-2, u_max=2)
-    >>> law([0.1], [0.0]).shape
+    >>> law([0.1], [0.0, 0.0]).shape
     (1,)
     """
 

@@ -51,7 +51,7 @@ class GammaPath:
     --------
     >>> from alssnn.model_selection import gamma_path
     >>> record = alssnn.datasets.make_wiener_hammerstein(600, random_state=0)
-    >>> estimator = alssnn.AlSsnn(nx=4, n_h=2, n_g=2, max_iter=10, random_state=0)
+    >>> estimator = alssnn.AlSsnn(nx=4, n_h=2, n_g=2, alpha=0.0, max_iter=10)
     >>> path = gamma_path(estimator, *record, gammas=[10, 0.1])
     >>> path.gammas, len(path.models)
     (array([10. ,  0.1]), 2)
@@ -194,7 +194,7 @@ def gamma_path(
     --------
     >>> from alssnn.model_selection import gamma_path
     >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> estimator = alssnn.AlSsnn(nx=6, n_h=3, n_g=3, max_iter=20, random_state=0)
+    >>> estimator = alssnn.AlSsnn(nx=6, n_h=3, n_g=3, alpha=0.0, max_iter=20)
     >>> path = gamma_path(estimator, *record, gammas=[10, 1, 0.1])
     >>> bool(path.rmse_test[-1] < path.rmse_test[0])
     True

@@ -36,8 +36,8 @@ class NonlinearityDisplay:
     Examples
     --------
     >>> from alssnn.plotting import NonlinearityDisplay
-    >>> record = alssnn.datasets.make_pendulum(600, random_state=0)
-    >>> model = alssnn.FlSsnn(nx=2, n_h=3, max_iter=20, tol=1e-2, random_state=0)
+    >>> record = alssnn.datasets.make_pendulum(600, noise=0.01, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=3, n_init=1, random_state=0)
     >>> model = model.fit(*record)
     >>> display = NonlinearityDisplay.from_estimator(model, *record)
     >>> display.figure_.savefig("law.png")  # doctest: +SKIP
@@ -173,8 +173,8 @@ class ResidualNonlinearityDisplay:
     Examples
     --------
     >>> from alssnn.plotting import ResidualNonlinearityDisplay
-    >>> record = alssnn.datasets.make_pendulum(600, random_state=0)
-    >>> model = alssnn.FlSsnn(nx=2, n_h=3, max_iter=20, tol=1e-2, random_state=0)
+    >>> record = alssnn.datasets.make_pendulum(600, noise=0.01, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=3, n_init=1, random_state=0)
     >>> model = model.fit(*record)
     >>> display = ResidualNonlinearityDisplay.from_estimator(model, *record)
     >>> display.figure_.savefig("residual.png")  # doctest: +SKIP

@@ -25,7 +25,7 @@ class GammaPathDisplay:
     >>> from alssnn.model_selection import gamma_path
     >>> from alssnn.plotting import GammaPathDisplay
     >>> record = alssnn.datasets.make_wiener_hammerstein(600, random_state=0)
-    >>> estimator = alssnn.AlSsnn(nx=4, n_h=2, n_g=2, max_iter=10, random_state=0)
+    >>> estimator = alssnn.AlSsnn(nx=4, n_h=2, n_g=2, alpha=0.0, max_iter=10)
     >>> path = gamma_path(estimator, *record, gammas=[10, 1, 0.1])
     >>> display = GammaPathDisplay.from_path(path)
     >>> display.figure_.savefig("path.png")  # doctest: +SKIP

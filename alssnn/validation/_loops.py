@@ -165,8 +165,8 @@ class LoopDeviation:
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_pendulum(600, random_state=0)
-    >>> model = alssnn.FlSsnn(nx=2, n_h=3, max_iter=20, tol=1e-2, random_state=0)
+    >>> record = alssnn.datasets.make_pendulum(600, noise=0.01, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=3, n_init=1, random_state=0)
     >>> model = model.fit(*record)
     >>> from alssnn.validation import loop_deviation
     >>> (run,) = loop_deviation(model, *record)
