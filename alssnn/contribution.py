@@ -12,12 +12,13 @@ experiment, so that J'J over all of them is an arrow,
 whose head is one sum of size n_params^2 whatever the number of experiments.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dsyrk
 
+from .kernels import add_square
 from .simulation import regressors, sensitivities, trajectory
 from .structures import Structure
 
@@ -80,11 +81,14 @@ class Contribution:
         Factors of the residual.
     chunk : int or None
         Samples per chunk of the sensitivities; None fits the cache.
+    pipelined : bool, default=False
+        Whether a second thread sums the chunks. The result does not depend on it.
     """
 
     structure: Structure
     weight: np.ndarray
     chunk: int | None = None
+    pipelined: bool = False
 
     def residuals(self, theta, x0, u, y):
         """Yield the weighted residual in chunks, nan if diverged.
@@ -173,24 +177,49 @@ class Contribution:
         """
         n_params = self.structure.n_params
         n = n_params + self.structure.n_x0
-        JJ, Jr, square = np.zeros((n, n), order="F"), np.zeros(n), 0.0
+        # of [J r]: J'J, J'r and |r|^2 are blocks of one sum
+        sums = np.zeros((n + 1, n + 1))
+        blocks = self._jacobian(theta, x0, u, y)
+        if self.pipelined:
+            _add_behind(blocks, sums)
+        else:
+            for block in blocks:
+                add_square(block, sums)
+                _check(sums)
+        JJ = np.tril(sums) + np.tril(sums, -1).T
+        border = JJ[n_params:n, :n].copy(), JJ[n_params:n, n].copy()
+        head, head_r = JJ[:n_params, :n_params].copy(), JJ[:n_params, n].copy()
+        return Arrow(head, head_r, float(JJ[n, n]), {i: border})
+
+    def _jacobian(self, theta, x0, u, y):
+        """Yield [J r] in chunks; if pipelined, a chunk outlives the next one."""
+        n = self.structure.n_params + self.structure.n_x0
+        options = {"spare": 1, "buffers": 1 + self.pipelined}
         for part, Z, J in sensitivities(
-            self.structure, theta, x0, u, self.weight, self.chunk
+            self.structure, theta, x0, u, self.weight, self.chunk, **options
         ):
-            r, missing = self._subtract(Z, y[part])
+            J[:, :, n], missing = self._subtract(Z, y[part])
             if missing is not None:
                 J[:, : missing.shape[1]][missing] = 0.0
-            J = J.reshape(-1, n)
-            # upper triangle of JJ += J'J, in place: J.T is Fortran-ordered
-            JJ = dsyrk(1.0, J.T, beta=1.0, c=JJ, overwrite_c=1)
-            if not np.diag(JJ).max() < SENSITIVITY_LIMIT:  # "not <": nan is beyond
-                raise FloatingPointError(
-                    "The simulation is finite at these parameters, but its "
-                    "sensitivities diverge."
-                )
-            Jr += r.reshape(-1) @ J
-            square += float(np.vdot(r, r))
-        JJ = np.triu(JJ) + np.triu(JJ, 1).T
-        border = JJ[n_params:].copy(), Jr[n_params:].copy()
-        head = JJ[:n_params, :n_params].copy()
-        return Arrow(head, Jr[:n_params].copy(), square, {i: border})
+            yield J.reshape(-1, n + 1)
+
+
+def _add_behind(blocks, sums):
+    """Add the squares of blocks in a second thread, while the next one is made."""
+    with ThreadPoolExecutor(1) as thread:
+        added = thread.submit(_check, sums)
+        for block in blocks:
+            added.result()
+            _check(sums)
+            added = thread.submit(add_square, block, sums)
+        added.result()
+    _check(sums)
+
+
+def _check(sums):
+    """Raise if the sums show diverging sensitivities."""
+    if not np.diag(sums)[:-1].max() < SENSITIVITY_LIMIT:  # "not <": nan is beyond
+        raise FloatingPointError(
+            "The simulation is finite at these parameters, but its sensitivities "
+            "diverge."
+        )

@@ -140,8 +140,9 @@ class Criterion(LeastSquares):
     chunk : int or None, default=None
         Samples per chunk of the sensitivities; None fits the cache.
     n_jobs : int or None, default=None
-        Experiments of a sequence summed in parallel threads, as in joblib. The result
-        does not depend on it.
+        Experiments of a sequence summed in parallel threads, as in joblib; one
+        experiment alone takes two threads, one for its derivatives and one for their
+        squares. The result does not depend on it.
 
     Attributes
     ----------
@@ -186,7 +187,9 @@ class Criterion(LeastSquares):
         ny = structure.sizes["y"]
         n_measured = self.experiments.n_measured / ny
         N = np.where(np.arange(structure.nz) < ny, max(n_measured, 1), self.n_samples)
-        self.one = Contribution(structure, np.sqrt(square / N), chunk)
+        n_jobs = getattr(self.experiments, "n_jobs", n_jobs)
+        pipelined = len(self.experiments) == 1 and n_jobs not in (None, 1)
+        self.one = Contribution(structure, np.sqrt(square / N), chunk, pipelined)
         self.decay = np.zeros(self.n)  # square roots of the L2 weights
         self.decay[structure.n_params :] = np.sqrt(x0_weight)
         for name in structure.network_parameters:

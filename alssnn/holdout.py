@@ -2,9 +2,9 @@
 
 A fold hides a quarter of every experiment: its outputs become nan, so that a fit does
 not see them, while the simulation runs on through the gap.  The error on the hidden
-samples is then that of a free run from a state that the model itself has reached: no
-initial state has to be estimated, and short experiments need not be cut.  The first
-quarter is never hidden, for it tells the initial state.
+samples (eq. holdout) is then that of a free run from a state that the model itself has
+reached: no initial state has to be estimated, and short experiments need not be cut.
+The first quarter is never hidden, for it tells the initial state.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from .criterion import DIVERGED_NORM, Criterion
 
 SHARE = 0.25  # of every experiment, hidden in one fold
 NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
-FEW, MANY = 2_500, 6_000  # samples up to which three folds, two folds judge
+FEW, MANY = 1_200, 4_000  # samples up to which three folds, two folds judge
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +28,14 @@ class Fold:
         Pairs (u, y), where the hidden samples of y are nan.
     hidden : list of tuple of ndarray
         Pairs (u, y), where all but the hidden samples of y are nan.
+    integrators : int, default=0
+        Number of last states whose initial values are not changed: what integrates
+        keeps every change for ever.
     """
 
     fitted: list
     hidden: list
+    integrators: int = 0
 
     def error(self, structure, theta, x0, output_weight=None):
         """Return the mean square error of a simulation on the hidden samples.
@@ -58,12 +62,13 @@ class Fold:
             structure, self.hidden, output_weight=weight / weight.sum()
         )
         signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(STARTS, *x0.shape))
+        signs[..., x0.shape[1] - self.integrators :] = 0.0
         starts = [x0, *(x0 + NUDGE * signs)]
         norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
         return norm**2 if norm < DIVERGED_NORM else np.inf
 
 
-def hold_out(experiments, share=SHARE):
+def hold_out(experiments, share=SHARE, integrators=0):
     """Return the folds that judge models of some experiments.
 
     Parameters
@@ -72,6 +77,8 @@ def hold_out(experiments, share=SHARE):
         Pairs (u, y) of scaled deviations.
     share : float, default=0.25
         Share of every experiment that one fold hides.
+    integrators : int, default=0
+        Number of last states that integrate.
 
     Returns
     -------
@@ -82,10 +89,10 @@ def hold_out(experiments, share=SHARE):
     n_samples = sum(len(u) for u, _ in experiments)
     wanted = 3 if n_samples <= FEW else 2 if n_samples <= MANY else 1
     n_folds = max(1, min(wanted, int(np.floor(1 / share + 1e-9)) - 1))
-    return [_fold(experiments, share, i) for i in range(n_folds)]
+    return [_fold(experiments, share, i, integrators) for i in range(n_folds)]
 
 
-def _fold(experiments, share, i):
+def _fold(experiments, share, i, integrators):
     """Hide the i-th part of every experiment, counted from its end."""
     fitted, hidden = [], []
     for u, y in experiments:
@@ -98,4 +105,4 @@ def _fold(experiments, share, i):
         unseen[part] = y[part]
         fitted.append((u, seen))
         hidden.append((u, unseen))
-    return Fold(fitted, hidden)
+    return Fold(fitted, hidden, integrators)

@@ -1,4 +1,4 @@
-"""Kernels: the four inner loops that are worth compiling.
+"""Kernels: the three inner loops that are worth compiling.
 
 Each kernel is plain NumPy.  When numba is installed (extra `fast`) a compiled
 function takes its place on the first call: the same source where NumPy and numba
@@ -6,12 +6,17 @@ like the same code, a loop twin where they do not.  Both do the same arithmetic;
 the tests run both.  Compiled code is cached on disk by numba.
 """
 
+import ctypes
 import functools
 
 import numpy as np
+from scipy import LowLevelCallable
+from scipy.linalg import cython_blas
 from scipy.linalg.blas import dgemm
 
 from .activations import IDENTITY, RELU, SIGMOID, TANH
+
+DIAGONAL, CONSTANT, VARYING = range(3)  # kinds of products in `differentiate`
 
 
 class Kernel:
@@ -120,107 +125,94 @@ def advance(base, P, E, layers, sigma, W, x, X):
         x += q[nw:]
 
 
-def _add_outer_products_loop(gain, signal, out):
-    L, n_rows, a = gain.shape
-    b = signal.shape[1]
-    for k in range(L):
-        for r in range(n_rows):
-            if b == 1:  # biases: one long loop instead of many of length one
-                for i in range(a):
-                    out[k, r, i] += gain[k, r, i] * signal[k, 0]
-            else:
-                for i in range(a):
-                    value = gain[k, r, i]
-                    for j in range(b):
-                        out[k, r, i * b + j] += value * signal[k, j]
-
-
-@_compiled(_add_outer_products_loop)
-def add_outer_products(gain, signal, out):
-    """Add ``gain[k, r, i] * signal[k, j]`` to ``out[k, r, i * b + j]``.
-
-    Parameters
-    ----------
-    gain : ndarray of shape (L, n_rows, a)
-        Left factors.
-    signal : ndarray of shape (L, b)
-        Right factors.
-    out : ndarray of shape (L, n_rows, a * b)
-        Added to in place.
-    """
-    a, b = gain.shape[2], signal.shape[1]
-    # repeat and tile keep the long axis innermost: four times faster than a
-    # broadcast product over the short axes
-    out += np.repeat(gain, b, axis=2) * np.tile(signal, (1, a))[:, None, :]
-
-
-def _add_diagonal_loop(gain, signal, out):
-    L, b = signal.shape
-    for k in range(L):
-        for i in range(gain.shape[0]):
-            for j in range(b):
-                out[k, i, i * b + j] += gain[i, j] * signal[k, j]
-
-
-@_compiled(_add_diagonal_loop)
-def add_diagonal(gain, signal, out):
-    """Add ``gain[i, j] * signal[k, j]`` to ``out[k, i, i * b + j]``.
-
-    Parameters
-    ----------
-    gain : ndarray of shape (a, b)
-        Weights.
-    signal : ndarray of shape (L, b)
-        Signals.
-    out : ndarray of shape (L, a, a * b)
-        Added to in place.
-    """
-    a, b = gain.shape
-    diagonal = np.einsum("kiij->kij", out.reshape(len(out), a, a, b))  # a view
-    diagonal += signal[:, None, :] * gain
-
-
-def _propagate_loop(FH, S, T):
+def _differentiate_loop(FH, table, constants, gains, signals, S, J):
     L, n_rows, nx = FH.shape
     n = S.shape[1]
+    S_next = np.empty_like(S)
     for k in range(L):
-        for i in range(n_rows):
-            j = 0
-            while j + 3 <= nx:  # three at a time: a third of the loads and stores
-                f0, f1, f2 = FH[k, i, j], FH[k, i, j + 1], FH[k, i, j + 2]
+        for r in range(n_rows):
+            out = S_next[r] if r < nx else J[k, r - nx]
+            j = nx % 3
+            for p in range(n):
+                out[p] = 0.0
+                for i in range(j):
+                    out[p] += FH[k, r, i] * S[i, p]
+            while j < nx:  # three at a time: a third of the loads and stores
+                f0, f1, f2 = FH[k, r, j], FH[k, r, j + 1], FH[k, r, j + 2]
                 for p in range(n):
-                    T[k, i, p] += f0 * S[j, p] + f1 * S[j + 1, p] + f2 * S[j + 2, p]
+                    out[p] += f0 * S[j, p] + f1 * S[j + 1, p] + f2 * S[j + 2, p]
                 j += 3
-            while j < nx:
-                f0 = FH[k, i, j]
-                for p in range(n):
-                    T[k, i, p] += f0 * S[j, p]
-                j += 1
-        S = T[k, :nx]
+            for o in range(table.shape[0]):
+                start, stop, c, a, b, g, s, kind = table[o]
+                if r < start or r >= stop:
+                    continue
+                if kind == DIAGONAL:
+                    c += (r - start) * b
+                    value = constants[r, 0]
+                    for j in range(b):
+                        out[c + j] += value * signals[k, s + j]
+                    continue
+                row = constants[r] if kind == CONSTANT else gains[k, r]
+                if b == 1:  # biases: one long loop instead of many of length one
+                    value = signals[k, s]
+                    for i in range(a):
+                        out[c + i] += row[g + i] * value
+                else:
+                    for i in range(a):
+                        value = row[g + i]
+                        for j in range(b):
+                            out[c + i * b + j] += value * signals[k, s + j]
+        S[:] = S_next
 
 
-@_compiled(_propagate_loop)
-def propagate(FH, S, T):
-    """Add ``FH[k] @ S_k`` to ``T[k]``, where S_k is the top of ``T[k - 1]``.
-
-    Turns T = [G; D] into [S+; J] for the recursion S+ = F S + G, J = H S + D.
+@_compiled(_differentiate_loop)
+def differentiate(FH, table, constants, gains, signals, S, J):
+    """Run S+ = F S + G, J = H S + D (eq. sens) through L samples.
 
     Parameters
     ----------
     FH : ndarray of shape (L, nx + nz, nx)
         Derivatives of [x+; z] by x.
+    table : ndarray of int of shape (n_products, 8)
+        Direct derivatives G and D as products: first and last row (exclusive), first
+        column, a, b, places of gain and signal, kind. Parameter (i, j) of a products
+        (a, b) adds ``gain[i] * signal[j]`` to its column in every row; if `DIAGONAL`,
+        to row i alone, with the gain ``constants[row, 0]``.
+    constants : ndarray of shape (nx + nz, n_constants)
+        Gains of kind `CONSTANT`.
+    gains : ndarray of shape (L, nx + nz, n_gains)
+        Gains of kind `VARYING`.
+    signals : ndarray of shape (L, n_signals)
+        Right factors.
     S : ndarray of shape (nx, n)
-        Sensitivity of the state at the first sample.
-    T : ndarray of shape (L, nx + nz, n)
-        Direct derivatives; overwritten in place.
+        Derivative of the state at the first sample; overwritten with that after the
+        last one.
+    J : ndarray of shape (L, nz, >= n)
+        Receives the derivatives of z; further columns are left alone.
     """
+    L, n_rows, nx = FH.shape
+    n = S.shape[1]
+    T = np.zeros((L, n_rows, n))  # [G; D], then [S+; J]
+    for start, stop, c, a, b, g, s, kind in table:
+        out = T[:, start:stop, c : c + a * b]
+        signal = signals[:, s : s + b]
+        if kind == DIAGONAL:
+            diagonal = np.einsum("kiij->kij", out.reshape(L, a, a, b))  # a view
+            diagonal += signal[:, None, :] * constants[start:stop, :1]
+            continue
+        gain = constants[None] if kind == CONSTANT else gains
+        gain = gain[:, start:stop, g : g + a]
+        # repeat and tile keep the long axis innermost: four times faster than a
+        # broadcast product over the short axes
+        out += np.repeat(gain, b, axis=2) * np.tile(signal, (1, a))[:, None, :]
     # BLAS adds the product to T[k] itself (beta = 1): one call per sample. The
     # transposes make the C-ordered arrays Fortran-ordered without a copy.
-    nx = len(S)
     S_t = S.T
     for FH_k, T_k in zip(FH, T, strict=True):
         dgemm(1.0, S_t, FH_k.T, 1.0, T_k.T, overwrite_c=1)
         S_t = T_k[:nx].T
+    S[:] = T[-1, :nx]
+    J[:, :, :n] = T[:, nx:]
 
 
 def _filter_sections_loop(sigma, q, beta, u, Z, out):
@@ -287,3 +279,41 @@ def filter_sections(sigma, q, beta, u, Z, out):
         out[k, :n] = Z.reshape(-1)
         Z[:] = np.matmul(F, Z.reshape(m, -1, 1)).reshape(Z.shape)
         Z[:, :nu, 0] += u[k]
+
+
+@functools.cache
+def _dsyrk():
+    """Return dsyrk of BLAS and the type of its integers; all arguments are pointers."""
+    found = LowLevelCallable.from_cython(cython_blas, "dsyrk")
+    api = ctypes.pythonapi
+    name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(
+        ("PyCapsule_GetName", api)
+    )
+    pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+        ("PyCapsule_GetPointer", api)
+    )
+    address = pointer(found.function, name(found.function))
+    integer = ctypes.c_int if " int *" in found.signature else ctypes.c_int64
+    return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 10)(address), integer
+
+
+def add_square(J, JJ):
+    """Add J'J to the lower triangle of JJ, in place.
+
+    Other threads run meanwhile: ctypes releases the GIL, `scipy.linalg.blas` does not.
+
+    Parameters
+    ----------
+    J : ndarray of shape (m, n)
+        C-ordered.
+    JJ : ndarray of shape (n, n)
+        C-ordered; its upper triangle is left alone.
+    """
+    for array in (J, JJ):
+        if not array.flags.c_contiguous or array.dtype != float:
+            raise ValueError("`J` and `JJ` must be C-ordered arrays of type float.")
+    dsyrk, integer = _dsyrk()
+    m, n = (ctypes.byref(integer(length)) for length in J.shape)
+    one = ctypes.byref(ctypes.c_double(1.0))
+    # Fortran sees the transposes, and the upper triangle
+    dsyrk(b"U", b"N", n, m, one, J.ctypes.data, n, one, JJ.ctypes.data, n)

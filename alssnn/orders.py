@@ -55,7 +55,13 @@ class Orders:
 
 
 def compare_orders(
-    experiments, orders, *, share=None, feedthrough=False, model=None, watch=None
+    experiments,
+    orders,
+    *,
+    feedthrough=False,
+    model=None,
+    integrators=0,
+    watch=None,
 ):
     """Fit linear models of several orders, and judge them on hidden samples.
 
@@ -65,12 +71,12 @@ def compare_orders(
         Pairs (u, y) of scaled deviations.
     orders : iterable of int or None
         Orders to compare; None goes up from 1 until three in a row bring no gain.
-    share : float or None, default=None
-        Share of every experiment that one fold hides; None means a quarter.
     feedthrough : bool, default=False
         Whether D is free; else it is zero.
     model : LinearModel or None, default=None
         A model that is given: it is not fitted, only judged.
+    integrators : int, default=0
+        Number of its last states that integrate.
     watch : Watch or None, default=None
         May end the comparison, which then leaves the orders so far.
 
@@ -84,7 +90,7 @@ def compare_orders(
     ValueError
         If the longest experiment is too short for the least order.
     """
-    folds = hold_out(experiments) if share is None else hold_out(experiments, share)
+    folds = hold_out(experiments, integrators=integrators)
     quiet = None if watch is None else watch.quiet()
     options = {
         "feedthrough": feedthrough,

@@ -5,7 +5,7 @@ many states, which random start, and how far the networks may move.  All three a
 by the simulation error on hidden quarters of the record (`holdout`).
 
 A start has networks of random inner weights and zero output, so that it is the linear
-model.  The decay alpha |theta_net - start|^2 (eq. cost) is lowered along a path, each
+model.  The decay alpha |theta_net - start|^2 (eq. decay) is lowered along a path, each
 optimum the start of the next: a large alpha leaves the linear model, a middle one fits
 the outputs of random networks, a small one moves them freely.  A path is a continuation
 and a choice of complexity in one.  (Decay towards zero instead would take the inner
@@ -23,10 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from .criterion import Criterion
+from .criterion import DIVERGED_NORM, Criterion
 from .watch import Watch
 
-ALPHAS = 10.0 ** np.arange(1, -9, -1)
+ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = slice(0, 5, 2)  # of the alphas, by which orders are compared
 STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
@@ -35,7 +35,7 @@ ENOUGH = 1e-4  # the largest alpha at which it may
 NEARLY = 1.04  # relative mean square error that is as good as the best
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
-USEFUL = 0.9  # root mean square error of a fold, outputs of unit variance, at most
+USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,8 @@ class _Path:
             theta = recipe.start(structure, linear, fold.fitted, seed)
             limits = recipe.limits(structure)
             self.problems.append((structure, penalized, weights, limits))
-            self.points.append((limits.clip(theta), linear.x0))
+            x0 = 0.0 * linear.x0 if limits.at_rest else linear.x0
+            self.points.append((limits.clip(theta), x0))
         self.starts = [theta for theta, _ in self.points]
         self.errors = [self._judge()]
         self.states = [self.points]
@@ -154,8 +155,8 @@ class _Path:
             center=self.starts[i],
             **weights,
         )
-        free = criterion.join(theta, 0.0 * x0 if limits.at_rest else x0)
-        if not np.isfinite(criterion.norm(free)) or criterion.norm(free) > 1e50:
+        free = criterion.join(theta, x0)
+        if not criterion.norm(free) < DIVERGED_NORM:
             return theta, x0
         result = limits.minimize(criterion, free, watch=watch, **options)
         return criterion.split(result.x)

@@ -19,13 +19,15 @@ Neither function knows what the channels mean or how they are weighted beyond on
 factor per channel; that is the matter of `criterion`.
 """
 
+from itertools import cycle
+
 import numpy as np
 
 from .activations import OTHER
-from .kernels import advance, propagate
+from .kernels import advance, differentiate
 
 SIMULATION_CHUNK = 1024  # samples between two tests for divergence
-SENSITIVITY_BYTES = 3_000_000  # T and J of one chunk together: about the caches
+SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
 DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
 
 
@@ -252,11 +254,11 @@ def chunk_length(structure):
         Number of samples, at least 32.
     """
     n = structure.n_params + structure.n_x0
-    per_sample = 8 * n * (structure.nx + 2 * structure.nz)
+    per_sample = 8 * n * structure.nz
     return max(32, SENSITIVITY_BYTES // per_sample)
 
 
-def sensitivities(structure, theta, x0, u, scale, chunk=None):
+def sensitivities(structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1):
     """Yield channels and their derivative by (theta, x0), chunk by chunk.
 
     Parameters
@@ -273,6 +275,10 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None):
         Factor of every channel.
     chunk : int or None, default=None
         Samples per chunk; None takes `chunk_length`.
+    spare : int, default=0
+        Further columns of J, for use by the caller.
+    buffers : int, default=1
+        Chunks that J outlives, its own among them.
 
     Yields
     ------
@@ -280,10 +286,10 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None):
         Samples of this chunk.
     Z : ndarray of shape (L, nz)
         Scaled channels.
-    J : ndarray of shape (L, nz, n_params + n_x0)
+    J : ndarray of shape (L, nz, n_params + n_x0 + spare)
         ``J[k, i, j]``: derivative of scaled channel i at sample k by parameter j;
-        the last n_x0 columns belong to the initial state. The array is
-        overwritten by the next chunk.
+        n_x0 columns behind those of theta belong to the initial state. The array is
+        overwritten by a later chunk.
 
     Raises
     ------
@@ -292,7 +298,7 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None):
 
     Notes
     -----
-    Costs O(N (nx + nz) nx n) operations and O(chunk (nx + nz) n) memory for n
+    Costs O(N (nx + nz) nx n) operations and O(chunk nz n) memory for n
     columns.
     """
     nx, nz, n_params = structure.nx, structure.nz, structure.n_params
@@ -303,8 +309,8 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None):
     M_x, W = lure.M[:, :nx] * scale[:, None], lure.W * scale[:, None]
     V_x = lure.V[:, :nx]
     Theta_z = (lure.Theta[nx : nx + nz] * scale[nx:, None]).T
-    T = np.empty((chunk, nx + nz, n))  # [G_k; D_k], then [S_k+1; J_k]
-    J = np.empty((chunk, nz, n))
+    direct = structure.direct(p, scale)
+    ring = cycle([np.zeros((chunk, nz, n + spare)) for _ in range(buffers)])
     S = np.zeros((nx, n))
     S[: structure.n_x0, n_params:] = np.eye(structure.n_x0)
     for part, u_part, X in trajectory(lure, u, structure.initial_state(x0), chunk):
@@ -314,9 +320,8 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None):
         Phi = regressors(lure, X[:-1], u_part)
         WR = neuron_gains(lure, W, Phi)  # (L, nx + nz, nw)
         FH = (WR.reshape(L * (nx + nz), lure.nw) @ V_x).reshape(L, nx + nz, nx) + M_x
-        T[:L] = 0.0
-        structure.add_direct(p, Phi, WR, scale, T[:L])
-        propagate(FH, S, T[:L])
-        S[:] = T[L - 1, :nx]
-        J[:L] = T[:L, nx:]
-        yield part, Phi @ Theta_z, J[:L]
+        J = next(ring)[:L]
+        differentiate(
+            FH, direct.table, direct.constants, *direct.factors(Phi, WR), S, J
+        )
+        yield part, Phi @ Theta_z, J

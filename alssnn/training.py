@@ -217,12 +217,14 @@ def train(
     watch = Watch() if watch is None else watch
     options["validation"] = validation
     weights = {} if weights is None else weights
-    experiments = Held.of(experiments, n_jobs)
+    experiments = Held.of(experiments)
+    if experiments.is_here:
+        experiments = Held(experiments, n_jobs)
     is_coarse = coarse_samples is not None and coarse_samples < experiments.n_samples
     first = experiments.stretch(coarse_samples) if is_coarse else experiments
-    if len(starts) > 1 and first is experiments and experiments.is_here:
-        first = Held(experiments)  # the starts are parallel, not the experiments
-    first = Held.of(first, n_jobs if len(starts) == 1 else None)
+    if experiments.is_here:  # of several starts, the starts are parallel
+        first = Held(first, n_jobs if len(starts) == 1 else None)
+    first = Held.of(first)
     factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
     criteria = [
         Criterion(structure, first, **_times(weights, factor)) for factor in factors

@@ -30,6 +30,7 @@ import alssnn
 from alssnn import AlSsnn, FlSsnn, LinearStateSpace
 from alssnn.datasets import Record, make_duffing, make_pendulum, make_prey_predator
 from alssnn.feedback import closed_loop, designed_loop, lqi
+from benchmarks._options import by_hand
 from benchmarks._tables import OUT, machine, replace_runs
 
 TARGET = 1 / 8
@@ -64,12 +65,14 @@ def matched(dt):
     net = {"n_h": 8, "random_state": 0, **common}
     residual = {"n_g": 2, "gamma": 1.0, "penalty": "output"}
     models = {
-        "FL-SSNN, h(x)": FlSsnn(feedback="state", gamma_h=1e-4, **net),
-        "FL-SSNN, h(x), gamma_h=0": FlSsnn(feedback="state", **net),
-        "FL-SSNN, h(y)": FlSsnn(gamma_h=1e-4, **net),
-        "FL-SSNN, h(y), gamma_h=0": FlSsnn(**net),
-        "AL-SSNN, h(x)": AlSsnn(feedback="state", gamma_h=1e-4, **residual, **net),
-        "AL-SSNN, h(y)": AlSsnn(gamma_h=1e-4, **residual, **net),
+        "FL-SSNN, h(x)": by_hand(FlSsnn, feedback="state", gamma_h=1e-4, **net),
+        "FL-SSNN, h(x), gamma_h=0": by_hand(FlSsnn, feedback="state", **net),
+        "FL-SSNN, h(y)": by_hand(FlSsnn, gamma_h=1e-4, **net),
+        "FL-SSNN, h(y), gamma_h=0": by_hand(FlSsnn, **net),
+        "AL-SSNN, h(x)": by_hand(
+            AlSsnn, feedback="state", gamma_h=1e-4, **residual, **net
+        ),
+        "AL-SSNN, h(y)": by_hand(AlSsnn, gamma_h=1e-4, **residual, **net),
     }
     return {"models": models, "linear": LinearStateSpace(**common)}
 
@@ -81,8 +84,8 @@ def populations():
     residual = {"n_g": 4, "gamma": 1.0, "penalty": "output"}
     models = {
         # exactly linearizable on paper only, yet nearest to its design
-        "FL-SSNN, h(x)": FlSsnn(feedback="state", **net),
-        "AL-SSNN, h(x)": AlSsnn(feedback="state", **residual, **net),
+        "FL-SSNN, h(x)": by_hand(FlSsnn, feedback="state", **net),
+        "AL-SSNN, h(x)": by_hand(AlSsnn, feedback="state", **residual, **net),
     }
     return {"models": models, "linear": LinearStateSpace(**common)}
 

@@ -27,6 +27,7 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn import AlSsnn, FlSsnn
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.feedback import lqi
+from benchmarks._options import by_hand
 from benchmarks._tables import OUT
 
 STEP_US, LINES = 2.0, 300
@@ -81,10 +82,10 @@ def models():
     options = {"nx": NX, "n_h": N_H, "max_iter": 20, "random_state": 0}
     warnings.simplefilter("ignore", ConvergenceWarning)
     unfitted = {
-        "FL-SSNN, h(y)": FlSsnn(**options),
-        "FL-SSNN, h(x)": FlSsnn(feedback="state", **options),
-        "AL-SSNN, h(y)": AlSsnn(n_g=N_G, **options),
-        "AL-SSNN, h(x)": AlSsnn(n_g=N_G, feedback="state", **options),
+        "FL-SSNN, h(y)": by_hand(FlSsnn, **options),
+        "FL-SSNN, h(x)": by_hand(FlSsnn, feedback="state", **options),
+        "AL-SSNN, h(y)": by_hand(AlSsnn, n_g=N_G, **options),
+        "AL-SSNN, h(x)": by_hand(AlSsnn, n_g=N_G, feedback="state", **options),
     }
     fitted = {name: model.fit(*record) for name, model in unfitted.items()}
     return fitted, np.ravel(record.y)[:1000]

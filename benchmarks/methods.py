@@ -19,6 +19,7 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn import AlSsnn, GrSsnn
 from alssnn.datasets import fetch_wiener_hammerstein
 from benchmarks._curves import cost_curve
+from benchmarks._options import by_hand
 
 SAMPLES = slice(10_000, 18_000)
 TIMES = (5, 10, 20, 40)
@@ -37,8 +38,8 @@ def main():
     header = "".join(f"{t:>7d} s" for t in TIMES)
     print(f"{'model':10s}{'method':8s}{'seed':>4s}{header}{'end':>9s}{'seconds':>9s}")
     for name, model in (
-        ("GR-SSNN", GrSsnn(n_f=15, **common)),
-        ("AL-SSNN", AlSsnn(gamma=1 / y.var(), **common)),
+        ("GR-SSNN", by_hand(GrSsnn, n_f=15, **common)),
+        ("AL-SSNN", by_hand(AlSsnn, gamma=1 / y.var(), **common)),
     ):
         for seed in options.seeds:
             for method in ("lm", "trf"):

@@ -36,6 +36,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 from alssnn import AlSsnn, FlSsnn, GrSsnn
+from benchmarks._options import by_hand
 from benchmarks._tables import OUT, machine
 
 COLUMNS = ("kind", "seed", "ratio", "seconds", "system")
@@ -111,41 +112,48 @@ def sat(x, y):
 
 
 KINDS = {
-    "plain": Kind(System(*linear(), h=sat), FlSsnn(2, **FEEDBACK)),
+    "plain": Kind(System(*linear(), h=sat), by_hand(FlSsnn, 2, **FEEDBACK)),
     "feedthrough": Kind(
         System(*linear(feedthrough=0.4), h=sat),
-        AlSsnn(2, n_g=0, feedthrough=True, **FEEDBACK),
+        by_hand(AlSsnn, 2, n_g=0, feedthrough=True, **FEEDBACK),
     ),
     "nonlinear output k": Kind(
         System(*linear(), k=lambda x, u: 0.4 * np.tanh(1.5 * x[:1] + 0.5 * u)),
-        GrSsnn(2, n_f=0, n_k=4, **COMMON),
+        by_hand(GrSsnn, 2, n_f=0, n_k=4, **COMMON),
     ),
     "two-layer g": Kind(
         System(*linear(), g=two_layers),
         # an initial state that is free may stand for another rest than that of C x = 0
-        GrSsnn(2, n_f=(6, 4), **{**COMMON, "initial_state": "rest", "max_iter": 400}),
+        by_hand(
+            GrSsnn,
+            2,
+            n_f=(6, 4),
+            **{**COMMON, "initial_state": "rest", "max_iter": 400},
+        ),
     ),
     "2 inputs, 3 outputs": Kind(
         System(*linear(2, 3), h=lambda x, y: 0.4 * np.tanh(y[:2])),
-        FlSsnn(3, **{**FEEDBACK, "n_h": 6}),
+        by_hand(FlSsnn, 3, **{**FEEDBACK, "n_h": 6}),
     ),
     "delay of 3, found": Kind(
         System(*linear(), h=sat, delay=3),
-        FlSsnn(2, input_delay="auto", **FEEDBACK),
+        by_hand(FlSsnn, 2, input_delay="auto", **FEEDBACK),
     ),
-    "20 % missing": Kind(System(*linear(), h=sat), FlSsnn(2, **FEEDBACK), missing=0.2),
+    "20 % missing": Kind(
+        System(*linear(), h=sat), by_hand(FlSsnn, 2, **FEEDBACK), missing=0.2
+    ),
     "5 experiments": Kind(
         System(*linear(), h=sat),
-        FlSsnn(2, **FEEDBACK),
+        by_hand(FlSsnn, 2, **FEEDBACK),
         lengths=(100, 250, 400, 550, 700),
     ),
-    "odd h": Kind(System(*linear(), h=sat), FlSsnn(2, odd=True, **FEEDBACK)),
+    "odd h": Kind(System(*linear(), h=sat), by_hand(FlSsnn, 2, odd=True, **FEEDBACK)),
     "sigmoid": Kind(
-        System(*linear(), h=sat), FlSsnn(2, activation="sigmoid", **FEEDBACK)
+        System(*linear(), h=sat), by_hand(FlSsnn, 2, activation="sigmoid", **FEEDBACK)
     ),
     "sin": Kind(
         System(*linear(), h=lambda x, y: 0.4 * np.sin(1.5 * y)),
-        FlSsnn(2, activation="sin", **FEEDBACK),
+        by_hand(FlSsnn, 2, activation="sin", **FEEDBACK),
     ),
     "state feedback, all of it": Kind(
         System(
@@ -154,7 +162,8 @@ KINDS = {
             g=lambda x, u: np.array([0.0, 0.1 * np.tanh(2 * x[0] + u[0])]),
             k=lambda x, u: 0.3 * np.tanh(x[1:]),
         ),
-        AlSsnn(
+        by_hand(
+            AlSsnn,
             2,
             n_h=4,
             n_g=4,

@@ -33,6 +33,7 @@ from alssnn import AlSsnn, FlSsnn
 from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.mpc import LinearizingMPC
 from alssnn.mpc._qp import QuadraticProgram
+from benchmarks._options import by_hand
 
 STEP_MS, REST = 2.0, 1e-6
 HORIZON, NX = 20, 6
@@ -49,7 +50,7 @@ def random_model(nu, ny, seed):
     for k in range(len(u)):
         y[k] = C @ x
         x = A @ x + B @ (u[k] + 0.3 * np.tanh(y[k, :nu]))
-    model = AlSsnn(nx=NX, n_h=10, n_g=10, max_iter=20, random_state=seed)
+    model = by_hand(AlSsnn, nx=NX, n_h=10, n_g=10, max_iter=20, random_state=seed)
     return model.fit(u, y)
 
 
@@ -124,7 +125,9 @@ def time_forms(mpc, n_solves=300):
 def run_plant(make, feedback, n_steps, seed):
     """Return excess of limits, share saturated, fallbacks, rest error, seconds."""
     record = make(4000, noise=0.01, random_state=seed)
-    model = FlSsnn(nx=2, n_h=8, feedback=feedback, dt=record.dt, random_state=seed)
+    model = by_hand(
+        FlSsnn, nx=2, n_h=8, feedback=feedback, dt=record.dt, random_state=seed
+    )
     model.fit(record.u, record.y)
     size, rng = record.y.std(), np.random.default_rng(seed)
     limit = 0.5 * np.abs(record.u).max()

@@ -19,6 +19,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn.datasets import make_duffing, make_pendulum, make_prey_predator
+from benchmarks._options import by_hand
 
 SAMPLES = 8_000  # of pendulum and oscillator, half of them for training
 TRANSIENT = 200  # samples of the test half, not scored
@@ -33,8 +34,8 @@ def main():
     matched = {"nx": 2, "n_h": 8, "random_state": seed}
     matched_models = (
         ("LTI", LinearStateSpace(nx=2)),
-        ("FL-SSNN, h(y)", FlSsnn(**matched)),
-        ("FL-SSNN, h(x)", FlSsnn(feedback="state", **matched)),
+        ("FL-SSNN, h(y)", by_hand(FlSsnn, **matched)),
+        ("FL-SSNN, h(x)", by_hand(FlSsnn, feedback="state", **matched)),
     )
     large = {"nx": 3, "coarse_samples": 10_000, "random_state": seed}
     output_penalty = {
@@ -45,11 +46,11 @@ def main():
     }
     large_models = (
         ("LTI", LinearStateSpace(nx=3)),
-        ("GR-SSNN", GrSsnn(n_f=12, **large)),
-        ("AL-SSNN, h(y)", AlSsnn(gamma=1.0, **large)),
+        ("GR-SSNN", by_hand(GrSsnn, n_f=12, **large)),
+        ("AL-SSNN, h(y)", by_hand(AlSsnn, gamma=1.0, **large)),
         # With |g|^2 in state coordinates the basis hides g: |g| is small and its part
         # of the output is large. The penalty on the output does not allow that.
-        ("AL-SSNN, h(x), e", AlSsnn(gamma=0.1, **output_penalty, **large)),
+        ("AL-SSNN, h(x), e", by_hand(AlSsnn, gamma=0.1, **output_penalty, **large)),
     )
     options = {"noise": 0.01, "random_state": seed}
     print(f"{'plant':16s}{'model':18s}{'test error':>12s}{'lin. error':>12s}{'s':>8s}")

@@ -42,6 +42,7 @@ from alssnn.datasets import (
 )
 from alssnn.metrics import rmse
 from alssnn.rectified import restore_sign
+from benchmarks._options import by_hand
 from benchmarks._tables import OUT, machine, replace_runs
 
 COLUMNS = ("recording", "test", "model", "seed", "rmse", "linearization", "radius", "s")
@@ -121,9 +122,11 @@ RECORDINGS = {
         drives,
         {
             "LTI": LinearStateSpace(nx=4, operating_point="zero"),
-            "FL-SSNN, odd h(x)": FlSsnn(**DRIVES_H, **DRIVES),
-            "AL-SSNN, odd h(x)": AlSsnn(n_g=4, penalty="output", **DRIVES_H, **DRIVES),
-            "GR-SSNN": GrSsnn(n_f=5, alpha=1e-3, **DRIVES),
+            "FL-SSNN, odd h(x)": by_hand(FlSsnn, **DRIVES_H, **DRIVES),
+            "AL-SSNN, odd h(x)": by_hand(
+                AlSsnn, n_g=4, penalty="output", **DRIVES_H, **DRIVES
+            ),
+            "GR-SSNN": by_hand(GrSsnn, n_f=5, alpha=1e-3, **DRIVES),
         },
         "ticks/s",
         {
@@ -139,8 +142,8 @@ RECORDINGS = {
         drives,
         {
             "LTI": LinearStateSpace(nx=4, n_init_samples=10),
-            "FL-SSNN, h(x)": FlSsnn(
-                nx=2, n_h=6, feedback="state", max_iter=200, n_init_samples=10
+            "FL-SSNN, h(x)": by_hand(
+                FlSsnn, nx=2, n_h=6, feedback="state", max_iter=200, n_init_samples=10
             ),
         },
         "ticks/s",
@@ -149,9 +152,11 @@ RECORDINGS = {
         drone,
         {
             "LTI": LinearStateSpace(nx=3),
-            "FL-SSNN, h(y)": FlSsnn(random_state=0, **DRONE),
-            "AL-SSNN, h(y)": AlSsnn(n_g=4, penalty="output", random_state=0, **DRONE),
-            "GR-SSNN": GrSsnn(3, 6, alpha=1e-3, max_iter=150, random_state=0),
+            "FL-SSNN, h(y)": by_hand(FlSsnn, random_state=0, **DRONE),
+            "AL-SSNN, h(y)": by_hand(
+                AlSsnn, n_g=4, penalty="output", random_state=0, **DRONE
+            ),
+            "GR-SSNN": by_hand(GrSsnn, 3, 6, alpha=1e-3, max_iter=150, random_state=0),
         },
         "deg",
     ),
@@ -159,7 +164,7 @@ RECORDINGS = {
         drone_command,
         {
             "LTI": LinearStateSpace(nx=3),
-            "FL-SSNN, h(y)": FlSsnn(random_state=0, **DRONE),
+            "FL-SSNN, h(y)": by_hand(FlSsnn, random_state=0, **DRONE),
         },
         "deg",
     ),
@@ -167,11 +172,11 @@ RECORDINGS = {
         tanks,
         {
             "LTI": LinearStateSpace(nx=2),
-            "FL-SSNN, h(x)": FlSsnn(2, 6, gamma_h=1e-3, feedback="state"),
-            "AL-SSNN, h(x)": AlSsnn(
-                2, 6, 4, gamma_h=1e-3, feedback="state", penalty="output"
+            "FL-SSNN, h(x)": by_hand(FlSsnn, 2, 6, gamma_h=1e-3, feedback="state"),
+            "AL-SSNN, h(x)": by_hand(
+                AlSsnn, 2, 6, 4, gamma_h=1e-3, feedback="state", penalty="output"
             ),
-            "GR-SSNN": GrSsnn(2, 6),
+            "GR-SSNN": by_hand(GrSsnn, 2, 6),
         },
         "V",
         {
@@ -185,8 +190,8 @@ RECORDINGS = {
         silverbox,
         {
             "LTI": LinearStateSpace(nx=2),
-            "FL-SSNN, odd h(y)": FlSsnn(2, 6, odd=True, max_iter=100),
-            "GR-SSNN": GrSsnn(2, 10, max_iter=100),
+            "FL-SSNN, odd h(y)": by_hand(FlSsnn, 2, 6, odd=True, max_iter=100),
+            "GR-SSNN": by_hand(GrSsnn, 2, 10, max_iter=100),
         },
         "mV",
         {

@@ -23,6 +23,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import FlSsnn
 from alssnn.datasets import make_pendulum
+from benchmarks._options import by_hand
 
 LEVEL = 0.99
 
@@ -38,7 +39,9 @@ def main():
     warnings.simplefilter("ignore", ConvergenceWarning)
     print(f"neurons  draws   {'within 99 %':>12s}{'diverged':>10s}{'s each':>8s}")
     for n_h in (4, 8):
-        model = FlSsnn(nx=2, n_h=n_h, max_iter=200, random_state=0, dt=record.dt)
+        model = by_hand(
+            FlSsnn, nx=2, n_h=n_h, max_iter=200, random_state=0, dt=record.dt
+        )
         model.fit(record.u, record.y)
         covariance = model.parameter_covariance(record.u, record.y)
         bound = chi2.ppf(LEVEL, covariance.n_effective)

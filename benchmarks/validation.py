@@ -31,6 +31,7 @@ from sklearn.exceptions import ConvergenceWarning
 import alssnn
 from alssnn import FlSsnn, LinearStateSpace
 from alssnn.validation import residual_tests, scored_experiments, scored_sensitivities
+from benchmarks._options import by_hand
 
 OUT = Path(__file__).parents[1] / "doc" / "benchmarks" / "validation.md"
 TESTS = ("independence", "squares", "cubes")
@@ -72,7 +73,7 @@ def identified(plant, nx, u, y):
     """Return a model of the structure of the plant, of some order."""
     if plant == "linear":
         return LinearStateSpace(nx=nx).fit(u, y)
-    model = FlSsnn(nx=nx, n_h=3, max_iter=100, tol=1e-5, random_state=0)
+    model = by_hand(FlSsnn, nx=nx, n_h=3, max_iter=100, tol=1e-5, random_state=0)
     return model.fit(u, y)
 
 

@@ -18,7 +18,16 @@ OUT = Path(__file__).parent / "_static" / "idea.svg"
 
 record = make_pendulum(4_000, amplitude=5.0, noise=0.01, random_state=0)
 options = {"nx": 2, "dt": record.dt, "operating_point": "zero"}
-law = FlSsnn(n_h=8, feedback="state", gamma_h=1e-4, random_state=0, **options)
+by_hand = {
+    "alpha": 0.0,
+    "n_init": 1,
+    "stability": None,
+    "tol": 1e-6,
+    "coarse_samples": 15_000,
+}
+law = FlSsnn(
+    n_h=8, feedback="state", gamma_h=1e-4, random_state=0, **by_hand, **options
+)
 models = {"linear design": LinearStateSpace(**options), "linearized loop": law}
 r = np.repeat([0.0, 1.3, -1.0], [10, 80, 80])  # rad
 t = record.dt * np.arange(len(r))

@@ -149,6 +149,20 @@ def test_chunk_size_changes_nothing(structure, experiments, free):
         np.testing.assert_allclose(whole, chunked, rtol=1e-12, atol=1e-13)
 
 
+def test_a_second_thread_changes_no_digit(structure, experiments, rng):
+    theta, x0 = random_theta(structure, rng), np.zeros((1, structure.n_x0))
+    one, two = (
+        Criterion(structure, experiments[1:], gamma=0.7, chunk=3, n_jobs=n_jobs)
+        for n_jobs in (None, 2)
+    )
+    assert two.one.pipelined
+    free = one.join(theta, x0)
+    for a, b in zip(
+        one.normal_equations(free), two.normal_equations(free), strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+
+
 def test_splitting_a_record_at_its_true_state_keeps_the_cost(structure, rng):
     if "zeta" in structure.states:
         pytest.skip("zeta starts at zero in every experiment: e is a property of it")
@@ -190,14 +204,15 @@ def test_divergence_is_a_large_finite_norm(rng):
     [("tanh", 1.5, 0.0), ("tanh", 1e200, 0.0), ("sin", 4.0, 1.0)],
     ids=["balanced", "overflow within a chunk", "chaotic"],
 )
-def test_diverging_sensitivities_of_a_bounded_simulation(activation, gain, x0):
+@pytest.mark.parametrize("n_jobs", [None, 2])
+def test_diverging_sensitivities_of_a_bounded_simulation(activation, gain, x0, n_jobs):
     """x+ = gain sigma(x): bounded, while dx/dx0 grows like gain^k."""
     structure = state_space_structure(
         1, 1, 1, n_g=1, C=np.ones((1, 1)), activation=activation
     )
     theta = structure.join({"W_g": [[gain]], "W_x": [[1.0]]})
     record = np.zeros((3000, 1)), np.ones((3000, 1))
-    criterion = Criterion(structure, [record])
+    criterion = Criterion(structure, [record], n_jobs=n_jobs)
     free = criterion.join(theta, [[x0]])
     assert criterion.norm(free) < 10
     for derivative in (criterion.normal_equations, criterion.jac):

@@ -10,6 +10,7 @@ from alssnn import AlSsnn, LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.ladder import PRESETS, Ladder, Rung, model_ladder
 from alssnn.ladder._explain import _about_feedback
+from alssnn.ladder._fit import _estimators
 from alssnn.metrics import fit_percent, rmse
 from alssnn.watch import Step
 
@@ -55,24 +56,22 @@ def explain(*rows):
 
 
 def test_rows_are_the_models_in_order(ladder):
-    names = ["LTI", "FL-SSNN", "AL-SSNN", "AL-SSNN/x", "GR-SSNN"]
+    names = ["LTI", "FL-SSNN", "AL-SSNN", "GR-SSNN"]
     assert [row.name for row in ladder] == names
-    assert len(ladder) == 5
+    assert len(ladder) == 4
     assert ladder["AL-SSNN"].model.n_g == 3
-    with pytest.raises(
-        KeyError, match="one of LTI, FL-SSNN, AL-SSNN, AL-SSNN/x, GR-SSNN, got"
-    ):
+    with pytest.raises(KeyError, match="one of LTI, FL-SSNN, AL-SSNN, GR-SSNN, got"):
         ladder["ARX"]
 
 
 def test_rows_count_free_parameters(ladder):
     # with nx = 6 and nu = ny = 1: A, B and, for LTI alone, C
-    linear, h, g, f = 36 + 6, 2 * 4 - 1, 3 * (6 + 6 + 1 + 1), 4 * 14 + 6
+    # and h of six states
+    linear, h, g, f = 36 + 6, 2 * 9 - 1, 3 * (6 + 6 + 1 + 1), 4 * 14 + 6
     assert [row.n_params for row in ladder] == [
         linear + 6,
         linear + h,
         linear + h + g,
-        linear + h + 2 * 5 + g,  # h sees six states instead of one output
         linear + f,
     ]
 
@@ -199,7 +198,7 @@ def test_models_can_be_estimators(record):
     [
         (
             {"models": ["arx"]},
-            "`models` must name lti, fl, al, al-state, gr, got 'arx'. Give",
+            "`models` must name lti, fl, al, al-paper, gr, got 'arx'. Give",
         ),
         ({"models": []}, "`models` must name at least one model, got none. Use"),
         ({"test": (1, 2, 3, 4)}, r"`test` must be a Record, .* got 4 items. Use None"),
@@ -297,7 +296,7 @@ def test_explanation_of_unstable_models():
 
 def test_explanation_without_the_rows_it_is_about():
     assert make_ladder(make_row("LTI")).explain() == ""
-    assert explain(make_row(rest=2.0)).startswith("- Linearity: with u = v - h(y), 2 %")
+    assert explain(make_row(rest=2.0)).startswith("- Linearity: with u = v - h, 2 %")
     assert "(A, B, C). - Stability" in explain(make_row(rest=2.0))
 
 
@@ -313,17 +312,45 @@ def test_advice_on_feedback():
     assert "says nothing about state feedback" in _about_feedback(row(0.1), row(np.inf))
 
 
-def test_gamma_h_is_that_of_the_preset_unless_given(record):
-    weights = []
-    options = {"nx": 2, "n_h": 1, "n_g": 1, "max_iter": 1}
-    options["models"] = ["fl", "al", "al-state", "lti"]
-    for gamma_h in (None, 0.0, 1e-3):
-        ladder = model_ladder(*record, gamma_h=gamma_h, **options)
-        weights.append([row.model.get_params().get("gamma_h") for row in ladder])
-    preset = PRESETS["al-state"][2]["gamma_h"]
-    assert weights[0] == [0.0, 0.0, preset, None] and preset > 0
-    assert weights[1] == [0.0, 0.0, 0.0, None]
-    assert weights[2] == [1e-3, 1e-3, 1e-3, None]
+def test_presets_are_the_defaults_and_the_form_of_the_paper():
+    for key, (_, cls, changes) in PRESETS.items():
+        assert bool(changes) == (key == "al-paper")
+        assert changes.items() <= cls(**changes).get_params().items()
+    for model in _estimators(None, {"random_state": None}).values():
+        assert model.get_params() == type(model)().get_params()
+
+
+def test_options_are_those_of_the_preset_unless_given(record):
+    options = {"nx": 2, "n_h": 1, "n_g": 1, "alpha": 0.0, "max_iter": 1, "n_init": 1}
+    options["models"] = ["fl", "al", "al-paper", "lti"]
+    names = ("gamma", "gamma_h", "feedback", "stability")
+    rows = []
+    for given in (
+        {},
+        dict(zip(names, (2.0, 1e-3, "output", "contractive"), strict=True)),
+    ):
+        ladder = model_ladder(*record, **given, **options)
+        known = [row.model.get_params() for row in ladder]
+        rows.append([[p.get(name) for name in names] for p in known])
+    assert rows[0] == [
+        [None, 0.0, "state", "auto"],
+        [0.01, 0.0, "state", "auto"],
+        [1.0, 0.0, "output", None],
+        [None] * 4,
+    ]
+    assert rows[1] == [
+        [None, 1e-3, "output", "contractive"],
+        *[[2.0, 1e-3, "output", "contractive"]] * 2,
+        [None] * 4,
+    ]
+
+
+def test_table_marks_networks_that_do_not_help():
+    row = make_row()
+    row.model.message_ = "the networks do not help: this is the linear model"
+    text = str(make_ladder(row))
+    assert "\nAL-SSNN = " in text
+    assert "\n= the networks do not simulate hidden samples better than" in text
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_unstable_but_short_simulation_is_not_divergence():
 @pytest.mark.parametrize("activation", ACTIVATIONS.values(), ids=str)
 @pytest.mark.parametrize("n_neurons", [0, 3])
 def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
-    L, nx, nz, n = 6, 4, 2, 9
+    L, nx = 6, 4
     base = rng.standard_normal((L, n_neurons + nx))
     P = 0.3 * rng.standard_normal((n_neurons + nx, nx))
     W = rng.standard_normal((nx, n_neurons))
@@ -103,20 +103,12 @@ def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
     kernels.advance.plain(base, P, E, layers, functions, W, np.ones(nx), states[1])
     np.testing.assert_allclose(*states, rtol=1e-13)
 
-    FH, S = rng.standard_normal((L, nx + nz, nx)), rng.standard_normal((nx, n))
-    T = rng.standard_normal((L, nx + nz, n))
-    both = [T.copy(), T.copy()]
-    kernels.propagate(FH, S, both[0])
-    kernels.propagate.plain(FH, S, both[1])
-    np.testing.assert_allclose(*both, rtol=1e-12)
 
-    for b in (1, 3):
-        gain, signal = rng.standard_normal((L, 5, 4)), rng.standard_normal((L, b))
-        both = [np.ones((L, 5, 4 * b)), np.ones((L, 5, 4 * b))]
-        kernels.add_outer_products(gain, signal, both[0])
-        kernels.add_outer_products.plain(gain, signal, both[1])
-        np.testing.assert_allclose(*both, rtol=0, atol=1e-14)
-        both = [np.ones((L, 4, 4 * b)), np.ones((L, 4, 4 * b))]
-        kernels.add_diagonal(gain[0, :4, :1] + np.ones((4, b)), signal, both[0])
-        kernels.add_diagonal.plain(gain[0, :4, :1] + np.ones((4, b)), signal, both[1])
-        np.testing.assert_allclose(*both, rtol=0, atol=1e-14)
+def test_sensitivities_do_the_same_compiled_and_plain(structure, run, monkeypatch):
+    theta, u, x0 = run
+    results = []
+    for kernel in (kernels.differentiate, kernels.differentiate.plain):
+        monkeypatch.setattr("alssnn.simulation.differentiate", kernel)
+        blocks = sensitivities(structure, theta, x0, u, np.ones(structure.nz), 7)
+        results.append(np.concatenate([J.copy() for *_, J in blocks]))
+    np.testing.assert_allclose(*results, rtol=0, atol=1e-13)

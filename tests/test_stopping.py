@@ -14,6 +14,7 @@ from alssnn.criterion import Criterion
 from alssnn.estimators import _progress
 from alssnn.estimators._base import StateSpaceModel
 from alssnn.optimizers import minimize
+from alssnn.sections import Sections
 from alssnn.training import Validation
 from alssnn.watch import Patience, Step, Watch, late_fall
 from models import al_ssnn, fl_ssnn
@@ -49,19 +50,23 @@ def two():
 def interrupt(monkeypatch):
     """Return a function that sends an interrupt at a call of `normal_equations`."""
     calls = {"count": 0, "at": None}
-    original = Criterion.normal_equations
 
-    def interruptible(self, free):
-        calls["count"] += 1
-        if calls["count"] == calls["at"]:
-            raise KeyboardInterrupt
-        return original(self, free)
+    def interruptible(original):
+        def normal_equations(self, free):
+            calls["count"] += 1
+            if calls["count"] == calls["at"]:
+                raise KeyboardInterrupt
+            return original(self, free)
+
+        return normal_equations
 
     def at(call):
         calls.update(count=0, at=call)
         return calls
 
-    monkeypatch.setattr(Criterion, "normal_equations", interruptible)
+    for kind in (Criterion, Sections):
+        replacement = interruptible(kind.normal_equations)
+        monkeypatch.setattr(kind, "normal_equations", replacement)
     # its initial states are searches, too, but come when the fit is over
     monkeypatch.setattr(StateSpaceModel, "_score_training", lambda *_: None)
     return at

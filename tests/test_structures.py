@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from alssnn.activations import ACTIVATIONS
+from alssnn.kernels import differentiate
 from alssnn.lure import Lure
 from alssnn.simulation import neuron_gains, regressors
 from alssnn.structures import state_space_structure
@@ -92,9 +93,17 @@ def test_direct_derivative_of_one_step(structure, rng):
     lure = structure.lure(theta)
     Phi = regressors(lure, X, u)
     WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
-    out = np.zeros((L, n_rows, structure.n_params))
-    structure.add_direct(structure.split(theta), Phi, WR, scale, out)
-    assert_jacobian(step, out, theta)
+    direct = structure.direct(structure.split(theta), scale)
+    gains, signals = direct.factors(Phi, WR)
+    for kernel in (differentiate, differentiate.plain):
+        out = np.zeros((L, n_rows, structure.n_params))
+        for k in range(L):  # one step each, from S = 0
+            FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
+            S, J = np.split(out[k].copy(), [structure.nx])
+            factors = direct.constants, gains[one], signals[one]
+            kernel(FH, direct.table, *factors, S, J[None])
+            out[k] = np.vstack([S, J])
+        assert_jacobian(step, out, theta)
 
 
 @pytest.mark.parametrize("sizes", [3, (3, 2), (2, 3, 4)])

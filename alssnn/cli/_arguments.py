@@ -145,7 +145,7 @@ def count_or_zero(text):
 
 
 def order(text):
-    """Return a number of states, or auto.
+    """Return a number of states, several of them, or auto.
 
     Parameters
     ----------
@@ -154,10 +154,17 @@ def order(text):
 
     Returns
     -------
-    value : int or str
-        The number of states.
+    value : int, range or str
+        The number of states, or those of "2-5".
     """
-    return text if text == "auto" else count(text)
+    if text == "auto":
+        return text
+    first, dash, last = text.partition("-")
+    if not (first and dash):
+        return count(text)
+    if (low := count(first)) > (high := count(last)):
+        raise argparse.ArgumentTypeError(f"must be a range that ascends, got {text}")
+    return range(low, high + 1)
 
 
 def number(text):
@@ -231,6 +238,22 @@ def weight(text):
     if not 0 <= (value := number(text)) < np.inf:
         raise argparse.ArgumentTypeError(f"must be a number of at least 0, got {text}")
     return value
+
+
+def weight_or_auto(text):
+    """Return a nonnegative number, or auto.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : float or str
+        The number.
+    """
+    return text if text == "auto" else weight(text)
 
 
 def fraction(text):

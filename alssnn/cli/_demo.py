@@ -3,13 +3,11 @@
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from ..datasets import Record, fetch_wiener_hammerstein, make_wiener_hammerstein
 from ._arguments import add_command, add_common, count, figure_name
 from ._comparison import prepare_figure, report, run_ladder
 
-# Sizes of the demo: about a minute on two cores without compiled loops.
+# Sizes of the demo: a minute or two.
 DEMO_SAMPLES, DEMO_MAX_ITER = 10_000, 150
 QUICK_SAMPLES, QUICK_MAX_ITER = 3_000, 30
 DEMO_NOISE = 0.002  # of std(y): small, so that the models are told apart
@@ -25,8 +23,8 @@ The first half of the record trains, the second half tests; nothing of the test 
 seen before. The table goes to the standard output, the figure to a file.
 
 examples:
-  alssnn demo                                    about a minute
-  alssnn demo --quick                            a few seconds, coarser
+  alssnn demo                                    a minute or two
+  alssnn demo --quick                            some seconds, coarser
   alssnn demo --noise 0.05 --seed 1 -o results   another record, figure in results/
   alssnn demo --record wiener-hammerstein        the measured benchmark, many minutes
 
@@ -47,9 +45,9 @@ def add(commands):
         commands,
         "demo",
         run,
-        "Compare five models of a Wiener-Hammerstein circuit.",
+        "Compare four models of a Wiener-Hammerstein circuit.",
         DEMO_EPILOG,
-        help="compare five models of a circuit, in about a minute",
+        help="compare four models of a circuit, in a minute or two",
     )
     demo.add_argument(
         "--record",
@@ -107,9 +105,8 @@ def run(args):
     max_iter = MEASURED_MAX_ITER if measured else DEMO_MAX_ITER
     options = {
         "nx": 6,
-        # the weight 1 of the paper is meant for outputs in volts
-        "gamma": float(1 / np.var(train.y)) if measured else 1.0,
         "max_iter": QUICK_MAX_ITER if args.quick else max_iter,
+        "n_init": 1 if args.quick else None,
     }
     if not args.quiet:
         sizes = f"{len(train)} samples train, {len(test)} test"

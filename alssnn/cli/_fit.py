@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..ladder import PRESETS
+from ..ladder import LADDER, PRESETS
 from ..tables import read_csv, read_steps
 from ._arguments import (
     add_command,
@@ -16,6 +16,7 @@ from ._arguments import (
     order,
     positive,
     weight,
+    weight_or_auto,
 )
 from ._comparison import prepare_figure, report, run_ladder
 from ._record import report_gaps
@@ -29,19 +30,20 @@ The last part of the record (or of every experiment) tests, the rest trains.
 
 examples:
   alssnn fit plant.csv --input u --output y
-      all models; the number of states is chosen from the data
+      four models; the number of states is chosen from the data
   alssnn fit plant.csv --input u1 u2 --output y --nx 6 --dt 0.01 --figure plant.png
       two inputs, six states, sampled every 10 ms, and a figure
   alssnn fit plant.csv --input u --output y --experiment run --models lti al
       several experiments, told apart by the labels in the column `run`
-  alssnn fit plant.csv --input u --output y --gamma 10
+  alssnn fit plant.csv --input u --output y --gamma 1
       more weight on linearity than on accuracy
   alssnn fit plant.csv --input u --output y --model al --save plant.npz
       one model, kept for validate, report, control and export
 
 Reading the table: GR-SSNN much better than LTI means that the plant is nonlinear. The
 closer AL-SSNN comes to GR-SSNN with a small nonlinear rest, the better a linear
-controller on top of u = v - h(y) will work.
+controller on top of u = v - h(x) will work. An equals sign behind a name means that
+its networks did not help: the model is the linear one.
 """
 
 
@@ -117,20 +119,22 @@ def _add_models(model):
         "--models",
         nargs="+",
         choices=list(PRESETS),
-        help="models to compare (default: all)",
+        help=f"models to compare (default: {' '.join(LADDER)})",
     )
     which.add_argument(
         "--model",
         choices=[*PRESETS, "ladder"],
         default="ladder",
-        help="the one model to fit, or the ladder of all (default: %(default)s)",
+        help="the one model to fit, or the ladder of four (default: %(default)s); "
+        "al-paper is al with h(y), a penalty on |g|^2, and A free",
     )
     model.add_argument(
         "--nx",
         type=order,
         default="auto",
         metavar="N",
-        help="number of states, or auto (default: %(default)s)",
+        help="number of states, a range such as 2-5, or auto: chosen by hidden samples "
+        "(default: %(default)s)",
     )
     for net, default in (("h", 10), ("g", 10), ("f", 15)):
         model.add_argument(
@@ -143,31 +147,49 @@ def _add_models(model):
     model.add_argument(
         "--gamma",
         type=weight,
-        default=1.0,
         metavar="WEIGHT",
-        help="weight of |g|^2 in AL-SSNN, outputs scaled to unit variance; larger is "
-        "more linear and less accurate (default: %(default)s)",
+        help="weight of the nonlinear rest in AL-SSNN, outputs scaled to unit "
+        "variance; larger is more linear and less accurate (default: 0.01, and 1 for "
+        "al-paper)",
     )
     model.add_argument(
         "--gamma-h",
         type=weight,
         metavar="WEIGHT",
         help="weight of |h|^2; larger keeps u closer to v and the loop inside the "
-        f"data (default: {PRESETS['al-state'][2]['gamma_h']:g} for al-state, else 0)",
+        "data (default: 0)",
+    )
+    model.add_argument(
+        "--alpha",
+        type=weight_or_auto,
+        default="auto",
+        metavar="WEIGHT",
+        help="weight of the squared network parameters; auto chooses it, and returns "
+        "the linear model where networks do not help (default: %(default)s)",
+    )
+    model.add_argument(
+        "--stability",
+        choices=["auto", "contractive", "none"],
+        default="auto",
+        help="whether A is kept a contraction (default: %(default)s: in all models but "
+        "al-paper)",
+    )
+    model.add_argument(
+        "--feedback",
+        choices=["state", "output"],
+        help="what h sees (default: state, output for al-paper)",
     )
     model.add_argument(
         "--max-iter",
         type=count,
-        default=300,
         metavar="N",
-        help="largest number of trial steps of every model (default: %(default)s)",
+        help="largest number of trial steps of every model (default: 300, 100 for lti)",
     )
     model.add_argument(
         "--n-init",
         type=count,
-        default=1,
         metavar="N",
-        help="random starts of every network (default: %(default)s)",
+        help="random starts of every network (default: 3)",
     )
 
 
@@ -181,7 +203,7 @@ def run(args):
     """
     models = args.models or [args.model]
     if models == ["ladder"]:
-        models = list(PRESETS)
+        models = list(LADDER)
     if args.save is not None:
         if len(models) != 1:
             args.parser.error("--save needs one model, such as --model al")
@@ -204,6 +226,9 @@ def run(args):
         n_f=args.n_f,
         gamma=args.gamma,
         gamma_h=args.gamma_h,
+        alpha=args.alpha,
+        stability=None if args.stability == "none" else args.stability,
+        feedback=args.feedback,
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,

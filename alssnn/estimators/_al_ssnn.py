@@ -13,27 +13,35 @@ class AlSsnn(Ssnn):
 
     .. math::
 
-        x_{k+1} = A x_k + B (u_k + h(y_k)) + g(x_k, u_k), \qquad
+        x_{k+1} = A x_k + B (u_k + h(s_k)) + g(x_k, u_k), \qquad
         y_k = C x_k + D u_k + k(x_k, u_k)
 
-    The control law u = v - h(y) leaves the linear system (A, B, C) with input v,
-    disturbed by g; the cost penalizes ``|g|^2`` with weight `gamma` (eq. cost). h and g
-    have one hidden layer of tanh neurons unless told otherwise (eq. model), g vanishes
-    at the operating point, and C keeps the value of the linear start. D and k are zero
-    unless asked for; with them an output law is ill-posed, `feedback="state"` is not.
+    h sees s, the state x or the output y. The control law u = v - h(s) leaves the
+    linear system (A, B, C) with input v, disturbed by g; the cost penalizes with weight
+    `gamma` what g adds to the output (eq. penalty). h and g have one hidden layer of
+    tanh neurons unless told otherwise (eq. model), g vanishes at the operating point,
+    and C keeps the value of the linear start. D and k are zero unless asked for; with
+    them a law of the output is ill-posed, one of the state is not.
+
+    The form of the paper [1]_ is ``AlSsnn(feedback="output", penalty="state",
+    gamma=1.0, stability=None)``.
 
     Parameters
     ----------
-    nx : int or "auto", default="auto"
-        Number of states; "auto" chooses 1 to 10 from the singular values.
+    nx : int, "auto" or array_like of int, default="auto"
+        Number of states. "auto" compares linear models of order 1, 2, ... on hidden
+        samples until three larger orders bring no gain; a range or a list compares the
+        orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
+        among the same orders, with "auto" up to one more than the best linear one. See
+        `orders_`.
     n_h : int or tuple of int, default=10
         Hidden neurons of h, by layer; 0 leaves h out.
     n_g : int or tuple of int, default=10
         Hidden neurons of g, by layer; 0 leaves g out.
-    gamma : float, default=1.0
-        Weight of the mean of ``|g|^2`` relative to that of the output error, with
-        outputs scaled to unit variance. A weight meant for unscaled outputs is
-        divided by var(y).
+    gamma : float, default=0.01
+        Weight of the mean of ``|e|^2``, with ``penalty="state"`` of ``|g|^2``, relative
+        to that of the output error, with outputs scaled to unit variance. A weight of
+        ``|g|^2`` that is meant for unscaled outputs is divided by var(y).
     n_k : int or tuple of int, default=0
         Hidden neurons of k in the output, by layer; 0 leaves k out.
     gamma_k : float, default=1.0
@@ -41,14 +49,14 @@ class AlSsnn(Ssnn):
     gamma_h : float, default=0.0
         Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
         one makes A the best linear fit and h only what is left of it (eq. split). With
-        0 the training leaves that split to chance, and A may be unstable though the
-        plant is not. Strongly nonlinear plants want 1e-4, mildly nonlinear ones more.
-    feedback : {"output", "state"}, default="output"
-        What h sees: the output y (the paper), or the state x, which needs an
-        observer in the loop but linearizes more plants.
-    penalty : {"state", "output"}, default="state"
-        What gamma weighs: ``|g|^2`` in state coordinates (the paper), or ``|e|^2``,
-        what g adds to the output (eq. gauge), which no state basis can hide.
+        0 the training leaves that split to chance. Strongly nonlinear plants want 1e-4,
+        mildly nonlinear ones more.
+    feedback : {"output", "state"}, default="state"
+        What h sees: the state x, which needs an observer in the loop but linearizes
+        more plants, or the output y (the paper).
+    penalty : {"state", "output"}, default="output"
+        What gamma weighs: ``|e|^2``, what g adds to the output (eq. gauge), which no
+        state basis can hide, or ``|g|^2`` in state coordinates (the paper).
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     h_inputs : array_like of int or str, or None, default=None
@@ -64,16 +72,24 @@ class AlSsnn(Ssnn):
         for all networks or by network, ``{"h": ..., "g": ..., "k": ...}``.
     odd : bool, default=False
         Whether h has no biases, so that h(-s) = -h(s).
-    stability : {"contractive"} or None, default=None
-        "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract).
-    phi : float, default=0.01
-        Rate of decay for ``stability="contractive"``, per sample: ``|x|^2`` of
-        the linear part falls by the share phi in every step.
+    stability : {"auto", "contractive"} or None, default="auto"
+        "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
+        of tanh or sigmoid then have bounded simulations for every bounded input. None
+        leaves A free. "auto" is "contractive" unless there is a `linear_start`, whose
+        basis of the states it would change.
+    phi : float, default=1e-5
+        Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
+        falls by at least the share phi in every step.
     continuation : int, default=0
-        Number of larger weights gamma that are trained first, each half a decade
-        above the next. Small weights, and `penalty="output"`, want 4.
-    alpha : float, default=0.0
-        Weight of the sum of squared network parameters.
+        Number of larger weights gamma that are trained first, each half a decade above
+        the next, if `alpha` is a number; "auto" goes down a path of alphas instead.
+    alpha : float or "auto", default="auto"
+        Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
+        it the random start, by the simulation error on hidden quarters of the record
+        (eq. holdout). It pulls the networks back to their start, so that a large weight
+        leaves the linear model; if no networks beat that model on the hidden quarters,
+        the fit returns it, with a ConvergenceWarning. A number is used as it is, pulls
+        towards zero, and hides no samples.
     input_delay : int, array_like of int of shape (nu,) or "auto", default=0
         Samples by which each input arrives late; "auto" takes the largest delay that
         costs neither prediction nor simulation of a linear model (eq. delay).
@@ -85,7 +101,7 @@ class AlSsnn(Ssnn):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
         B, in the units of the data; equal ones hold an entry.
-    integrators : int or "auto", default=0
+    integrators : int or "auto", default="auto"
         Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
         as positions and levels. No network sees their states. "auto" finds them. The
         mean of u gives way to the input at which they rest.
@@ -96,11 +112,13 @@ class AlSsnn(Ssnn):
         held at `operating_point`, which must be where the records begin.
     dt : float, default=1.0
         Sampling time, in seconds.
-    n_init : int, default=1
-        Number of random starts; the best on the coarse stage goes on.
+    n_init : int, default=3
+        Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
+        on, with a number the one of least cost on the coarse stage.
     max_iter : int, default=300
-        Largest number of trial steps of the coarse stage, or of the only one.
-    tol : float, default=1e-6
+        Largest number of trial steps of the coarse stage, or of the only one. A stage
+        of the search of ``alpha="auto"``, one alpha of one start, takes a 25th of it.
+    tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     max_time : float or None, default=None
         Seconds after which the fit stops at its next trial step, with the best
@@ -110,9 +128,9 @@ class AlSsnn(Ssnn):
         training, see `validation` of `fit`; None fits everything.
     n_iter_no_change : int, default=10
         Accepted steps without a new least validation error after which a stage ends.
-    coarse_samples : int or None, default=15000
-        Longer records are first trained on so many samples, their liveliest
-        stretch; None trains on all samples at once.
+    coarse_samples : int or None, default=8000
+        On longer records the search and the first stages of the training take so many
+        samples, the liveliest stretch; None takes all samples at once.
     polish_iter : int, default=30
         Largest number of trial steps on all samples after a coarse stage.
     method : {"lm", "trf"}, default="lm"
@@ -141,15 +159,25 @@ class AlSsnn(Ssnn):
         All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, W_g, W_x,
         W_u, b_x), in the user's units.
     singular_values_ : ndarray
-        Singular values behind ``nx="auto"``, descending.
+        Singular values of the subspace step, descending.
     nx_ : int
         Number of states.
+    orders_ : dict
+        How orders compare: root mean square error on hidden samples by `nx`, outputs of
+        unit variance, under "linear" (if `nx` was chosen) and, with ``alpha="auto"``,
+        "networks".
+    alpha_ : float
+        Weight of the squared network parameters that was given or found; inf if the
+        search found nothing better than the linear model.
     integrators_ : int
         Number of last states that are integrators.
     input_delay_ : ndarray of int of shape (nu,)
         Samples by which each input arrives late.
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
+    train_score_ : float
+        R2 of the simulation of the training record, initial states estimated as in
+        `score`; nan if the record stays on a cluster.
     n_iter_ : int
         Trial steps of the training, linear start excluded.
     converged_ : bool
@@ -187,10 +215,10 @@ class AlSsnn(Ssnn):
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.AlSsnn(nx=6, n_h=4, n_g=4, max_iter=20, tol=1e-2)
+    >>> record = alssnn.datasets.make_pendulum(1000, noise=0.01, random_state=0)
+    >>> model = alssnn.AlSsnn(nx=2, n_h=4, n_g=2, n_init=1, random_state=0)
     >>> model = model.fit(record.u, record.y)
-    >>> bool(model.score(record.u, record.y) > 0.95)
+    >>> bool(model.score(record.u, record.y) > 0.99)
     True
     """
 
@@ -237,7 +265,7 @@ class AlSsnn(Ssnn):
         output_weight=None,
         linear_start=None,
         bounds=None,
-        integrators=0,
+        integrators="auto",
         operating_point="mean",
         initial_state="estimate",
         dt=1.0,

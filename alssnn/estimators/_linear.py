@@ -17,8 +17,10 @@ class LinearStateSpace(StateSpaceModel):
 
     Parameters
     ----------
-    nx : int or "auto", default="auto"
-        Number of states; "auto" chooses 1 to 10 from the singular values.
+    nx : int, "auto" or array_like of int, default="auto"
+        Number of states. "auto" compares linear models of order 1, 2, ... on hidden
+        samples until three larger orders bring no gain; a range or a list compares the
+        orders that it names (eq. holdout). See `orders_`.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     initial_state : {"estimate", "rest"}, default="estimate"
@@ -46,7 +48,7 @@ class LinearStateSpace(StateSpaceModel):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
         and C, in the units of the data; equal ones hold an entry.
-    integrators : int or "auto", default=0
+    integrators : int or "auto", default="auto"
         Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
         as positions and levels. No network sees their states. "auto" finds them. The
         mean of u gives way to the input at which they rest.
@@ -65,15 +67,21 @@ class LinearStateSpace(StateSpaceModel):
     params_ : Bunch
         All parameters by name, in the user's units.
     singular_values_ : ndarray
-        Singular values behind ``nx="auto"``, descending.
+        Singular values of the subspace step, descending.
     nx_ : int
         Number of states.
+    orders_ : dict
+        How orders compare: root mean square error on hidden samples by `nx`, outputs of
+        unit variance, under "linear" (if `nx` was chosen).
     integrators_ : int
         Number of last states that are integrators.
     input_delay_ : ndarray of int of shape (nu,)
         Samples by which each input arrives late.
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
+    train_score_ : float
+        R2 of the simulation of the training record, initial states estimated as in
+        `score`; nan if the record stays on a cluster.
     n_iter_ : int
         Trial steps of the training.
     converged_ : bool
@@ -136,7 +144,7 @@ class LinearStateSpace(StateSpaceModel):
         output_weight=None,
         linear_start=None,
         bounds=None,
-        integrators=0,
+        integrators="auto",
         n_init_samples=50,
         verbose=0,
     ):

@@ -354,7 +354,9 @@ class Ssnn(StateSpaceModel):
 
         orders, candidates = self._orders, [len(linear.A)]
         if self.linear_start is not None or self.integrators_:
-            orders = compare_orders(experiments, None, model=linear)
+            orders = compare_orders(
+                experiments, None, model=linear, integrators=self.integrators_
+            )
         elif orders is None:
             orders = compare_orders(
                 experiments, candidates, feedthrough=self.feedthrough, watch=watch

@@ -1,17 +1,17 @@
 """The ladder: four models of the same data, side by side.
 
     LTI       x+ = A x + B u                          what a linear model can do
-    FL-SSNN   x+ = A x + B (u + h(y))                 exactly linearizable
-    AL-SSNN   x+ = A x + B (u + h(y)) + g(x, u)       g penalized by gamma
+    FL-SSNN   x+ = A x + B (u + h(x))                 exactly linearizable
+    AL-SSNN   x+ = A x + B (u + h(x)) + g(x, u)       g penalized by gamma
     GR-SSNN   x+ = A x + B u + f(x, u)                what a free model can do
 
 The distance from LTI to GR-SSNN says how nonlinear the plant is, and where FL-SSNN and
-AL-SSNN stand between them how much of that a static law u = v - h(y) can cancel.  All
-models see the same samples, orders and seeds, and the initial state of every test
-experiment is estimated from the same first samples, which are not scored.
+AL-SSNN stand between them how much of that a law u = v - h(x) can cancel.  All models
+see the same samples and seeds, and the initial state of every test experiment is
+estimated from the same first samples, which are not scored.
 
 Accuracy is one half of the answer.  The other is the output-referred residual
-(eq. gauge): with v = u + h(y_hat), it is
+(eq. gauge): with v = u + h(x), it is
 
     e = y_hat - (response of (A, B, C) to v),
 
@@ -19,7 +19,7 @@ what a linear design on (A, B, C) does not see.  For GR-SSNN, which has no h, e 
 whole of what f does to the output.
 """
 
-from ._fit import PRESETS, hold_out_last, model_ladder
+from ._fit import LADDER, PRESETS, hold_out_last, model_ladder
 from ._records import Ladder, Rung
 
-__all__ = ["PRESETS", "Ladder", "Rung", "hold_out_last", "model_ladder"]
+__all__ = ["LADDER", "PRESETS", "Ladder", "Rung", "hold_out_last", "model_ladder"]

@@ -15,7 +15,7 @@ def explain(rows, dt):
     Parameters
     ----------
     rows : sequence of Rung
-        Rows; those named LTI, AL-SSNN and "AL-SSNN/x" are spoken of.
+        Rows; those named LTI, AL-SSNN and "AL-SSNN/y" are spoken of.
     dt : float
         Sampling time, in seconds.
 
@@ -30,8 +30,8 @@ def explain(rows, dt):
         return ""
     al, lti = named["AL-SSNN"], named.get("LTI")
     sentences = [_about_linearity(al, lti), _about_stability(al, dt)]
-    if "AL-SSNN/x" in named:
-        sentences.insert(1, _about_feedback(al, named["AL-SSNN/x"]))
+    if "AL-SSNN/y" in named:
+        sentences.insert(1, _about_feedback(named["AL-SSNN/y"], al))
     if lti is not None:
         sentences.insert(0, _about_accuracy(al, lti))
     return "\n".join(
@@ -73,7 +73,7 @@ def _about_linearity(al, lti):
             "the simulation or A is unstable."
         )
     facts = (
-        f"Linearity: with u = v - h(y), {_percent(rest)} of the output of AL-SSNN is "
+        f"Linearity: with u = v - h, {_percent(rest)} of the output of AL-SSNN is "
         "still not the response of its linear part (A, B, C)"
     )
     if lti is None or not np.isfinite(lti.rmse_test).all():
@@ -91,9 +91,9 @@ def _about_linearity(al, lti):
     )
 
 
-def _about_feedback(al, state):
+def _about_feedback(output, state):
     rest, rest_state = (
-        float(100 * row.linearization_error.mean()) for row in (al, state)
+        float(100 * row.linearization_error.mean()) for row in (output, state)
     )
     if not np.isfinite(rest_state):
         return (

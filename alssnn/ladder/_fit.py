@@ -14,27 +14,19 @@ from ..experiments import split_experiments
 from ..metrics import fit_percent, rmse
 from ._records import Ladder, Rung
 
-# What the last model of AL-SSNN changes: the most linear loop that we know to train.
-# Without gamma_h it hides a large linear part in h, which A takes back: a step of two
-# tanks drives v to 34 V where no u above 9.3 V was seen, and with recorded u as v the
-# loops of pendulum and Wiener-Hammerstein circuit leave their data (65 % and 100 % of
-# the samples). 1e-6, the smallest weight tried, ends that; 1e-4 doubles what is left of
-# the nonlinearity on tanks, Duffing oscillator and circuit (`benchmarks.law_size`).
-STATE_FEEDBACK = {
-    "feedback": "state",
-    "penalty": "output",
-    "stability": "contractive",
-    "gamma": 0.01,
-    "gamma_h": 1e-6,
-    "continuation": 4,
-}
+# The models that one names, and what they change of the defaults of their estimators.
 PRESETS: dict[str, tuple[str, type, dict]] = {
     "lti": ("LTI", LinearStateSpace, {}),
     "fl": ("FL-SSNN", FlSsnn, {}),
     "al": ("AL-SSNN", AlSsnn, {}),
-    "al-state": ("AL-SSNN/x", AlSsnn, STATE_FEEDBACK),
+    "al-paper": (
+        "AL-SSNN/y",
+        AlSsnn,
+        {"feedback": "output", "penalty": "state", "gamma": 1.0, "stability": None},
+    ),
     "gr": ("GR-SSNN", GrSsnn, {}),
 }
+LADDER = ("lti", "fl", "al", "gr")  # those compared unless told otherwise
 N_INIT_SAMPLES = 50  # samples for the initial state, as the benchmarks allow
 
 
@@ -49,12 +41,15 @@ def model_ladder(
     n_h=10,
     n_g=10,
     n_f=15,
-    gamma=1.0,
+    gamma=None,
     gamma_h=None,
+    alpha="auto",
+    stability="auto",
+    feedback=None,
     dt=1.0,
     random_state=0,
-    max_iter=300,
-    n_init=1,
+    max_iter=None,
+    n_init=None,
     models=None,
     verbose=0,
     callback=None,
@@ -75,30 +70,39 @@ def model_ladder(
     test_size : float, default=0.5
         Share of every experiment, its last part, that is kept for testing; not used
         when `test` is given.
-    nx : int or "auto", default="auto"
-        Number of states; "auto" decides by the singular values.
+    nx : int, "auto" or array_like of int, default="auto"
+        Number of states; "auto", a range or a list chooses it by hidden samples, for
+        every model by itself.
     n_h, n_g : int, default=10
         Hidden neurons of h and g.
     n_f : int, default=15
         Hidden neurons of f in GR-SSNN.
-    gamma : float, default=1.0
-        Weight of ``|g|^2`` in AL-SSNN, outputs scaled to unit variance.
+    gamma : float or None, default=None
+        Weight of the residual in AL-SSNN, outputs scaled to unit variance; None means
+        0.01, and 1 for "al-paper".
     gamma_h : float or None, default=None
-        Weight of ``|h|^2`` in all models with h; None means 1e-6 for "al-state", 0 for
-        the others.
+        Weight of ``|h|^2`` in all models with h; None means 0.
+    alpha : float or "auto", default="auto"
+        Weight of the squared network parameters; "auto" chooses it by hidden samples.
+    stability : {"auto", "contractive"} or None, default="auto"
+        Whether A is a contraction, in all models with networks; "auto" leaves it to the
+        models: all are contractions but "al-paper".
+    feedback : {"output", "state"} or None, default=None
+        What h sees in all models with h; None leaves it to the models: the state, and
+        the output in "al-paper".
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
         Seed of the initial inner weights.
-    max_iter : int, default=300
-        Largest number of trial steps of every model; twice as many for "al-state".
-    n_init : int, default=1
-        Number of random starts of every model with networks.
+    max_iter : int or None, default=None
+        Largest number of trial steps of every model; None means 300, and 100 for "lti".
+    n_init : int or None, default=None
+        Number of random starts of every model with networks; None means 3.
     models : sequence of str or dict or None, default=None
-        Models to compare, of "lti", "fl", "al", "al-state" and "gr"; None means all.
-        "al-state" feeds back the state, penalizes e with a weight of 0.01 reached by
-        continuation, and keeps A a contraction. A dict of names and estimators
-        compares these instead; orders, weights and seeds are then their own.
+        Models to compare: "lti", "fl", "al" and "gr" are the estimators with their
+        defaults, and None means these four. "al-paper" is AL-SSNN in the form of the
+        paper: h sees the output, gamma weighs ``|g|^2``, and A is free. A dict of names
+        and estimators compares these instead; all options are then their own.
     verbose : int, default=0
         1 prints a line per stage of the training, 2 every step; not for a dict.
     callback : callable or None, default=None
@@ -121,33 +125,40 @@ def model_ladder(
 
     Notes
     -----
-    A fit that stops at `max_iter` gives no warning here but a star in the table. The
-    initial state of every test experiment is estimated from its first 50 samples (at
-    most a quarter of it), which are not scored.
+    A fit that stops at `max_iter` gives no warning here but a star in the table, and a
+    fit whose networks do not beat the linear model on hidden samples an equals sign.
+    The initial state of every test experiment is estimated from its first 50 samples
+    (at most a quarter of it), which are not scored.
 
     Examples
     --------
     >>> from alssnn.ladder import model_ladder
     >>> from alssnn.datasets import make_wiener_hammerstein
     >>> record = make_wiener_hammerstein(1500, random_state=0)
-    >>> ladder = model_ladder(*record, nx=6, dt=record.dt, models=["lti", "fl"])
+    >>> ladder = model_ladder(*record, nx=6, dt=record.dt, models=["lti"])
     >>> [row.name for row in ladder]
-    ['LTI', 'FL-SSNN']
+    ['LTI']
     """
     options = {
         "nx": nx,
         "n_h": n_h,
         "n_g": n_g,
         "n_f": n_f,
-        "gamma": gamma,
+        "alpha": alpha,
         "dt": dt,
         "random_state": random_state,
-        "max_iter": max_iter,
-        "n_init": n_init,
         "verbose": verbose,
     }
-    if gamma_h is not None:
-        options["gamma_h"] = gamma_h
+    choices = {
+        "gamma": gamma,
+        "gamma_h": gamma_h,
+        "feedback": feedback,
+        "max_iter": max_iter,
+        "n_init": n_init,
+    }
+    options |= {name: value for name, value in choices.items() if value is not None}
+    if stability != "auto":
+        options["stability"] = stability
     estimators = _estimators(models, options)
     train, test = _train_and_test(u, y, experiment, test, test_size)
     rows = []
@@ -170,7 +181,7 @@ def _estimators(models, options):
     if isinstance(models, Mapping):
         estimators = {str(name): clone(model) for name, model in models.items()}
     else:
-        keys = list(PRESETS) if models is None else models
+        keys = LADDER if models is None else models
         keys = [keys] if isinstance(keys, str) else list(keys)
         for key in keys:
             if key not in list(PRESETS):  # `key` may be unhashable
@@ -181,16 +192,11 @@ def _estimators(models, options):
         estimators = {}
         for name, cls, changes in (PRESETS[key] for key in keys):
             known = cls().get_params()
-            model = cls(**{k: v for k, v in options.items() if k in known})
-            if "gamma_h" in options:  # the caller's, not the preset's
-                changes = {k: v for k, v in changes.items() if k != "gamma_h"}
-            stages = 1 + changes.get("continuation", 0)
-            if stages > 1:  # twice the trial steps of the others, shared by the stages
-                changes = {**changes, "max_iter": max(1, 2 * model.max_iter // stages)}
-            estimators[name] = model.set_params(**changes)
+            chosen = {**changes, **options}  # the caller's before the preset's
+            estimators[name] = cls(**{k: v for k, v in chosen.items() if k in known})
     if not estimators:
         raise ValueError(
-            "`models` must name at least one model, got none. Use None for all of them."
+            "`models` must name at least one model, got none. Use None for four."
         )
     for model in estimators.values():
         model.set_params(n_init_samples=N_INIT_SAMPLES)  # one policy for all

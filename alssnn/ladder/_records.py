@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..estimators._ssnn import LEFT_LINEAR
 from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain
 
@@ -66,6 +67,11 @@ class Rung:
     def converged(self):
         """Return whether the training reached a tolerance."""
         return self.model.converged_
+
+    @property
+    def is_left_linear(self):
+        """Return whether the fit gave up its networks and left the linear model."""
+        return getattr(self.model, "message_", "").startswith(LEFT_LINEAR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,10 +151,15 @@ class Ladder:
         ]
         if not all(row.converged for row in self.rows):
             notes.append(f"* stopped before the cost settled: {self._late_falls()}")
+        if any(row.is_left_linear for row in self.rows):
+            notes.append(
+                "= the networks do not simulate hidden samples better than the linear "
+                "model, which was taken."
+            )
         # indented, for a name at the beginning of a line is a row
         return [
-            textwrap.fill(note, TEXT_WIDTH, subsequent_indent=indent)
-            for note, indent in zip(notes, ("", "  "), strict=False)
+            textwrap.fill(note, TEXT_WIDTH, subsequent_indent="  " if i else "")
+            for i, note in enumerate(notes)
         ]
 
     def _late_falls(self):
@@ -226,7 +237,7 @@ def _cells(row):
     """Return the row of the table as strings."""
     error = 100 * row.linearization_error.mean()
     return (
-        row.name + ("" if row.converged else " *"),
+        row.name + (" =" if row.is_left_linear else "" if row.converged else " *"),
         str(row.n_params),
         f"{row.rmse_train.mean():.3e}",
         f"{row.rmse_test.mean():.3e}",

@@ -8,7 +8,7 @@ from ._axes import color, finish, grid_of_axes
 
 
 class SingularValuesDisplay:
-    """Show the singular values from which the order of a model is chosen.
+    """Show the singular values of the subspace step of a model.
 
     Parameters
     ----------

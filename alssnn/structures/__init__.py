@@ -16,8 +16,8 @@ Acting on the regressor phi of one sample (see `simulation`), a term contributes
     P F_i S phi[cols],        P = F_1 ... F_(i-1),   S = F_(i+1) ... F_m
 
 so that the derivative by F_i[a, b] is  P[:, a] (S phi[cols])[b]  (eq. sens).
-`add_direct` writes these for many samples at once; nothing ever forms
-d Theta / d theta as a dense array.
+`Structure.direct` tabulates these gains and signals once for all samples; nothing ever
+forms d Theta / d theta as a dense array.
 """
 
 from ._state_space import state_space_structure

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from ..activations import ACTIVATIONS
-from ..kernels import add_diagonal, add_outer_products
 from ..lure import Lure
 from ..networks import ONE, AtRest
+from ._direct import Products
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +260,8 @@ class Structure:
 
     # -- derivative ----------------------------------------------------------------
 
-    def add_direct(self, p, Phi, WR, scale, out):
-        """Add the direct derivative of [x+; z] to `out` (eq. sens).
+    def direct(self, p, scale):
+        """Return the direct derivative of [x+; z] (eq. sens) as products.
 
         Direct means: at fixed states, so without the path through earlier samples.
 
@@ -269,49 +269,30 @@ class Structure:
         ----------
         p : dict of str to ndarray
             Parameters by name.
-        Phi : ndarray of shape (L, nx + nu + nw + 1)
-            Regressors of L samples.
-        WR : ndarray of shape (L, nx + nz, nw)
-            Derivative of [x+; z] by the neurons' inputs v, scaled like the rows.
         scale : ndarray of shape (nx + nz,)
             Weight of every row.
-        out : ndarray of shape (L, nx + nz, >= n_params)
-            Added to in place; trailing columns are left alone.
 
-        Notes
-        -----
-        Costs O(L (nx + nz) n_inner) for the n_inner parameters inside the neurons and
-        O(L n_nonzero) for the others.
+        Returns
+        -------
+        direct : Direct
+            What holds at all samples; the kernel makes the rest.
         """
-        n_rows = self.nx + self.nz
+        products = Products(scale, self.nw, self.nx + self.nu + self.nw + 1)
         for term in self.terms:
-            rows, phi = self.rows[term.rows], Phi[:, self.cols[term.cols]]
+            rows, cols = self.rows[term.rows], self.cols[term.cols]
             values = [self._value(factor, p) for factor in term.factors]
             for i, factor in enumerate(term.factors):
-                if not isinstance(factor, AtRest) and factor not in p:
-                    continue  # a constant
-                before, after = values[:i], values[i + 1 :]
-                signal = phi @ _product(after).T if after else phi
-                if rows.start >= n_rows:  # inside a neuron: moves every row
-                    gain = WR[:, :, rows.start - n_rows : rows.stop - n_rows]
-                    gain = gain @ _product(before) if before else gain
-                    self._add_products(factor, p, gain, signal, out)
-                elif before:
-                    gain = scale[rows, None] * _product(before)
-                    self._add_products(factor, p, gain, signal, out[:, rows])
-                else:  # the parameter [a, b] moves row a alone
-                    gain = np.repeat(scale[rows, None], signal.shape[1], axis=1)
-                    add_diagonal(gain, signal, out[:, rows, self.slices[factor]])
-
-    def _add_products(self, factor, p, gain, signal, out):
-        if isinstance(factor, AtRest):
-            for name, jacobian in factor.jacobian(p).items():
-                # its column meets the constant 1 of phi
-                where = out[:, :, self.slices[name]]
-                where += gain @ jacobian
-        else:
-            gain = np.broadcast_to(gain, (len(out), *gain.shape[-2:]))
-            add_outer_products(gain, signal, out[:, :, self.slices[factor]])
+                before = _product(values[:i]) if i else None
+                if isinstance(factor, AtRest):
+                    signal = products.signal(cols, None)  # the constant 1 of phi
+                    for name, jacobian in factor.jacobian(p).items():
+                        gain = jacobian if before is None else before @ jacobian
+                        products.add(rows, self.slices[name], gain, signal)
+                elif factor in p:
+                    after = values[i + 1 :]
+                    signal = products.signal(cols, _product(after) if after else None)
+                    products.add(rows, self.slices[factor], before, signal)
+        return products.direct()
 
 
 def _product(matrices):

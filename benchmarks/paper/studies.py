@@ -14,6 +14,7 @@ from alssnn.datasets import Record, fetch_wiener_hammerstein, make_prey_predator
 from alssnn.estimators._base import StateSpaceModel
 from alssnn.linearizability import Linearizability
 from alssnn.metrics import rmse
+from benchmarks._options import by_hand
 from benchmarks.paper import published
 
 LTI, GR, FL, AL = "LTI", "GR-SSNN", "FL-SSNN", "AL-SSNN"
@@ -78,7 +79,8 @@ def wiener_hammerstein_models(var_y, seed=0, quick=False):
         "polish_iter": 60,
     }
     gammas = {
-        gamma: AlSsnn(
+        gamma: by_hand(
+            AlSsnn,
             n_h=10,
             n_g=10,
             gamma=gamma / var_y,
@@ -92,11 +94,11 @@ def wiener_hammerstein_models(var_y, seed=0, quick=False):
     (gamma, _, _) = published.TRAINING["wh"][AL]
     models = {
         LTI: LinearStateSpace(**linear),
-        GR: GrSsnn(**gr),
-        FL: FlSsnn(n_h=10, **common),
+        GR: by_hand(GrSsnn, **gr),
+        FL: by_hand(FlSsnn, n_h=10, **common),
         AL: gammas[gamma],  # fitted once
-        STATE: AlSsnn(n_h=10, n_g=10, **state, **common),
-        OFFICIAL: GrSsnn(**gr),
+        STATE: by_hand(AlSsnn, n_h=10, n_g=10, **state, **common),
+        OFFICIAL: by_hand(GrSsnn, **gr),
     }
     if quick:
         for model in {*models.values(), *gammas.values()}:
@@ -119,10 +121,11 @@ def prey_predator(seed=0, quick=False, n_samples=50_000):
     }
     models = {
         LTI: LinearStateSpace(**linear),
-        GR: GrSsnn(n_f=12, n_init=3, max_iter=300, polish_iter=60, **common),
+        GR: by_hand(GrSsnn, n_f=12, n_init=3, max_iter=300, polish_iter=60, **common),
         # few parameters: all samples at once, lest it ends above the linear start
-        FL: FlSsnn(n_h=10, n_init=3, **{**common, "coarse_samples": None}),
-        AL: AlSsnn(
+        FL: by_hand(FlSsnn, n_h=10, n_init=3, **{**common, "coarse_samples": None}),
+        AL: by_hand(
+            AlSsnn,
             n_h=10,
             n_g=10,
             gamma=gamma / float(np.var(train.y)),
@@ -131,7 +134,7 @@ def prey_predator(seed=0, quick=False, n_samples=50_000):
             polish_iter=60,
             **common,
         ),
-        STATE: AlSsnn(n_h=10, n_g=10, polish_iter=60, **state, **common),
+        STATE: by_hand(AlSsnn, n_h=10, n_g=10, polish_iter=60, **state, **common),
     }
     if quick:
         for model in models.values():

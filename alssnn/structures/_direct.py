@@ -1,0 +1,141 @@
+"""The direct derivative of [x+; z] as a table of products of gains and signals."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels import CONSTANT, DIAGONAL, VARYING
+
+
+class Direct(NamedTuple):
+    """Hold G and D of (eq. sens) as products, for `kernels.differentiate`.
+
+    Parameters
+    ----------
+    table : ndarray of int of shape (n_products, 8)
+        What the kernel is told of every product.
+    constants : ndarray of shape (nx + nz, n_constants)
+        Gains of parameters outside the neurons; the first column scales the rows.
+    gain_map : ndarray of shape (nw, n_gains)
+        Gains of parameters inside the neurons, by the gains of the neurons.
+    signal_map : ndarray of shape (nx + nu + nw + 1, n_signals)
+        Signals, by the regressors.
+    """
+
+    table: np.ndarray
+    constants: np.ndarray
+    gain_map: np.ndarray
+    signal_map: np.ndarray
+
+    def factors(self, Phi, WR):
+        """Return the gains and signals of some samples.
+
+        Parameters
+        ----------
+        Phi : ndarray of shape (L, nx + nu + nw + 1)
+            Regressors.
+        WR : ndarray of shape (L, nx + nz, nw)
+            Derivative of [x+; z] by the neurons' inputs v, scaled like the rows.
+
+        Returns
+        -------
+        gains : ndarray of shape (L, nx + nz, n_gains)
+            Left factors.
+        signals : ndarray of shape (L, n_signals)
+            Right factors.
+        """
+        L, n_rows, nw = WR.shape
+        n_gains, n_signals = self.gain_map.shape[1], self.signal_map.shape[1]
+        if n_gains > nw:  # else they are those of the neurons
+            WR = (WR.reshape(-1, nw) @ self.gain_map).reshape(L, n_rows, n_gains)
+        return WR, Phi @ self.signal_map if n_signals > Phi.shape[1] else Phi
+
+
+class Products:
+    """Collect products, and make a `Direct` of them.
+
+    Parameters
+    ----------
+    scale : ndarray of shape (nx + nz,)
+        Weight of every row of [x+; z].
+    nw : int
+        Number of neurons.
+    n_phi : int
+        Number of regressors.
+    """
+
+    def __init__(self, scale, nw, n_phi):
+        self.scale = scale
+        self.table = []
+        self.constants = [scale[:, None]]
+        self.gains, self.signals = [np.eye(nw)], [np.eye(n_phi)]
+
+    def signal(self, cols, after):
+        """Return place and length of a signal.
+
+        Parameters
+        ----------
+        cols : slice
+            Regressors that it sees.
+        after : ndarray of shape (b, n_cols) or None
+            What stands behind the parameter; None for the regressors themselves.
+
+        Returns
+        -------
+        signal : tuple of int
+            Place and length.
+        """
+        if after is None:
+            return cols.start, cols.stop - cols.start
+        return _append(self.signals, cols, after.T), len(after)
+
+    def add(self, rows, columns, before, signal):
+        """Add a parameter.
+
+        Parameters
+        ----------
+        rows : slice
+            Rows of Theta that its term adds to.
+        columns : slice
+            Its place in theta.
+        before : ndarray of shape (n_rows, a) or None
+            What stands before it; None for nothing.
+        signal : tuple of int
+            Place and length of its signal.
+        """
+        n_rows, n = len(self.scale), rows.stop - rows.start
+        a, span = n if before is None else before.shape[1], (rows.start, rows.stop)
+        if rows.start >= n_rows:  # inside a neuron: moves every row
+            neurons, span = slice(rows.start - n_rows, rows.stop - n_rows), (0, n_rows)
+            kind, place = VARYING, neurons.start
+            if before is not None:
+                place = _append(self.gains, neurons, before)
+        elif before is not None:
+            kind = CONSTANT
+            place = _append(self.constants, rows, self.scale[rows, None] * before)
+        else:  # the parameter [a, b] moves row a alone
+            kind, place = DIAGONAL, 0
+        s, b = signal
+        self.table.append((*span, columns.start, a, b, place, s, kind))
+
+    def direct(self):
+        """Return all products.
+
+        Returns
+        -------
+        direct : Direct
+            For the kernel.
+        """
+        table = np.array(self.table, dtype=np.int64).reshape(-1, 8)
+        return Direct(
+            table, *map(np.hstack, (self.constants, self.gains, self.signals))
+        )
+
+
+def _append(blocks, rows, block):
+    """Append columns that are zero but for some rows; return their place."""
+    whole = np.zeros((len(blocks[0]), block.shape[1]))
+    whole[rows] = block
+    place = sum(b.shape[1] for b in blocks)
+    blocks.append(whole)
+    return place
