@@ -208,7 +208,8 @@ class _Search:
         self.njev += 1
         self.edge = x.copy()
         jacobian = self.criterion.jac(x)
-        self.anchor, self.reach = self.edge, np.inf
+        if self.anchor is None or np.any(x != self.anchor):
+            self.anchor, self.reach = self.edge, np.inf
         return jacobian
 
     def accept(self, x):

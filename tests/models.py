@@ -7,8 +7,38 @@ import pandas as pd
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
+from alssnn import AlSsnn, FlSsnn, GrSsnn
+
+# The training alone, for tests of its mechanics: no search by hidden samples, a free A
+# and a tolerance that leaves the number of steps to `max_iter`.
+PLAIN = {
+    "alpha": 0.0,
+    "n_init": 1,
+    "stability": None,
+    "phi": 0.01,
+    "coarse_samples": 15_000,
+    "tol": 1e-6,
+}
+OUTPUT = {"feedback": "output"}
+PENALIZED = {"penalty": "state", "gamma": 1.0}
+
 N = 300
 FIRST = 120  # samples of the first of two experiments
+
+
+def al_ssnn(*sizes, **options):
+    """Return an `AlSsnn` that is trained without a search."""
+    return AlSsnn(*sizes, **{**PLAIN, **OUTPUT, **PENALIZED, **options})
+
+
+def fl_ssnn(*sizes, **options):
+    """Return an `FlSsnn` that is trained without a search."""
+    return FlSsnn(*sizes, **{**PLAIN, **OUTPUT, **options})
+
+
+def gr_ssnn(*sizes, **options):
+    """Return a `GrSsnn` that is trained without a search."""
+    return GrSsnn(*sizes, **{**PLAIN, **options})
 
 
 def record(nu, ny, seed=0):

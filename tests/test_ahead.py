@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
-from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.feedback import Dynamics
+from models import al_ssnn, fl_ssnn
 
 OPTIONS = {"max_iter": 8, "tol": 1e-2, "random_state": 0}
 MODELS = {
     "linear": LinearStateSpace(nx=2),
-    "al": AlSsnn(nx=2, n_h=2, n_g=2, **OPTIONS),
-    "feedthrough": AlSsnn(nx=2, n_h=2, n_g=0, n_k=2, feedthrough=True, **OPTIONS),
-    "late": FlSsnn(nx=2, n_h=(2, 2), input_delay=[2, 0], **OPTIONS),
+    "al": al_ssnn(nx=2, n_h=2, n_g=2, **OPTIONS),
+    "feedthrough": al_ssnn(nx=2, n_h=2, n_g=0, n_k=2, feedthrough=True, **OPTIONS),
+    "late": fl_ssnn(nx=2, n_h=(2, 2), input_delay=[2, 0], **OPTIONS),
 }
 
 

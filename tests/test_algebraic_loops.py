@@ -10,11 +10,11 @@ from scipy.optimize import fsolve
 from sklearn.exceptions import ConvergenceWarning
 from test_model_class import DT, equations, make_record
 
-from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.feedback import closed_loop, lqi, lqr, weigh_outputs
 from alssnn.feedback.algebraic import AlgebraicLoop
 from alssnn.mpc import LinearizingMPC
-from models import lively
+from models import al_ssnn, fl_ssnn, lively
 
 SMALL = {"nx": 2, "max_iter": 20, "tol": 1e-2, "random_state": 0, "dt": DT}
 # another plant with 2 inputs and outputs, in the units of the record
@@ -30,8 +30,8 @@ def fitted():
     models = {
         "linear, D": LinearStateSpace(2, dt=DT, feedthrough=True),
         "linear": LinearStateSpace(2, dt=DT),
-        "fl": FlSsnn(n_h=3, **SMALL),
-        "al, D, k": AlSsnn(
+        "fl": fl_ssnn(n_h=3, **SMALL),
+        "al, D, k": al_ssnn(
             n_h=2, n_g=2, n_k=2, feedthrough=True, feedback="state", **SMALL
         ),
     }

@@ -5,14 +5,15 @@ import csv
 import numpy as np
 import pytest
 
-from alssnn import GrSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.datasets import Record, make_pendulum
 from alssnn.metrics import rmse
 from benchmarks import recordings
+from models import gr_ssnn
 
 MODELS = {
     "LTI": LinearStateSpace(nx=2, operating_point="zero"),
-    "GR": GrSsnn(2, 2, operating_point="zero", max_iter=3),
+    "GR": gr_ssnn(2, 2, operating_point="zero", max_iter=3),
 }
 
 

@@ -10,7 +10,7 @@ import control
 import numpy as np
 import pytest
 
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.feedback import (
     DisturbanceObserver,
     Dynamics,
@@ -18,7 +18,7 @@ from alssnn.feedback import (
     lqi,
     lqr,
 )
-from models import fit, lively, simulate
+from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, simulate
 
 if shutil.which("gcc") is None:
     pytest.skip("no gcc", allow_module_level=True)
@@ -32,14 +32,14 @@ DEEP = {"n_h": (3, 2), "n_g": (4, 3)}
 # estimator and (nu, ny)
 MODELS = {
     "linear": (LinearStateSpace(nx=2, dt=0.25), (1, 1)),
-    "fl": (FlSsnn(nx=2, n_h=3, **SMALL), (1, 1)),
+    "fl": (fl_ssnn(nx=2, n_h=3, **SMALL), (1, 1)),
     "fl, state, sin": (
-        FlSsnn(nx=3, n_h=3, feedback="state", activation="sin", **SMALL),
+        fl_ssnn(nx=3, n_h=3, feedback="state", activation="sin", **SMALL),
         (2, 1),
     ),
-    "al": (AlSsnn(nx=3, n_h=4, n_g=3, **SMALL), (2, 2)),
+    "al": (al_ssnn(nx=3, n_h=4, n_g=3, **SMALL), (2, 2)),
     "al, state, deep": (
-        AlSsnn(
+        al_ssnn(
             nx=3,
             feedback="state",
             activation={"h": "sigmoid", "g": "relu"},
@@ -48,10 +48,10 @@ MODELS = {
         ),
         (2, 2),
     ),
-    "al, odd, deep": (AlSsnn(nx=2, odd=True, **DEEP, **SMALL), (1, 2)),
-    "gr, identity": (GrSsnn(nx=2, n_f=3, activation="identity", **SMALL), (2, 1)),
+    "al, odd, deep": (al_ssnn(nx=2, odd=True, **DEEP, **SMALL), (1, 2)),
+    "gr, identity": (gr_ssnn(nx=2, n_f=3, activation="identity", **SMALL), (2, 1)),
     "D, k, late": (
-        AlSsnn(
+        al_ssnn(
             nx=2,
             n_h=2,
             n_g=2,
@@ -63,10 +63,10 @@ MODELS = {
         (2, 2),
     ),
     "D, state": (
-        AlSsnn(nx=2, n_h=2, n_g=0, feedback="state", feedthrough=True, **SMALL),
+        al_ssnn(nx=2, n_h=2, n_g=0, feedback="state", feedthrough=True, **SMALL),
         (1, 1),
     ),
-    "all late": (GrSsnn(nx=2, n_f=2, input_delay=(1, 2), **SMALL), (2, 1)),
+    "all late": (gr_ssnn(nx=2, n_f=2, input_delay=(1, 2), **SMALL), (2, 1)),
 }
 LOOPS = ["fl", "fl, state, sin", "al", "al, state, deep", "gr, identity", "all late"]
 
@@ -141,7 +141,7 @@ def test_the_model_simulates_as_predict(fitted, name, dtype, tmp_path):
 
 
 def test_sources_are_short_and_name_their_signals(fitted, tmp_path):
-    model = lively(fit(AlSsnn(nx=6, n_h=10, n_g=10, **SMALL), 1, 1))
+    model = lively(fit(al_ssnn(nx=6, n_h=10, n_g=10, **SMALL), 1, 1))
     model.to_c(tmp_path, gain=lqi(model, np.eye(7), np.eye(1)), prefix="motor")
     lines = {p.name: len(p.read_text().splitlines()) for p in tmp_path.iterdir()}
     assert lines["motor.c"] < 300 and lines["motor.h"] < 100

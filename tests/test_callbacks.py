@@ -8,8 +8,8 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
 
-from alssnn import AlSsnn
 from alssnn.datasets import make_wiener_hammerstein
+from models import al_ssnn
 
 callback = pytest.importorskip("sklearn.callback", reason="needs scikit-learn 1.9")
 
@@ -28,7 +28,7 @@ def record():
 
 @pytest.fixture
 def model():
-    return AlSsnn(2, 2, 2, max_iter=12, coarse_samples=300, random_state=0)
+    return al_ssnn(2, 2, 2, max_iter=12, coarse_samples=300, random_state=0)
 
 
 class Follower:

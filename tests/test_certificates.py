@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 
-from alssnn import AlSsnn
 from alssnn.certificates import (
     data_bound,
     gain_certificate,
@@ -24,6 +23,7 @@ from alssnn.simulation import channels, simulate
 from alssnn.stability import contraction
 from alssnn.structures import state_space_structure
 from helpers import random_theta, simulate_linear
+from models import al_ssnn
 
 METHODS = ["lyapunov", "sdp"]
 
@@ -47,7 +47,7 @@ def fitted():
         np.array([[0.7, 0.2], [-0.2, 0.6]]), np.ones((2, 1)), np.eye(2)[:1], u
     )
     y = y + 0.1 * np.tanh(y)
-    model = AlSsnn(
+    model = al_ssnn(
         nx=2,
         n_h=3,
         n_g=3,

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import AlSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.model_selection import GammaPath
 from alssnn.plotting import (
     BodeDisplay,
@@ -25,6 +25,7 @@ from alssnn.plotting import (
     SingularValuesDisplay,
 )
 from alssnn.validation import frequency_response
+from models import al_ssnn
 
 pandas = pytest.importorskip("pandas")
 DT = 0.1  # s
@@ -60,7 +61,7 @@ def fit(model, data):
 
 @pytest.fixture(scope="module", params=["output", "state"])
 def model(request, data):
-    estimator = AlSsnn(
+    estimator = al_ssnn(
         nx=2, n_h=2, n_g=3, feedback=request.param, max_iter=15, random_state=0
     )
     return fit(estimator, data)

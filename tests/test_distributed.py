@@ -12,11 +12,12 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
 
-from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn import FlSsnn, LinearStateSpace
 from alssnn.criterion import Criterion
 from alssnn.mapping import Held
 from alssnn.structures import state_space_structure
 from helpers import random_theta
+from models import al_ssnn, fl_ssnn
 
 dask = pytest.importorskip("distributed", reason='needs the extra "cluster"')
 remote = pytest.importorskip("alssnn.distributed")
@@ -137,10 +138,29 @@ def test_sums_are_those_of_one_process(client, futures, experiments, rng, fan_in
 
 
 @pytest.mark.parametrize(
+    ("coarse_samples", "initial_state"),
+    [(300, "estimate"), pytest.param(None, "rest", marks=pytest.mark.slow)],
+)
+def test_a_search_looks_at_what_is_near(
+    client, futures, experiments, coarse_samples, initial_state
+):
+    us, ys = map(list, zip(*experiments, strict=True))
+    options = {"coarse_samples": coarse_samples, "initial_state": initial_state}
+    model = FlSsnn(2, 3, max_iter=25, n_init=1, random_state=0, **options)
+    here = clone(model).fit(us, ys)
+    there = remote.fit(clone(model), futures, client=client)
+    assert list(there.orders_["networks"]) == [2]
+    assert np.isfinite(there.alpha_) == np.isfinite(here.alpha_)
+    assert np.isfinite(there.cost_) and there.x0_.shape == (5, 2)
+    assert there.score(us, ys) > here.score(us, ys) - 0.01
+    assert np.isnan(there.train_score_)  # it would need a pass of its own
+
+
+@pytest.mark.parametrize(
     "model",
     [
-        FlSsnn(2, 3, gamma_h=1e-3, max_iter=15, coarse_samples=300, random_state=0),
-        AlSsnn(2, 2, 2, max_iter=6, coarse_samples=None, n_init=2, random_state=0),
+        fl_ssnn(2, 3, gamma_h=1e-3, max_iter=15, coarse_samples=300, random_state=0),
+        al_ssnn(2, 2, 2, max_iter=6, coarse_samples=None, n_init=2, random_state=0),
         LinearStateSpace(2, input_delay="auto"),
     ],
     ids=lambda model: type(model).__name__,
@@ -191,15 +211,15 @@ def test_no_data_leave_the_workers_in_an_iteration(client, monkeypatch):
 
 def test_errors_name_what_is_wrong(client, futures):
     with pytest.raises(ValueError, match="at least one future"):
-        remote.fit(FlSsnn(2), [], client=client)
+        remote.fit(fl_ssnn(2), [], client=client)
     with pytest.raises(ValueError, match=r"same inputs and outputs, got.*\(1, 2\)"):
         odd = client.submit(lambda: (np.ones((9, 1)), np.ones((9, 2))))
-        remote.fit(FlSsnn(2), [*futures, odd], client=client)
+        remote.fit(fl_ssnn(2), [*futures, odd], client=client)
     with pytest.raises(ValueError, match="finite inputs"):
         bad = client.submit(lambda: (np.full((9, 2), np.nan), np.ones((9, 2))))
-        remote.fit(FlSsnn(2), [*futures, bad], client=client)
+        remote.fit(fl_ssnn(2), [*futures, bad], client=client)
     with pytest.raises(ValueError, match="`validation_fraction` must be None"):
-        remote.fit(FlSsnn(2, validation_fraction=0.1), futures, client=client)
+        remote.fit(fl_ssnn(2, validation_fraction=0.1), futures, client=client)
 
 
 # -- whole fits on the workers ---------------------------------------------------------
@@ -207,7 +227,7 @@ def test_errors_name_what_is_wrong(client, futures):
 
 def test_restarts_on_a_cluster_are_those_of_one_process(client, experiments):
     us, ys = map(list, zip(*experiments, strict=True))
-    model = AlSsnn(2, 2, 2, n_init=3, max_iter=4, random_state=0)
+    model = al_ssnn(2, 2, 2, n_init=3, max_iter=4, random_state=0)
     here = clone(model).fit(us, ys)
     with joblib.parallel_config(backend="dask"):
         there = clone(model).fit(us, ys)
@@ -217,7 +237,7 @@ def test_restarts_on_a_cluster_are_those_of_one_process(client, experiments):
 
 
 def search():
-    model = FlSsnn(2, 2, max_iter=6, random_state=0)
+    model = fl_ssnn(2, 2, max_iter=6, random_state=0)
     return GridSearchCV(model, {"gamma_h": [0.0, 1e-3]}, cv=TimeSeriesSplit(2))
 
 
@@ -269,7 +289,7 @@ def test_a_search_survives_a_killed_worker(tmp_path):
 @pytest.mark.slow
 def test_a_fit_survives_a_killed_worker(experiments):
     us, ys = map(list, zip(*experiments, strict=True))
-    model = FlSsnn(2, 3, gamma_h=1e-3, max_iter=10, coarse_samples=300, random_state=0)
+    model = fl_ssnn(2, 3, gamma_h=1e-3, max_iter=10, coarse_samples=300, random_state=0)
     expected = clone(model).fit(us, ys)
     with (
         dask.LocalCluster(

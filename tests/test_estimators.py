@@ -7,18 +7,19 @@ import pytest
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.simulation import simulate
 from alssnn.structures import state_space_structure
 from helpers import simulate_linear
+from models import al_ssnn, fl_ssnn, gr_ssnn
 
 ESTIMATORS = [
     LinearStateSpace(nx=2),
-    FlSsnn(nx=2, n_h=2, max_iter=8, tol=1e-2, random_state=0),
-    AlSsnn(nx=2, n_h=2, n_g=2, max_iter=8, tol=1e-2, random_state=0),
-    GrSsnn(nx=2, n_f=2, max_iter=8, tol=1e-2, random_state=0),
-    AlSsnn(
+    fl_ssnn(nx=2, n_h=2, max_iter=8, tol=1e-2, random_state=0),
+    al_ssnn(nx=2, n_h=2, n_g=2, max_iter=8, tol=1e-2, random_state=0),
+    gr_ssnn(nx=2, n_f=2, max_iter=8, tol=1e-2, random_state=0),
+    al_ssnn(
         nx=2,
         n_h=2,
         n_g=2,
@@ -131,7 +132,7 @@ def test_same_seed_same_result_other_seed_other_result(estimator, mimo):
 
 def test_random_state_none_and_generator(mimo):
     u, y = mimo
-    small = AlSsnn(nx=2, n_h=2, n_g=2, max_iter=3)
+    small = al_ssnn(nx=2, n_h=2, n_g=2, max_iter=3)
     small.set_params(random_state=np.random.RandomState(3)).fit(u, y)
     assert np.isfinite(small.cost_)
 
@@ -230,7 +231,7 @@ def test_score_of_a_diverging_model_is_minus_infinity(mimo):
 # -- limits and known systems ----------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", [AlSsnn(2, 0, 0), FlSsnn(2, 0), GrSsnn(2, 0)])
+@pytest.mark.parametrize("model", [al_ssnn(2, 0, 0), fl_ssnn(2, 0), gr_ssnn(2, 0)])
 def test_no_neurons_is_the_linear_model(model, mimo):
     u, y = mimo
     linear = LinearStateSpace(nx=2).fit(u, y)
@@ -240,7 +241,7 @@ def test_no_neurons_is_the_linear_model(model, mimo):
 
 def test_alssnn_without_any_argument():
     record = make_wiener_hammerstein(600, random_state=0)
-    model = AlSsnn(random_state=0).fit(record.u, record.y)
+    model = al_ssnn(random_state=0).fit(record.u, record.y)
     assert model.score(record.u, record.y) > 0.99
     linear = LinearStateSpace().fit(record.u, record.y)
     assert 1 - model.score(record.u, record.y) < 0.1 * (
@@ -251,7 +252,7 @@ def test_alssnn_without_any_argument():
 def test_large_gamma_drives_the_residual_to_zero(mimo):
     u, y = mimo
     ratios = [
-        AlSsnn(2, 2, 2, gamma=gamma, max_iter=30, random_state=0)
+        al_ssnn(2, 2, 2, gamma=gamma, max_iter=30, random_state=0)
         .fit(u, y)
         .linearizability(u, y)
         .ratio_g_mean
@@ -277,7 +278,7 @@ def test_exact_recovery_of_a_known_fl_system(rng):
         simulate(structure.lure(theta), u, np.zeros(2))[:-1]
         @ structure.constants["C"][0]
     )
-    model = FlSsnn(
+    model = fl_ssnn(
         nx=2, n_h=2, n_init=6, tol=1e-14, operating_point="zero", random_state=0
     ).fit(u[:1000], y[:1000])
     error = y[1000:] - model.predict(u[1000:], x0=model.estimate_x0(u[1000:], y[1000:]))
@@ -287,7 +288,7 @@ def test_exact_recovery_of_a_known_fl_system(rng):
 @pytest.mark.parametrize("penalty", ["state", "output"])
 def test_a_contraction_is_kept_and_makes_P_equal_to_the_identity(mimo, penalty):
     u, y = mimo
-    model = AlSsnn(
+    model = al_ssnn(
         2,
         3,
         3,
@@ -323,7 +324,7 @@ def test_an_unstable_linear_part_is_reported(bounded):
     with pytest.warns(
         ConvergenceWarning, match=r"unstable, spectral radius.*contractive"
     ):
-        model = FlSsnn(1, 2, max_iter=100, n_init=3, random_state=0).fit(u, y)
+        model = fl_ssnn(1, 2, max_iter=100, n_init=3, random_state=0).fit(u, y)
     assert np.abs(np.linalg.eigvals(model.A_)).max() > 1
     assert model.score(u, y) > 0.99
 
@@ -347,7 +348,7 @@ def test_a_weight_of_h_leaves_what_is_linear_to_A(bounded, mimo, feedback):
     mild = mimo, 0.1, {"nx": 2, "n_h": 6}
     for (u, y), weight, sizes in (strong, mild):
         options = {"feedback": feedback, "max_iter": 100, "random_state": 0}
-        model = FlSsnn(**{"n_h": 2, **options, **sizes})
+        model = fl_ssnn(**{"n_h": 2, **options, **sizes})
         shares, scores = [], []
         for gamma_h in (0.0, weight):
             model.set_params(gamma_h=gamma_h).fit(u, y)
@@ -361,7 +362,7 @@ def test_a_weight_of_h_leaves_what_is_linear_to_A(bounded, mimo, feedback):
 def test_a_large_weight_of_h_leaves_the_linear_model(mimo):
     u, y = mimo
     options = {"nx": 2, "n_h": 2, "max_iter": 60, "random_state": 0}
-    scores = [FlSsnn(gamma_h=w, **options).fit(u, y).score(u, y) for w in (0.0, 1e6)]
+    scores = [fl_ssnn(gamma_h=w, **options).fit(u, y).score(u, y) for w in (0.0, 1e6)]
     linear = LinearStateSpace(nx=2).fit(u, y).score(u, y)
     assert scores[1] == pytest.approx(linear, abs=1e-3)
     assert scores[0] > linear + 1e-3
@@ -372,7 +373,7 @@ def test_a_large_weight_of_h_leaves_the_linear_model(mimo):
 
 def test_warm_start_continues(mimo):
     u, y = mimo
-    model = AlSsnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    model = al_ssnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
     first = model.cost_
     assert model.fit(u, y).cost_ < first
     cold = clone(model).set_params(warm_start=False).fit(u, y)
@@ -384,7 +385,7 @@ def test_warm_start_continues(mimo):
 @pytest.mark.parametrize("n", [0, 2])
 def test_warm_start_begins_anew_with_other_signals(mimo, n):
     u, y = mimo
-    model = AlSsnn(2, n, n, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    model = al_ssnn(2, n, n, max_iter=4, warm_start=True, random_state=0).fit(u, y)
     for signals in ((u[:, :1], y), (u, y[:, :1]), (u, y[:, 0])):
         cold = clone(model).set_params(warm_start=False).fit(*signals)
         assert model.fit(*signals).cost_ == cold.cost_
@@ -394,7 +395,7 @@ def test_warm_start_begins_anew_with_other_signals(mimo, n):
 
 def test_warm_start_begins_anew_where_A_is_no_contraction(mimo):
     u, y = mimo
-    model = AlSsnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    model = al_ssnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
     for phi in (0.05, 0.6):
         model.set_params(stability="contractive", phi=phi).fit(u, y)
         A = model.A_ / model._x_scale[:, None] * model._x_scale
@@ -403,7 +404,7 @@ def test_warm_start_begins_anew_where_A_is_no_contraction(mimo):
 
 def test_restarts_do_not_depend_on_n_jobs(mimo):
     u, y = mimo
-    small = AlSsnn(2, 2, 2, max_iter=4, n_init=3, random_state=0)
+    small = al_ssnn(2, 2, 2, max_iter=4, n_init=3, random_state=0)
     alone = clone(small).fit(u, y)
     pair = clone(small).set_params(n_jobs=2).fit(u, y)
     np.testing.assert_array_equal(alone.predict(u), pair.predict(u))
@@ -414,7 +415,7 @@ def test_weight_decay_shrinks_the_networks(mimo):
     u, y = mimo
     sizes = []
     for alpha in (0.0, 0.1):
-        model = AlSsnn(2, 2, 2, alpha=alpha, max_iter=20, random_state=0).fit(u, y)
+        model = al_ssnn(2, 2, 2, alpha=alpha, max_iter=20, random_state=0).fit(u, y)
         sizes.append(sum(np.sum(model.params_[k] ** 2) for k in ("W_h", "W_g")))
     assert sizes[1] < 0.5 * sizes[0]
 
@@ -422,15 +423,15 @@ def test_weight_decay_shrinks_the_networks(mimo):
 @pytest.mark.parametrize("method", ["lm", "trf"])
 def test_methods_reach_the_same_cost_level(mimo, method):
     u, y = mimo
-    model = FlSsnn(2, 2, method=method, max_iter=60, random_state=0).fit(u, y)
+    model = fl_ssnn(2, 2, method=method, max_iter=60, random_state=0).fit(u, y)
     assert model.score(u, y) > 0.99
 
 
 def test_verbose_prints_progress(mimo, capsys):
     u, y = mimo
-    AlSsnn(2, 1, 1, max_iter=3, random_state=0).fit(u, y)
+    al_ssnn(2, 1, 1, max_iter=3, random_state=0).fit(u, y)
     assert capsys.readouterr().out == ""
-    AlSsnn(2, 1, 1, max_iter=3, random_state=0, verbose=2).fit(u, y)
+    al_ssnn(2, 1, 1, max_iter=3, random_state=0, verbose=2).fit(u, y)
     out = capsys.readouterr().out
     assert "linear" in out
     assert "train" in out
@@ -440,7 +441,7 @@ def test_verbose_prints_progress(mimo, capsys):
 def test_stopping_early_is_a_convergence_warning(mimo):
     u, y = mimo
     with pytest.warns(ConvergenceWarning, match=r"AlSsnn stopped.*Increase `max_iter`"):
-        model = AlSsnn(2, 2, 2, max_iter=2, random_state=0).fit(u, y)
+        model = al_ssnn(2, 2, 2, max_iter=2, random_state=0).fit(u, y)
     assert not model.converged_
 
 
@@ -480,7 +481,7 @@ def test_names_without_dataframes(mimo):
 
 def test_linearizability_of_models_without_residual(mimo):
     u, y = mimo
-    fl = FlSsnn(2, 2, max_iter=20, random_state=0).fit(u, y).linearizability(u, y)
+    fl = fl_ssnn(2, 2, max_iter=20, random_state=0).fit(u, y).linearizability(u, y)
     np.testing.assert_allclose(fl.linearization_error, 0, atol=1e-12)
     assert fl.ratio_h_mean > 1e-3
     linear = LinearStateSpace(nx=2).fit(u, y).linearizability(u, y)
@@ -491,7 +492,7 @@ def test_linearizability_of_models_without_residual(mimo):
 @pytest.mark.parametrize("feedback", ["output", "state"])
 def test_linearizability_in_the_units_of_the_user(mimo, feedback):
     u, y = mimo
-    model = AlSsnn(2, 2, 2, gamma=0.01, max_iter=20, random_state=0, feedback=feedback)
+    model = al_ssnn(2, 2, 2, gamma=0.01, max_iter=20, random_state=0, feedback=feedback)
     record = model.fit(u, y).linearizability(u, y)
     p, du = model.params_, u - model.u_offset_
     for closed in (False, True):
@@ -543,7 +544,7 @@ def test_training_data_are_inside_their_region(estimator, mimo):
 
 def test_experiments_are_measured_together(mimo):
     u, y = mimo
-    model = AlSsnn(2, 2, 2, max_iter=8, random_state=0).fit(u, y)
+    model = al_ssnn(2, 2, 2, max_iter=8, random_state=0).fit(u, y)
     parts = [slice(0, 150), slice(150, 400)]
     single = [model.linearizability(u[part], y[part]) for part in parts]
     both = model.linearizability(u, y, np.repeat([0, 1], [150, 250]))
@@ -557,7 +558,7 @@ def test_experiments_are_measured_together(mimo):
 
 def test_states_that_only_the_cost_needs_change_no_measure(mimo):
     u, y = mimo
-    model = AlSsnn(2, 2, 2, max_iter=8, random_state=0).fit(u, y)
+    model = al_ssnn(2, 2, 2, max_iter=8, random_state=0).fit(u, y)
     plain = model.linearizability(u, y)
     model._structure = state_space_structure(
         2, 2, 2, n_h=2, n_g=2, C=model._structure.constants["C"], penalty="output"
@@ -682,4 +683,4 @@ def test_unfitted(estimator, mimo):
 def test_parameters_are_validated_in_fit(mimo, parameters, message):
     u, y = mimo
     with pytest.raises(ValueError, match=message):
-        AlSsnn(**parameters).fit(u, y)
+        al_ssnn(**parameters).fit(u, y)

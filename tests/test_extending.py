@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
-from alssnn import Activation, FlSsnn, GrSsnn
+from alssnn import Activation
 from alssnn.activations import as_activation
 from alssnn.certificates import iss_margin
 from alssnn.criterion import Criterion
@@ -25,6 +25,7 @@ from alssnn.structures import Structure
 from alssnn.subspace import identify_linear
 from alssnn.training import initial_theta, train
 from helpers import assert_jacobian
+from models import fl_ssnn, gr_ssnn
 
 DOC = Path(__file__).parents[1] / "doc"
 
@@ -195,7 +196,7 @@ def test_estimator_of_a_declared_structure(activation):
     model.fit(*zip(*train_runs, strict=True))
     assert model.x0_.shape == (2, 2)
     error = rmse(*model.simulate_test(*test))
-    linear = FlSsnn(2, 0, operating_point="zero", dt=0.1).fit(
+    linear = fl_ssnn(2, 0, operating_point="zero", dt=0.1).fit(
         *zip(*train_runs, strict=True)
     )
     assert error < 0.2 * rmse(*linear.simulate_test(*test))
@@ -235,7 +236,7 @@ def test_a_certificate_is_checked_by_numbers_and_by_simulation(rng):
 
 def test_an_activation_of_the_user_works_in_shipped_models():
     record = make_saturated_filter(200, random_state=0)
-    model = GrSsnn(2, 4, activation=SOFTSIGN, tol=1e-2, random_state=0)
+    model = gr_ssnn(2, 4, activation=SOFTSIGN, tol=1e-2, random_state=0)
     model.fit(*record)
     assert np.isfinite(model.predict(record.u)).all()
     assert model._structure.sigma == (SOFTSIGN,) * 4

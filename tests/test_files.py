@@ -14,11 +14,11 @@ import pytest
 from sklearn.exceptions import NotFittedError
 
 import alssnn
-from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.feedback import lqi
 from alssnn.persistence import _archive
-from models import fit, lively, record
+from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, record
 
 DATA = Path(__file__).parent / "data"
 SMALL = {"max_iter": 3, "tol": 1e-2, "random_state": 0, "dt": 0.25}
@@ -33,13 +33,13 @@ MODELS = {
         operating_point=([10.0, 0.1], np.zeros(2)),
         max_iter=3,
     ),
-    "linear start": AlSsnn(n_h=0, n_g=0, linear_start=START, **SMALL),
-    "linear start, system": FlSsnn(
+    "linear start": al_ssnn(n_h=0, n_g=0, linear_start=START, **SMALL),
+    "linear start, system": fl_ssnn(
         n_h=2, linear_start=control.ss(*START, np.zeros((2, 2)), 0.25), **SMALL
     ),
-    "fl": FlSsnn(nx=2, n_h=(3, 2), odd=True, activation={"h": "sin"}, **SMALL),
-    "al": AlSsnn(nx=2, n_h=3, n_g=2, gamma_h=1e-4, n_init=2, **SMALL),
-    "al, all": AlSsnn(
+    "fl": fl_ssnn(nx=2, n_h=(3, 2), odd=True, activation={"h": "sin"}, **SMALL),
+    "al": al_ssnn(nx=2, n_h=3, n_g=2, gamma_h=1e-4, n_init=2, **SMALL),
+    "al, all": al_ssnn(
         nx=3,
         n_h=(3, 2),
         n_g=(2, 2),
@@ -51,11 +51,11 @@ MODELS = {
         activation={"h": "sigmoid", "g": ACTIVATIONS["relu"], "k": "sin"},
         **SMALL,
     ),
-    "contractive": AlSsnn(
+    "contractive": al_ssnn(
         nx=3, n_h=3, n_g=2, stability="contractive", phi=0.05, **SMALL
     ),
-    "gr": GrSsnn(n_f=3, n_k=2, activation="identity", input_delay="auto", **SMALL),
-    "fl without h": FlSsnn(nx=2, n_h=0, **SMALL),
+    "gr": gr_ssnn(n_f=3, n_k=2, activation="identity", input_delay="auto", **SMALL),
+    "fl without h": fl_ssnn(nx=2, n_h=0, **SMALL),
 }
 
 
@@ -207,7 +207,7 @@ def test_files_of_old_versions_are_read(name):
 
 def test_an_activation_of_the_user_is_refused_with_remedies(path, tmp_path):
     own = Activation("own", np.arctan, lambda v, w: 1 / (1 + v**2), (0, 1), np.pi / 2)
-    model = fit(FlSsnn(nx=2, n_h=2, activation={"h": own}, **SMALL))
+    model = fit(fl_ssnn(nx=2, n_h=2, activation={"h": own}, **SMALL))
     for export in (
         lambda: model.save(path),
         lambda: model.to_mat(path),
@@ -220,7 +220,7 @@ def test_an_activation_of_the_user_is_refused_with_remedies(path, tmp_path):
 
 def test_a_random_state_is_refused_and_can_be_replaced(path):
     model = fit(
-        FlSsnn(nx=2, n_h=2, **{**SMALL, "random_state": np.random.RandomState(0)})
+        fl_ssnn(nx=2, n_h=2, **{**SMALL, "random_state": np.random.RandomState(0)})
     )
     with pytest.raises(ValueError, match=r"set_params\(random_state=0\) keeps the fit"):
         model.save(path)
@@ -250,7 +250,7 @@ def test_a_failed_save_keeps_the_old_file(fitted, path):
 def test_only_fitted_models_are_saved(path):
     for export in ("save", "to_mat", "to_c", "to_onnx"):
         with pytest.raises(NotFittedError):
-            getattr(AlSsnn(), export)(path)
+            getattr(al_ssnn(), export)(path)
 
 
 # -- what cannot be loaded -------------------------------------------------------------

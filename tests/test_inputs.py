@@ -9,11 +9,10 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import AlSsnn, FlSsnn, GrSsnn
 from alssnn.structures import state_space_structure
 from alssnn.subspace import identify_linear
 from alssnn.training import initial_theta
-from models import fit, record
+from models import al_ssnn, fit, fl_ssnn, gr_ssnn, record
 
 QUICK = {"nx": 3, "max_iter": 15, "tol": 1e-3, "random_state": 0}
 A = np.array([[0.7, 0.2, 0.0], [-0.2, 0.6, 0.1], [0.0, -0.1, 0.5]])
@@ -21,16 +20,16 @@ START = (A, np.ones((3, 2)), np.eye(3)[:2] * 100.0)
 
 
 def test_h_sees_the_outputs_that_are_listed():
-    model = fit(FlSsnn(n_h=3, h_inputs=["flow"], **QUICK))
+    model = fit(fl_ssnn(n_h=3, h_inputs=["flow"], **QUICK))
     W_y = model.params_["W_y"]
     assert not W_y[:, 0].any()
     assert W_y[:, 1].all()
-    by_number = fit(FlSsnn(n_h=3, h_inputs=[1], **QUICK))
+    by_number = fit(fl_ssnn(n_h=3, h_inputs=[1], **QUICK))
     np.testing.assert_array_equal(by_number.params_["W_y"], W_y)
 
 
 def test_what_h_does_not_see_does_not_move_its_law():
-    model = fit(FlSsnn(n_h=3, h_inputs="flow", **QUICK))
+    model = fit(fl_ssnn(n_h=3, h_inputs="flow", **QUICK))
     h = model._h()
     y = np.array([[0.0, 0.3], [7.0, 0.3]])
     assert np.ptp(h(y), axis=0).max() == 0
@@ -38,7 +37,7 @@ def test_what_h_does_not_see_does_not_move_its_law():
 
 def test_h_sees_the_states_that_are_listed():
     options = {"linear_start": START, "feedback": "state", "h_inputs": [0, 2]}
-    model = fit(FlSsnn(n_h=3, **QUICK, **options))
+    model = fit(fl_ssnn(n_h=3, **QUICK, **options))
     np.testing.assert_array_equal(model.params_["W_s"].any(axis=0), [True, False, True])
 
 
@@ -51,7 +50,7 @@ def test_h_sees_the_states_that_are_listed():
         ({"x": np.array([0, 2]), "u": (0,)}, [1, 0, 1], [1, 0]),
     ],
 )
-@pytest.mark.parametrize("model", [AlSsnn(n_h=2, n_g=3), GrSsnn(n_f=3)])
+@pytest.mark.parametrize("model", [al_ssnn(n_h=2, n_g=3), gr_ssnn(n_f=3)])
 def test_g_sees_the_signals_that_are_listed(model, g_inputs, x, u):
     changes = {"linear_start": START, "g_inputs": g_inputs}
     p = fit(model, **QUICK, **changes).params_
@@ -61,7 +60,7 @@ def test_g_sees_the_signals_that_are_listed(model, g_inputs, x, u):
 
 def test_none_is_everything():
     every = {"h_inputs": [0, 1], "g_inputs": {"x": "all", "u": [0, 1]}}
-    model = AlSsnn(n_h=2, n_g=2, **QUICK)
+    model = al_ssnn(n_h=2, n_g=2, **QUICK)
     np.testing.assert_array_equal(fit(model)._theta, fit(model, **every)._theta)
 
 
@@ -90,14 +89,14 @@ def test_the_start_spreads_over_what_is_seen(rng):
     ],
 )
 def test_every_way_of_training_keeps_the_columns(changes, method):
-    model = AlSsnn(n_h=2, n_g=2, h_inputs=[1], g_inputs={"x": "all"}, **QUICK)
+    model = al_ssnn(n_h=2, n_g=2, h_inputs=[1], g_inputs={"x": "all"}, **QUICK)
     p = fit(model, method=method, **changes).params_
     assert not p["W_y"][:, 0].any()
     assert not p["W_u"].any()
 
 
 def test_a_warm_start_continues_unless_the_networks_see_less():
-    model = FlSsnn(n_h=2, warm_start=True, **QUICK)
+    model = fl_ssnn(n_h=2, warm_start=True, **QUICK)
     data = record(2, 2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
@@ -112,7 +111,7 @@ def test_a_warm_start_continues_unless_the_networks_see_less():
 
 
 def test_held_weights_are_certain_and_not_counted():
-    model = fit(AlSsnn(n_h=2, n_g=2, h_inputs=[1], **QUICK))
+    model = fit(al_ssnn(n_h=2, n_g=2, h_inputs=[1], **QUICK))
     u, y, experiment = record(2, 2)
     covariance = model.parameter_covariance(u, y, experiment)
     where = model._structure.slices["W_y"]
@@ -127,13 +126,13 @@ def test_held_weights_are_certain_and_not_counted():
 def test_the_ladder_counts_what_is_trained():
     from alssnn.ladder._fit import _count_parameters
 
-    every, one = (fit(FlSsnn(n_h=2, h_inputs=h, **QUICK)) for h in (None, [0]))
+    every, one = (fit(fl_ssnn(n_h=2, h_inputs=h, **QUICK)) for h in (None, [0]))
     assert _count_parameters(every) - _count_parameters(one) == 2
 
 
 def test_choices_survive_a_file(tmp_path):
     choices = {"h_inputs": ["flow"], "g_inputs": {"x": "all", "u": ["p*/"]}}
-    model = fit(AlSsnn(n_h=2, n_g=2, **QUICK, **choices))
+    model = fit(al_ssnn(n_h=2, n_g=2, **QUICK, **choices))
     model.save(tmp_path / "model.npz")
     loaded = alssnn.load(tmp_path / "model.npz")
     assert {k: loaded.get_params()[k] for k in choices} == choices
@@ -175,12 +174,12 @@ def test_choices_survive_a_file(tmp_path):
 )
 def test_choices_that_name_nothing_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        fit(AlSsnn(n_h=2, n_g=2, **QUICK), **changes)
+        fit(al_ssnn(n_h=2, n_g=2, **QUICK), **changes)
 
 
 def test_names_need_names():
     u, y, experiment = (np.asarray(part) for part in record(2, 2))
-    model = FlSsnn(n_h=2, h_inputs=["level"], **QUICK)
+    model = fl_ssnn(n_h=2, h_inputs=["level"], **QUICK)
     with pytest.raises(ValueError, match=r"got 'level'\. Names need data frames"):
         model.fit(u, y, experiment)
     named = pd.DataFrame(y, columns=["level", "flow"])

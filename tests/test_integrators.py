@@ -8,7 +8,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.criterion import Criterion
 from alssnn.feedback import designed_loop, lqr
 from alssnn.integrators import count_integrators, decouple, integrator_entries
@@ -17,6 +17,7 @@ from alssnn.structures import state_space_structure
 from alssnn.subspace import LinearModel, identify_linear
 from alssnn.training import Limits
 from helpers import assert_jacobian
+from models import al_ssnn, fl_ssnn, gr_ssnn
 
 DT = 0.02
 
@@ -81,9 +82,9 @@ def fit(model, *data, **changes):
 
 MODELS = {
     "linear": LinearStateSpace(nx=2, dt=DT),
-    "fl": FlSsnn(nx=2, n_h=5, feedback="state", gamma_h=1e-4, random_state=0, dt=DT),
-    "al": AlSsnn(nx=2, n_h=4, n_g=3, feedback="state", random_state=0, dt=DT),
-    "gr": GrSsnn(nx=2, n_f=5, n_k=2, random_state=0, dt=DT),
+    "fl": fl_ssnn(nx=2, n_h=5, feedback="state", gamma_h=1e-4, random_state=0, dt=DT),
+    "al": al_ssnn(nx=2, n_h=4, n_g=3, feedback="state", random_state=0, dt=DT),
+    "gr": gr_ssnn(nx=2, n_f=5, n_k=2, random_state=0, dt=DT),
 }
 QUICK = {"max_iter": 15, "tol": 1e-3}
 

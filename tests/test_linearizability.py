@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning
 
-from alssnn import FlSsnn
 from alssnn.datasets import make_pendulum
 from alssnn.linearizability import (
     Bands,
@@ -20,6 +19,7 @@ from alssnn.linearizability._measure import h2_gain, peak_gain
 from alssnn.lure import Lure
 from alssnn.structures import state_space_structure
 from helpers import random_theta, simulate_linear
+from models import fl_ssnn
 
 DT = 0.01
 
@@ -420,7 +420,7 @@ def test_over_the_top_is_outside_the_training_region():
     )
     assert max(np.abs(train.y).max(), np.abs(held_out.y).max()) < np.pi / 2 + 0.3
     assert np.abs(over.y).max() > 2 * np.pi
-    model = FlSsnn(nx=2, n_h=8, feedback="state", dt=train.dt, random_state=0)
+    model = fl_ssnn(nx=2, n_h=8, feedback="state", dt=train.dt, random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.set_params(max_iter=60).fit(train.u, train.y)

@@ -21,6 +21,7 @@ from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.delays import estimate_delays
 from alssnn.estimators import _base
 from benchmarks import model_class
+from models import al_ssnn, fl_ssnn, gr_ssnn
 
 DT = 0.25
 SMALL = {"nx": 2, "max_iter": 6, "tol": 1e-2, "random_state": 0, "dt": DT}
@@ -40,13 +41,13 @@ softsign = Activation("softsign", _softsign, _softsign_slope, (0, 1), 1.0, odd=T
 
 MODELS = {
     "linear, D, late": LinearStateSpace(2, dt=DT, feedthrough=True, input_delay=[1, 0]),
-    "fl, deep, odd": FlSsnn(n_h=(3, 2), odd=True, activation="sin", **SMALL),
-    "fl, state, late": FlSsnn(
+    "fl, deep, odd": fl_ssnn(n_h=(3, 2), odd=True, activation="sin", **SMALL),
+    "fl, state, late": fl_ssnn(
         n_h=2, feedback="state", activation=softsign, input_delay=[0, 3], **SMALL
     ),
-    "gr, D, k": GrSsnn(n_f=(2, 2), n_k=2, feedthrough=True, **SMALL),
-    "al, D, k": AlSsnn(n_h=2, n_g=2, n_k=2, feedthrough=True, gamma_h=1e-3, **SMALL),
-    "al, all": AlSsnn(
+    "gr, D, k": gr_ssnn(n_f=(2, 2), n_k=2, feedthrough=True, **SMALL),
+    "al, D, k": al_ssnn(n_h=2, n_g=2, n_k=2, feedthrough=True, gamma_h=1e-3, **SMALL),
+    "al, all": al_ssnn(
         n_h=(2, 2),
         n_g=(2, 3),
         n_k=(2, 2),
@@ -59,7 +60,7 @@ MODELS = {
         gamma_k=0.1,
         **SMALL,
     ),
-    "al, contractive": AlSsnn(
+    "al, contractive": al_ssnn(
         n_h=2, n_g=2, n_k=2, stability="contractive", continuation=1, **SMALL
     ),
 }
@@ -224,7 +225,7 @@ def test_warm_start_continues(fitted, data, name):
 
 def test_law_of_the_state_leaves_the_linear_part_with_D_and_k(data):
     u, y = data
-    model = FlSsnn(n_h=(3, 2), feedback="state", **SMALL).fit(u, y)
+    model = fl_ssnn(n_h=(3, 2), feedback="state", **SMALL).fit(u, y)
     law = model.linearizing_law()
     x, x_linear = np.zeros(2), np.zeros(2)
     for v in u[:50]:
@@ -237,7 +238,7 @@ def test_law_of_the_state_leaves_the_linear_part_with_D_and_k(data):
 def test_law_of_the_state_in_a_model_with_everything(data):
     u, y = data
     options = {**SMALL, "n_h": 2, "n_g": 2, "n_k": 2, "feedthrough": True}
-    model = AlSsnn(feedback="state", **options).fit(u, y)
+    model = al_ssnn(feedback="state", **options).fit(u, y)
     law, x = model.linearizing_law(), np.array([0.4, -0.7])
     du = law(u[3], x) - model.u_offset_
     x_next, _, _, g, _ = equations(model, x, du)
@@ -470,7 +471,7 @@ def test_records_that_do_not_belong_together(data):
 
 def test_threads_over_experiments_change_nothing(data):
     us, ys = parts_of(data)
-    model = AlSsnn(n_h=2, n_g=2, **SMALL)
+    model = al_ssnn(n_h=2, n_g=2, **SMALL)
     alone = clone(model).fit(us, ys)
     pair = clone(model).set_params(n_jobs=2).fit(us, ys)
     assert alone.cost_ == pair.cost_
@@ -481,7 +482,7 @@ def test_threads_over_experiments_change_nothing(data):
 def test_experiments_shorter_than_the_order_take_part(data):
     us, ys = parts_of(data)
     us, ys = [*us, us[2][:3]], [*ys, ys[2][:3]]
-    model = FlSsnn(n_h=2, **SMALL).fit(us, ys)
+    model = fl_ssnn(n_h=2, **SMALL).fit(us, ys)
     assert model.x0_.shape == (4, 2)
     assert np.isfinite(model.predict(us, x0="training")[3]).all()
 
@@ -604,7 +605,7 @@ def exact():
     "start", [START, control.ss(*START, DT), control.ss(*START, True)], ids=type
 )
 @pytest.mark.parametrize(
-    "model", [LinearStateSpace(), AlSsnn(n_h=2, n_g=2), AlSsnn(n_h=0, n_g=0)]
+    "model", [LinearStateSpace(), al_ssnn(n_h=2, n_g=2), al_ssnn(n_h=0, n_g=0)]
 )
 def test_a_linear_start_keeps_its_basis(start, model):
     """Where the start is the truth nothing moves, in the units of the user."""
@@ -623,7 +624,7 @@ def test_a_linear_start_keeps_its_basis(start, model):
 def test_an_estimator_with_a_system_as_start_can_be_pickled(dt):
     """What arrives fits as what left, to the bit, and minds the sampling time."""
     u, y = exact()
-    model = AlSsnn(n_h=2, n_g=2, dt=DT, feedthrough=True, max_iter=5, tol=1e-3)
+    model = al_ssnn(n_h=2, n_g=2, dt=DT, feedthrough=True, max_iter=5, tol=1e-3)
     model.set_params(linear_start=control.ss(*START, dt), random_state=0)
     arrived = pickle.loads(pickle.dumps(model))
     assert isinstance(model.linear_start, control.StateSpace)  # left as it was
@@ -643,7 +644,7 @@ def test_a_fitted_model_starts_another_one(frozen):
     options = {"dt": DT, "operating_point": "zero"}
     first = LinearStateSpace(2, feedthrough=True, **options).fit(u, y)
     start = FrozenEstimator(first) if frozen else first
-    model = AlSsnn(n_h=2, n_g=0, feedthrough=True, linear_start=start, **options)
+    model = al_ssnn(n_h=2, n_g=0, feedthrough=True, linear_start=start, **options)
     model.set_params(tol=1e-3).fit(u, y)
     for name in ("A_", "B_", "C_", "D_"):
         np.testing.assert_allclose(
@@ -668,7 +669,7 @@ def test_a_start_is_improved_upon(data):
     best = LinearStateSpace(2, feedthrough=True).fit(u, y)
     assert model.cost_ == pytest.approx(best.cost_, rel=1e-3)
     # without neurons C is fixed, which costs no accuracy
-    lti = AlSsnn(n_h=0, n_g=0, linear_start=START, feedthrough=True).fit(u, y)
+    lti = al_ssnn(n_h=0, n_g=0, linear_start=START, feedthrough=True).fit(u, y)
     np.testing.assert_allclose(lti.C_, C, rtol=1e-12, atol=1e-15)
     assert lti.cost_ == pytest.approx(best.cost_, rel=1e-3)
 
@@ -724,7 +725,7 @@ def test_bounds_hold_in_the_units_of_the_user(data, cls):
 def test_bounds_of_D_need_no_basis(data):
     for model in (
         LinearStateSpace(2, feedthrough=True, bounds={"D": (-np.inf, 0.0)}),
-        AlSsnn(n_h=0, n_g=0, nx=2, feedthrough=True, bounds={"D": (-np.inf, 0.0)}),
+        al_ssnn(n_h=0, n_g=0, nx=2, feedthrough=True, bounds={"D": (-np.inf, 0.0)}),
     ):
         assert (model.set_params(max_iter=20).fit(*data).D_ <= 0).all()
 
@@ -756,7 +757,7 @@ def test_bounds_of_D_need_no_basis(data):
 )
 def test_wrong_bounds(data, options, message):
     with pytest.raises(ValueError, match=message):
-        AlSsnn(n_h=2, n_g=2, **options).fit(*data)
+        al_ssnn(n_h=2, n_g=2, **options).fit(*data)
 
 
 # -- initial states --------------------------------------------------------------------
@@ -793,8 +794,8 @@ def test_a_network_that_starts_at_rest_is_right_there():
     system = model_class.KINDS["two-layer g"]
     (us, ys), (u, y, noise) = model_class.data(system, seed=0)
     options = {"operating_point": "zero", "max_iter": 150, "random_state": 2}
-    free = GrSsnn(2, n_f=(2, 2), **options).fit(us, ys)
-    rest = GrSsnn(2, n_f=(2, 2), initial_state="rest", **options).fit(us, ys)
+    free = gr_ssnn(2, n_f=(2, 2), **options).fit(us, ys)
+    rest = gr_ssnn(2, n_f=(2, 2), initial_state="rest", **options).fit(us, ys)
     assert rest.cost_ == pytest.approx(free.cost_, rel=1e-3)
     error, wrong = (np.std(y - model.predict(u)) for model in (rest, free))
     assert error < 1.05 * noise.std() < 1.4 * noise.std() < wrong
@@ -807,7 +808,7 @@ def test_output_weight_moves_the_error(data):
     u, y = data
     e = {}
     for weight in ([1.0, 0.01], [0.01, 1.0]):
-        for model in (LinearStateSpace(1), AlSsnn(1, 0, 0)):
+        for model in (LinearStateSpace(1), al_ssnn(1, 0, 0)):
             model.set_params(output_weight=weight, feedthrough=False).fit(u, y)
             error = (model.predict(u, x0="training") - y) / y.std(axis=0)
             e[tuple(weight), type(model)] = np.mean(error**2, axis=0)
@@ -819,7 +820,7 @@ def test_output_weight_moves_the_error(data):
 @pytest.mark.parametrize("weight", [[1.0], [1.0, -1.0], [0.0, 0.0], [np.nan, 1.0]])
 def test_wrong_output_weights(data, weight):
     with pytest.raises(ValueError, match="one nonnegative number per output"):
-        AlSsnn(output_weight=weight, **SMALL).fit(*data)
+        al_ssnn(output_weight=weight, **SMALL).fit(*data)
 
 
 # -- large records ---------------------------------------------------------------------
@@ -832,7 +833,7 @@ def test_single_precision_on_disk(tmp_path, data, delay):
     for path, array in zip(paths, (us, ys), strict=True):
         np.save(path, array)
     u, y = (np.load(path, mmap_mode="r") for path in paths)
-    model = AlSsnn(n_h=2, n_g=2, input_delay=delay, **SMALL)
+    model = al_ssnn(n_h=2, n_g=2, input_delay=delay, **SMALL)
     disk = clone(model).fit(u, y)
     memory = clone(model).fit(us.astype(float), ys.astype(float))
     scale = data[1].std(axis=0)
@@ -850,7 +851,7 @@ def test_the_memory_of_a_fit_does_not_grow_with_the_record(tmp_path, monkeypatch
     # what looks at so many samples at most, at so few
     monkeypatch.setattr(_base, "DELAY_SAMPLES", 1000)
     monkeypatch.setattr(training, "START_SAMPLES", 1000)
-    model = FlSsnn(1, n_h=1, max_iter=1, polish_iter=1, random_state=0)
+    model = fl_ssnn(1, n_h=1, max_iter=1, polish_iter=1, random_state=0)
     model.set_params(coarse_samples=2000, input_delay="auto")
     model.set_params(linear_start=([[0.5]], [[1.0]], [[1.0]]))  # quicker than N4SID
     model.fit(u[:4000], y[:4000])  # compiles the kernels

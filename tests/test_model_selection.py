@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 
-from alssnn import AlSsnn
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.experiments import split_experiments
 from alssnn.model_selection import (
@@ -14,6 +13,7 @@ from alssnn.model_selection import (
     gamma_path,
     seam_labels,
 )
+from models import al_ssnn
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,9 @@ def record():
 
 @pytest.fixture(scope="module")
 def path(record):
-    estimator = AlSsnn(nx=6, n_h=3, n_g=3, max_iter=30, random_state=0)
+    estimator = al_ssnn(
+        nx=6, n_h=3, n_g=3, penalty="output", max_iter=30, random_state=0
+    )
     train, test = record.split(0.5)
     return gamma_path(estimator, *train, gammas=[0.01, 10.0, 1.0, 0.1], test=test)
 
@@ -54,7 +56,7 @@ def test_later_fits_share_the_budget_of_one(path):
 
 
 def test_the_estimator_is_left_alone_and_the_callback_is_called(record):
-    estimator = AlSsnn(nx=2, n_h=1, n_g=1, max_iter=2, random_state=0)
+    estimator = al_ssnn(nx=2, n_h=1, n_g=1, max_iter=2, random_state=0)
     before, calls = estimator.get_params(), []
     gamma_path(
         estimator,
@@ -108,12 +110,12 @@ def test_table_and_frame(path):
 @pytest.mark.parametrize("gammas", [[], [1.0, 0.0], [-1.0], 1.0])
 def test_gammas_must_be_positive(record, gammas):
     with pytest.raises(ValueError, match="at least one positive weight"):
-        gamma_path(AlSsnn(), *record, gammas=gammas)
+        gamma_path(al_ssnn(), *record, gammas=gammas)
 
 
 def test_test_data_are_checked_before_the_fits(record):
     with pytest.raises(ValueError, match=r"`test` must be a tuple \(u, y\) or"):
-        gamma_path(AlSsnn(max_iter=-1), *record, test=(record.u,))
+        gamma_path(al_ssnn(max_iter=-1), *record, test=(record.u,))
 
 
 # -- splitters and seams --------------------------------------------------------------
@@ -124,7 +126,7 @@ def test_glued_blocks_are_the_two_experiments_that_they_are(record):
     # seen through a splitter and labels, or given as a list: the same fit
     u, y = record
     train, _ = list(BlockedTimeSeriesSplit(3, train="both").split(u))[1]
-    model = AlSsnn(nx=3, n_h=2, n_g=2, max_iter=10, tol=1e-2, random_state=0)
+    model = al_ssnn(nx=3, n_h=2, n_g=2, max_iter=10, tol=1e-2, random_state=0)
     glued = clone(model).fit(u[train], y[train], seam_labels(len(u))[train])
     apart = clone(model).fit([u[:400], u[800:]], [y[:400], y[800:]])
     assert glued.experiments_ == [(0, 0), (0, 800)]
@@ -227,7 +229,7 @@ def test_labels_have_one_name_at_a_time():
 
 
 def test_measuring_in_parallel_changes_no_figure(path, record):
-    estimator = AlSsnn(nx=2, n_h=1, n_g=1, max_iter=2, random_state=0)
+    estimator = al_ssnn(nx=2, n_h=1, n_g=1, max_iter=2, random_state=0)
     one, two = (
         gamma_path(estimator, *record, gammas=[1.0, 0.1], n_jobs=n_jobs)
         for n_jobs in (None, 2)

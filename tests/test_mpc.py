@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
-from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.feedback import DisturbanceObserver, Dynamics, Observer
 from alssnn.mpc import LinearizingMPC
 from alssnn.mpc._limits import ActuatorLimits
 from alssnn.mpc._target import Target
+from models import al_ssnn, fl_ssnn
 
 DT = 0.5
 
@@ -52,9 +53,9 @@ def fitted():
             plant, u, y = mimo_plant(n_y)
             models = {
                 "linear": LinearStateSpace(nx=3, dt=DT),
-                "fl": FlSsnn(nx=3, **small),
-                "fl-state": FlSsnn(nx=3, feedback="state", **small),
-                "al": AlSsnn(nx=3, n_g=2, gamma=0.01, **small),
+                "fl": fl_ssnn(nx=3, **small),
+                "fl-state": fl_ssnn(nx=3, feedback="state", **small),
+                "al": al_ssnn(nx=3, n_g=2, gamma=0.01, **small),
             }
             for name, model in models.items():
                 out[name, n_y] = plant, model.fit(u, y)
@@ -218,7 +219,7 @@ def test_an_input_disturbance_is_found(fitted):
 @pytest.mark.parametrize("make", [make_pendulum, make_duffing])
 def test_limits_hold_on_the_true_plant(make, feedback):
     record = make(1500, noise=0.01, random_state=0)
-    model = FlSsnn(nx=2, n_h=6, feedback=feedback, dt=record.dt, random_state=0)
+    model = fl_ssnn(nx=2, n_h=6, feedback=feedback, dt=record.dt, random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(record.u, record.y)

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.persistence._onnx import OPERATORS
-from models import fit, lively, simulate
+from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, simulate
 
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
 from onnx.reference import ReferenceEvaluator  # noqa: E402
@@ -20,15 +20,15 @@ SMALL = {"max_iter": 3, "tol": 1e-2, "random_state": 0, "dt": 0.25}
 MODELS = {
     "linear": (LinearStateSpace(nx=2, dt=0.25), (1, 1)),
     **{
-        f"al, {name}": (AlSsnn(nx=3, n_h=3, n_g=3, activation=name, **SMALL), (2, 2))
+        f"al, {name}": (al_ssnn(nx=3, n_h=3, n_g=3, activation=name, **SMALL), (2, 2))
         for name in ACTIVATIONS
     },
     "state, deep": (
-        AlSsnn(nx=3, feedback="state", n_h=(3, 2), n_g=(4, 3), **SMALL),
+        al_ssnn(nx=3, feedback="state", n_h=(3, 2), n_g=(4, 3), **SMALL),
         (2, 1),
     ),
     "D, k, late": (
-        AlSsnn(
+        al_ssnn(
             nx=2,
             n_h=2,
             n_g=2,
@@ -40,8 +40,8 @@ MODELS = {
         ),
         (2, 2),
     ),
-    "all late": (GrSsnn(nx=2, n_f=2, input_delay=(1, 2), **SMALL), (2, 1)),
-    "fl, wide": (FlSsnn(nx=2, n_h=2, input_delay=(2,), **SMALL), (1, 2)),
+    "all late": (gr_ssnn(nx=2, n_f=2, input_delay=(1, 2), **SMALL), (2, 1)),
+    "fl, wide": (fl_ssnn(nx=2, n_h=2, input_delay=(2,), **SMALL), (1, 2)),
 }
 
 
@@ -146,7 +146,7 @@ def test_wrong_arguments(fitted, tmp_path, monkeypatch):
     with pytest.raises(TypeError, match="`law` must be a LinearizingLaw"):
         model.to_onnx(tmp_path, law=np.eye(2))
     own = Activation("own", np.arctan, lambda v, w: 1 / (1 + v**2), (0, 1), np.pi / 2)
-    users = fit(FlSsnn(nx=2, n_h=2, activation=own, **SMALL))
+    users = fit(fl_ssnn(nx=2, n_h=2, activation=own, **SMALL))
     with pytest.raises(ValueError, match=r"got your own 'own'.*activation that is"):
         users.to_onnx(tmp_path / "own")
     monkeypatch.setitem(sys.modules, "onnx", None)

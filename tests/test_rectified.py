@@ -7,6 +7,7 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn import FlSsnn, LinearStateSpace
 from alssnn.rectified import restore_sign
 from helpers import simulate_linear
+from models import fl_ssnn
 
 A = np.array([[0.8, 0.3, 0.0], [-0.3, 0.8, 0.1], [0.0, 0.0, 0.5]])
 B = np.array([[1.0, 0.0], [0.0, 0.3], [0.0, 1.0]])
@@ -55,7 +56,7 @@ def test_one_experiment_keeps_its_shape_and_what_was_not_measured(us):
 
 def test_the_given_model_is_not_touched_and_may_be_nonlinear(us):
     u, y = us[0], abs(simulate_linear(A, B, C, us[0]))
-    model = FlSsnn(nx=3, n_h=2, operating_point="zero", max_iter=3, random_state=0)
+    model = fl_ssnn(nx=3, n_h=2, operating_point="zero", max_iter=3, random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         _, fitted = restore_sign(u, y, model, max_turns=2)

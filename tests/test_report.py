@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import browser
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, load
+from alssnn import LinearStateSpace, load
 from alssnn.feedback import (
     balanced_weights,
     closed_loop,
@@ -17,6 +17,7 @@ from alssnn.feedback import (
     step_comparison,
 )
 from helpers import simulate_linear
+from models import al_ssnn, fl_ssnn, gr_ssnn
 
 SECTIONS = {
     "summary",
@@ -98,13 +99,13 @@ RECORD, TEST = plant(), plant(seed=1)
 OPTIONS = {"dt": 0.1, "max_iter": 8, "n_init_samples": 20}
 MODELS = {
     "lti": LinearStateSpace(nx=2, **OPTIONS),
-    "fl": FlSsnn(nx=2, n_h=3, random_state=0, **OPTIONS),
-    "al": AlSsnn(nx=3, n_h=(2, 3), n_g=3, feedback="state", random_state=0, **OPTIONS),
-    "gr": GrSsnn(nx=2, n_f=3, random_state=0, **OPTIONS),
-    "feedthrough": AlSsnn(
+    "fl": fl_ssnn(nx=2, n_h=3, random_state=0, **OPTIONS),
+    "al": al_ssnn(nx=3, n_h=(2, 3), n_g=3, feedback="state", random_state=0, **OPTIONS),
+    "gr": gr_ssnn(nx=2, n_f=3, random_state=0, **OPTIONS),
+    "feedthrough": al_ssnn(
         nx=2, n_h=2, n_g=2, n_k=2, feedthrough=True, random_state=0, **OPTIONS
     ),
-    "delay": FlSsnn(nx=2, n_h=2, input_delay=[0, 2], random_state=0, **OPTIONS),
+    "delay": fl_ssnn(nx=2, n_h=2, input_delay=[0, 2], random_state=0, **OPTIONS),
 }
 
 

@@ -19,7 +19,7 @@ from sklearn.model_selection import (
     cross_validate,
 )
 
-from alssnn import AlSsnn, LinearStateSpace, metrics, scorers
+from alssnn import LinearStateSpace, metrics, scorers
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.estimators import _sklearn
 from alssnn.model_selection import (
@@ -27,6 +27,7 @@ from alssnn.model_selection import (
     ExperimentKFold,
     seam_labels,
 )
+from models import al_ssnn
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 SCORING = {
@@ -43,7 +44,7 @@ def record():
 
 @pytest.fixture
 def network():
-    return AlSsnn(nx=4, n_h=2, n_g=2, max_iter=8, tol=1e-2, random_state=0)
+    return al_ssnn(nx=4, n_h=2, n_g=2, max_iter=8, tol=1e-2, random_state=0)
 
 
 # -- routing -------------------------------------------------------------------------
@@ -360,7 +361,7 @@ def test_unnamed_outputs_and_cross_val_predict(record):
 
 
 def test_the_display_links_to_the_manual_where_there_is_one(monkeypatch):
-    model = AlSsnn()
+    model = al_ssnn()
     monkeypatch.setattr(_sklearn, "manual_url", lambda: "")
     assert model._get_doc_link() == ""
     assert "AlSsnn" in model._repr_html_()

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alssnn import AlSsnn, FlSsnn, LinearStateSpace, stack_experiments
+from alssnn import LinearStateSpace, stack_experiments
 from alssnn.datasets import make_pendulum
 from alssnn.uncertainty import FrequencyBand, PoleRegions
 from helpers import complex_step, simulate_linear
+from models import al_ssnn, fl_ssnn
 
 A = np.array([[0.8, 0.3, 0.0], [-0.3, 0.8, 0.0], [0.0, 0.1, 0.5]])
 B = np.array([[1.0, 0.0], [0.2, 0.5], [0.0, 1.0]])
@@ -164,7 +165,7 @@ def test_refits_spread_like_the_band_where_the_first_order_holds(fitted):
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_refits_of_a_network_stay_where_the_theory_says():
     record = make_pendulum(1000, noise=0.05, random_state=0)
-    model = FlSsnn(nx=2, n_h=4, max_iter=100, dt=record.dt, random_state=0)
+    model = fl_ssnn(nx=2, n_h=4, max_iter=100, dt=record.dt, random_state=0)
     model.fit(*record)
     covariance = model.parameter_covariance(*record)
     bound = chi2.ppf(0.99, covariance.n_effective)
@@ -197,7 +198,7 @@ def test_refits_keep_bounds_gaps_and_experiments(rng):
         np.testing.assert_array_equal(draw.B_, B)
         assert draw.x0_.shape == (2, 3)
         assert 0 < np.max(np.abs(draw.A_ - model.A_)) < 0.2
-    contractive = AlSsnn(
+    contractive = al_ssnn(
         nx=3, n_h=2, n_g=2, stability="contractive", max_iter=20, tol=1e-3
     ).fit(u, y, label)
     covariance = contractive.parameter_covariance(u, y, label)
@@ -259,7 +260,7 @@ def test_penalties_cost_effective_parameters(rng):
     u, y = mimo(rng, 400)
     common = {"nx": 3, "n_h": 2, "n_g": 2, "max_iter": 20, "tol": 1e-3}
     counts = [
-        AlSsnn(gamma=gamma, random_state=0, **common)
+        al_ssnn(gamma=gamma, random_state=0, **common)
         .fit(u, y)
         .parameter_covariance(u, y)
         .n_effective

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom, chi2, f, kstest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
-from alssnn import AlSsnn, FlSsnn, LinearStateSpace
+from alssnn import LinearStateSpace
 from alssnn.regression import lagged
 from alssnn.validation import (
     ahead_fit,
@@ -17,6 +17,7 @@ from alssnn.validation import (
     scored_sensitivities,
     sine_response,
 )
+from models import al_ssnn, fl_ssnn
 
 A = np.array([[0.8, 0.3], [-0.2, 0.7]])
 B = np.array([[1.0, 0.2], [0.1, 0.5]])
@@ -56,7 +57,7 @@ def fl_model(request):
     rng = np.random.default_rng(1)
     u = rng.standard_normal((600, 2))
     y = plant(np.tanh(u))
-    model = FlSsnn(nx=2, n_h=3, feedback=request.param, max_iter=15, random_state=0)
+    model = fl_ssnn(nx=2, n_h=3, feedback=request.param, max_iter=15, random_state=0)
     model.set_params(dt=0.1)
     return fit(model, u, y)
 
@@ -406,7 +407,7 @@ def test_what_is_not_linearizable_fails_if_made_for_control():
     u = rng.standard_normal((900, 2))
     y = plant(u, strength=0.02) + 0.01 * rng.standard_normal((900, 2))
     model = fit(
-        AlSsnn(nx=2, n_h=2, n_g=3, gamma=1e-4, max_iter=15, random_state=0), u, y
+        al_ssnn(nx=2, n_h=2, n_g=3, gamma=1e-4, max_iter=15, random_state=0), u, y
     )
     found = model.validate(u, y, n_lags=10)
     error = found.linearizability.linearization_error.max()
@@ -506,7 +507,7 @@ def test_the_loop_deviates_by_what_g_makes(fl_model):
     assert np.abs(run.Z).max() < 1e-9 * np.abs(run.X).max()
     rng = np.random.default_rng(0)
     y = plant(u, strength=0.02) + 0.01 * rng.standard_normal(u.shape)
-    model = fit(AlSsnn(nx=2, n_h=2, n_g=3, max_iter=10, random_state=0), u, y)
+    model = fit(al_ssnn(nx=2, n_h=2, n_g=3, max_iter=10, random_state=0), u, y)
     K = 0.1 * rng.standard_normal((2, 2))
     certificate = model.iss_certificate(u, y, K=K)
     (run,) = loop_deviation(model, u, y, K=K)

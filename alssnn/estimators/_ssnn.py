@@ -408,7 +408,8 @@ class Ssnn(StateSpaceModel):
         result = OptimizeResult(
             x0=x0,
             cost=criterion.norm(criterion.join(theta, x0)) ** 2,
-            nfev=0,
+            # of the search for this model, for the networks took none
+            nfev=linear.result.nfev if linear.result is not None else 1,
             success=watch.reason is None,
             message=watch.reason or LEFT_LINEAR,
         )

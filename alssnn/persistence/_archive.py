@@ -127,8 +127,8 @@ def encode(value):
     Parameters
     ----------
     value : object
-        None, a boolean, number, string, array of numbers, or tuple, list or dict of
-        them.
+        None, a boolean, number, string, range, array of numbers, or tuple, list or
+        dict of them.
 
     Returns
     -------
@@ -156,6 +156,8 @@ def encode(value):
         return [encode(item) for item in value]
     if isinstance(value, tuple):
         return {"tuple": encode(list(value))}
+    if isinstance(value, range):
+        return {"range": [value.start, value.stop, value.step]}
     if isinstance(value, dict):
         return {"dict": [[encode(k), encode(v)] for k, v in value.items()]}
     raise TypeError(type(value).__name__)
@@ -190,6 +192,8 @@ def decode(encoded):
             return np.array(decode(values), dtype=kind)
         case {"tuple": list(values)}:
             return tuple(decode(values))
+        case {"range": [int(start), int(stop), int(step)]}:
+            return range(start, stop, step)
         case {"dict": list(pairs)}:
             return {decode(k): decode(v) for k, v in pairs}
     raise ValueError(f"unknown value {encoded!r}")

@@ -1,0 +1,628 @@
+"""The search for order, start and decay: what it finds, and what it leaves alone."""
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+
+import alssnn
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import search as searching
+from alssnn.criterion import Criterion
+from alssnn.estimators._base import StateSpaceModel
+from alssnn.optimizers import minimize
+from alssnn.orders import compare_orders
+from alssnn.search import ALPHAS, Found, Recipe, search
+from alssnn.structures import state_space_structure
+from alssnn.training import Limits, initial_theta, train
+from alssnn.watch import Watch
+from helpers import simulate_linear
+
+CLASSES = {
+    "fl": (FlSsnn, {"n_h": 3}),
+    "al": (AlSsnn, {"n_h": 3, "n_g": 3}),
+    "gr": (GrSsnn, {"n_f": 4}),
+}
+LINEAR = "networks do not help: this is the linear model"
+QUICK = {"nx": 1, "n_init": 2, "max_iter": 100, "random_state": 0}
+
+
+def twin(seed, n=1500, noise=0.1):
+    """Return a record of x+ = 0.8 x + u + 0.5 tanh(3 x), steps of five samples.
+
+    The slope of the plant is 2.3 about rest and 0.8 far from it: it has two equilibria,
+    and the linear model explains four fifths of its variance.
+    """
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, n // 5), 5)
+    x, y = 0.0, np.empty(n)
+    for k in range(n):
+        y[k] = x
+        x = 0.8 * x + u[k] + 0.5 * np.tanh(3 * x)
+    return u[:, None], y + noise * rng.standard_normal(n)
+
+
+def soft(seed, n=400):
+    """Return a record of x+ = 0.8 x + u - 0.5 tanh(x), which is found quickly."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, n // 5), 5)
+    x, y = 0.0, np.empty(n)
+    for k in range(n):
+        y[k] = x
+        x = 0.8 * x + u[k] - 0.5 * np.tanh(x)
+    return u[:, None], y + 0.02 * rng.standard_normal(n)
+
+
+def linear_plant(seed, n=600, noise=0.3):
+    """Return a record of a linear plant of two states in white noise."""
+    rng = np.random.default_rng(seed)
+    A, B = np.array([[0.7, 0.3], [-0.3, 0.7]]), np.array([1.0, 0.5])
+    u, x, y = rng.standard_normal((n, 1)), np.zeros(2), np.empty(n)
+    for k in range(n):
+        y[k] = x[0]
+        x = A @ x + B * u[k]
+    return u, y + noise * rng.standard_normal(n)
+
+
+def quietly(model, *data, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return model.fit(*data, **options)
+
+
+def make(kind, **options):
+    cls, sizes = CLASSES[kind]
+    return cls(**{**sizes, **QUICK, **options})
+
+
+@pytest.fixture(scope="module")
+def short():
+    """A short record, on which a search takes a second."""
+    return soft(0)
+
+
+@pytest.fixture(scope="module")
+def fitted(short):
+    return quietly(make("fl"), *short)
+
+
+# -- what it is for ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "cls",
+    [
+        FlSsnn,
+        pytest.param(AlSsnn, marks=pytest.mark.slow),
+        pytest.param(GrSsnn, marks=pytest.mark.slow),
+    ],
+)
+def test_default_networks_beat_the_linear_model_on_fresh_records(cls):
+    fresh = twin(1)
+    linear = LinearStateSpace(2).fit(*twin(0)).score(*fresh)
+    assert linear < 0.85
+    model = quietly(cls(2, random_state=0), *twin(0))
+    # the noise of 0.1 leaves an R2 of 1 - 0.01 / 9
+    assert model.score(*fresh) > 0.99
+    assert model.train_score_ == pytest.approx(model.score(*twin(0)), abs=1e-3)
+    assert np.isfinite(model.alpha_) and list(model.orders_["networks"]) == [2]
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_a_linear_plant_keeps_its_linear_model(kind):
+    u, y = linear_plant(0)
+    linear = LinearStateSpace(2, tol=1e-8).fit(u, y)
+    model = make(kind, nx=2)
+    with pytest.warns(ConvergenceWarning, match="the linear model, which is returned"):
+        model.fit(u, y)
+    assert LINEAR in model.message_
+    assert model.alpha_ == np.inf and model.converged_
+    np.testing.assert_allclose(model.predict(u), linear.predict(u), rtol=1e-6)
+    fresh = linear_plant(1)
+    assert model.score(*fresh) == pytest.approx(linear.score(*fresh), rel=0.01)
+    for name in ("W_h", "W_g"):
+        assert not np.any(model.params_.get(name, 0.0))
+
+
+def test_the_warning_is_at_the_line_of_the_user():
+    model, data = make("fl", nx=2), linear_plant(0, 200)
+    with pytest.warns(ConvergenceWarning, match="is returned") as caught:
+        model.fit(*data)
+    assert [w.filename for w in caught] == [__file__]
+    model.set_params(alpha=0.0, max_iter=1)
+    with pytest.warns(ConvergenceWarning, match="stopped after") as caught:
+        model.fit(*data)
+    assert {w.filename for w in caught} == {__file__}
+
+
+def test_a_number_of_alpha_searches_nothing(short, monkeypatch):
+    monkeypatch.setattr(searching, "hold_out", pytest.fail, raising=False)
+    monkeypatch.setattr("alssnn.estimators._ssnn.search", pytest.fail)
+    monkeypatch.setattr("alssnn.estimators._ssnn.compare_orders", pytest.fail)
+    model = quietly(make("fl", alpha=1e-3), *short)
+    assert model.alpha_ == 1e-3 and model.orders_ == {}
+    assert "start 2/2" in {step.label for step in model.history_}
+
+
+def test_a_search_is_no_part_of_the_history(fitted):
+    assert {step.label for step in fitted.history_} == {"linear", "train"}
+    assert fitted.alpha_ in ALPHAS
+
+
+# -- the path ------------------------------------------------------------------------
+
+
+def recipe(n_h=3):
+    """Return how linear models become models with h, without an estimator."""
+
+    def declare(linear):
+        structure = state_space_structure(
+            len(linear.A), 1, 1, n_h=n_h, C=linear.C, feedback="state"
+        )
+        return linear, structure, structure, {}
+
+    def start(structure, linear, experiments, seed):
+        rng = np.random.default_rng(seed)
+        return initial_theta(structure, linear, experiments, rng)
+
+    return Recipe(declare, start, Limits)
+
+
+def scaled(u, y):
+    y = y[:, None]
+    return [((u - u.mean()) / u.std(), (y - y.mean()) / y.std())]
+
+
+def test_a_large_alpha_leaves_the_linear_model(short):
+    orders = compare_orders(scaled(*short), [1])
+    path = searching._Path(recipe(), orders.folds, orders.models[1], 0, None)
+    options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
+    path.descend([1e8], Watch(), **options)
+    before, after = (np.sqrt(errors.sum()) for errors in path.errors)
+    assert after == pytest.approx(before, rel=1e-3)
+    np.testing.assert_allclose(path.errors[0], orders.errors[1], rtol=1e-9)
+    for (theta, _), start in zip(path.points, path.starts, strict=True):
+        structure = path.problems[0][0]
+        moved, held = structure.split(theta), structure.split(start)
+        for name in structure.network_parameters:
+            np.testing.assert_allclose(moved[name], held[name], atol=1e-4)
+
+
+def test_smaller_alphas_fit_more(short):
+    orders = compare_orders(scaled(*short), [1])
+    path = searching._Path(recipe(), orders.folds, orders.models[1], 0, None)
+    options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
+    path.descend(ALPHAS[:6], Watch(), **options)
+    costs = []
+    for points in path.states:
+        theta, x0 = points[0]
+        criterion = Criterion(path.problems[0][0], orders.folds[0].fitted)
+        costs.append(criterion.norm(criterion.join(theta, x0)))
+    assert np.all(np.diff(costs) < 1e-9)
+    assert path.errors[-1].sum() < path.errors[0].sum() / 4
+
+
+@pytest.mark.parametrize(
+    ("table", "stage", "start"),
+    [
+        # errors along the paths of three starts: the linear model, then one per alpha.
+        # typical are the two better ones; 0.51 is within 4 % of the least, 0.5
+        ([[1, 0.6, 0.51, 0.5], [1, 0.6, 0.51, 0.5], [1, 0.9, 0.9, 0.1e3]], 2, 0),
+        ([[1, 0.6, 0.53, 0.5], [1, 0.6, 0.53, 0.5], [1, 0.9, 0.9, 0.9]], 3, 0),
+        # of the starts, the best one at this alpha
+        ([[1, 0.5, 0.50, 0.9], [1, 0.4, 0.30, 0.9], [1, 0.9, 0.9, 0.9]], 2, 1),
+        # nothing helps: the linear model
+        ([[1, 1.1, 2.0, 3.0], [1, 1.2, 2.0, 3.0], [1, 1.0, 1.0, 1.1]], 0, 0),
+        # the luck of one start alone is none
+        ([[1, 0.9, 2.0, 3.0], [1, 0.9, 3.0, 3.0], [1, 0.95, 3.0, 0.8]], 1, 0),
+    ],
+)
+def test_the_largest_alpha_that_does_nearly_as_well(
+    short, monkeypatch, table, stage, start
+):
+    orders = compare_orders(scaled(*short), [1])
+    n_folds = len(orders.folds)
+
+    def descend(self, alphas, watch, **options):
+        row = table[seeds.index(self.seed)]
+        self.errors = [np.full(n_folds, error / n_folds) for error in row]
+        self.states = [[(theta + i, x0) for theta, x0 in self.points] for i in range(4)]
+        return self
+
+    class Path(searching._Path):
+        def __init__(self, recipe, folds, linears, seed, weight):
+            super().__init__(recipe, folds, linears, seed, weight)
+            self.seed = seed
+
+    Path.descend = descend
+    monkeypatch.setattr(searching, "_Path", Path)
+    seeds = [11, 22, 33]
+    found = search(recipe(), orders, [1], seeds, max_iter=10)
+    assert found.alpha == (np.inf if stage == 0 else ALPHAS[stage - 1])
+    assert found.errors.sum() == pytest.approx(table[start][stage])
+    linear = orders.models[1][0]
+    centre = recipe().start(
+        found.structure, linear, orders.folds[0].fitted, seeds[start]
+    )
+    np.testing.assert_array_equal(found.start, centre)
+    np.testing.assert_array_equal(found.theta, centre + stage)
+
+
+@pytest.mark.parametrize(
+    ("errors", "linear", "alpha", "helps"),
+    [
+        ([0.1, 0.1], [0.2, 0.2], 1e-3, True),
+        ([0.1, 0.1], [0.2, 0.2], np.inf, False),  # this is the linear model
+        ([0.195, 0.195], [0.2, 0.2], 1e-3, False),  # a gain of 2.5 %
+        ([0.01, 0.31], [0.4, 0.2], 1e-3, False),  # 1.55 times as bad in one fold
+        ([0.001, 0.07], [0.01, 0.3], 1e-3, True),
+        # a fold that happens to be linear counts as half of the mean, 0.15
+        ([0.05, 0.11], [0.29, 0.01], 1e-3, True),
+        ([0.05, 0.12], [0.29, 0.01], 1e-3, False),
+        ([0.85, 0.1], [3.0, 3.0], 1e-3, False),  # no prediction: 0.85 > 0.9^2
+    ],
+)
+def test_what_counts_as_help(errors, linear, alpha, helps):
+    found = Found(None, None, None, alpha, np.array(errors), np.array(linear), {})
+    assert found.helps is helps
+
+
+def test_overflowing_derivatives_are_a_cliff_and_not_the_end():
+    # a Gauss-Newton step goes to zero at once; left of 0.7 the derivatives overflow
+    class Cliff:
+        def norm(self, x):
+            return float(abs(x[0]))
+
+        def fun(self, x):
+            return np.append(np.abs(x), 0.0)
+
+        def jac(self, x):
+            if x[0] < 0.7:
+                raise FloatingPointError("overflow")
+            return np.array([[1.0], [0.0]])
+
+    result = minimize(Cliff(), np.array([2.0]), max_iter=200)
+    assert 0.7 <= result.x[0] < 0.75
+    assert result.cost == pytest.approx(result.x[0] ** 2)
+
+
+def test_a_start_without_derivatives_is_returned():
+    class Cliff:
+        norm = staticmethod(lambda x: 1.0)
+        fun = staticmethod(lambda x: np.ones(2))
+
+        def jac(self, x):
+            raise FloatingPointError
+
+    result = minimize(Cliff(), np.array([2.0]))
+    assert not result.success and "overflow" in result.message
+    np.testing.assert_array_equal(result.x, [2.0])
+
+
+@pytest.mark.parametrize("alpha", ["auto", 0.0])
+@pytest.mark.parametrize("every", [2, 7])
+def test_overflows_within_a_fit_leave_a_model(short, monkeypatch, alpha, every):
+    original, calls = Criterion.normal_equations, [0]
+
+    def overflowing(self, free):
+        calls[0] += self.structure.nw > 0 and len(free) > self.structure.n_x0
+        if calls[0] % every == 0 and calls[0]:
+            raise FloatingPointError("overflow")
+        return original(self, free)
+
+    monkeypatch.setattr(Criterion, "normal_equations", overflowing)
+    monkeypatch.setattr(StateSpaceModel, "_score_training", lambda *_: None)
+    u, y = short
+    model = quietly(make("fl", alpha=alpha), u, y)
+    assert np.isfinite(model.cost_) and np.isfinite(model.predict(u)).all()
+    assert calls[0] > 10
+
+
+def test_all_samples_begin_where_they_are_simulated_best(short):
+    experiments = scaled(*short)
+    linear = compare_orders(experiments, [1]).models[1][0]
+    plan = recipe()
+    _, structure, _, _ = plan.declare(linear)
+    good = plan.start(structure, linear, experiments, 0)
+    p = structure.split(good.copy())
+    p["W_h"][:] = 5.0  # far worse on any sample
+    bad = structure.join(p)
+    options = {"coarse_samples": 200, "max_iter": 1, "polish_iter": 1, "tol": 1e-2}
+    costs = {}
+    for fallback in (None, good):
+        watch = Watch()
+        watch.reason = "stages return their starts"
+        result = train(
+            structure, experiments, [bad], fallback=fallback, watch=watch, **options
+        )
+        costs[fallback is None] = result.cost
+        wanted = bad if fallback is None else good
+        np.testing.assert_array_equal(result.theta, wanted)
+    assert costs[False] < costs[True] / 2
+    # a fallback that is worse is none
+    watch = Watch()
+    watch.reason = "stages return their starts"
+    result = train(structure, experiments, [good], fallback=bad, watch=watch, **options)
+    np.testing.assert_array_equal(result.theta, good)
+
+
+# -- the same again ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_the_same_seed_gives_the_same_model(short, kind):
+    first, again = (quietly(make(kind), *short) for _ in range(2))
+    np.testing.assert_array_equal(first._theta, again._theta)
+    assert first.alpha_ == again.alpha_ and first.orders_ == again.orders_
+
+
+def test_starts_in_parallel_are_those_of_one_process(short, fitted):
+    parallel = quietly(make("fl", n_jobs=2), *short)
+    np.testing.assert_allclose(parallel._theta, fitted._theta, rtol=1e-9)
+    assert parallel.alpha_ == fitted.alpha_
+
+
+# -- what a fit leaves ---------------------------------------------------------------
+
+
+def assert_model(model, u):
+    """Check that what a fit left is a model of finite numbers."""
+    us = u if isinstance(u, list) else [u]
+    for one in us:
+        assert np.isfinite(model.predict(one)).all()
+    assert np.isfinite(model.cost_)
+    assert np.isfinite(model.train_score_)
+    assert set(model.orders_) <= {"linear", "networks"}
+    assert model.message_
+
+
+def two_by_two(seed=0, n=500):
+    rng = np.random.default_rng(seed)
+    A = np.array([[0.7, 0.2], [-0.2, 0.6]])
+    u, x, y = rng.standard_normal((n, 2)), np.zeros(2), np.empty((n, 2))
+    for k in range(n):
+        y[k] = x
+        x = A @ x + 0.5 * u[k] + 0.6 * np.tanh(2 * x[::-1])
+    return u, y + 0.02 * rng.standard_normal(y.shape)
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_two_inputs_and_two_outputs(kind):
+    u, y = two_by_two()
+    model = quietly(make(kind, nx=2), u, y)
+    assert_model(model, u)
+    linear = LinearStateSpace(2).fit(u, y)
+    assert model.score(*two_by_two(1)) > linear.score(*two_by_two(1)) - 0.01
+
+
+def test_experiments_of_different_length(short):
+    u, y = short
+    us, ys = [u[:260], u[260:]], [y[:260], y[260:]]
+    model = quietly(make("fl"), us, ys)
+    assert_model(model, us)
+    assert model.x0_.shape == (2, 1)
+
+
+def test_outputs_that_were_not_measured(short):
+    u, y = short
+    y = y.copy()
+    y[::7] = np.nan
+    y[300:] = np.nan  # nothing is left of the quarter that one fold hides
+    model = quietly(make("fl"), u, y)
+    assert_model(model, u)
+    assert model.score(u[:300], short[1][:300]) > 0.99
+
+
+def test_a_constant_output():
+    u = np.random.default_rng(0).standard_normal((100, 1))
+    model = quietly(make("fl"), u, np.full(100, 3.0))
+    np.testing.assert_allclose(model.predict(u), 3.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("nx", ["auto", 1])
+@pytest.mark.parametrize("kind", CLASSES)
+def test_twenty_samples(kind, nx):
+    u, y = twin(0, 20)
+    model = quietly(make(kind, nx=nx), u, y)
+    assert_model(model, u)
+
+
+def test_too_few_samples_for_an_order():
+    u, y = twin(0, 20)
+    with pytest.raises(ValueError, match=r"at least \d+ samples .* smaller `nx`"):
+        make("fl", nx=8).fit(u, y)
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_at_rest(short, kind):
+    for data in (short, linear_plant(0)):
+        model = quietly(make(kind, initial_state="rest"), *data)
+        assert_model(model, data[0])
+        np.testing.assert_array_equal(model.x0_, [[0.0]])
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_a_given_start(short, kind):
+    start = ([[0.9]], [[1.0]], [[1.0]])
+    model = quietly(make(kind, linear_start=start), *short)
+    assert_model(model, short[0])
+    assert model.orders_.keys() == {"networks"}
+
+
+@pytest.mark.parametrize(
+    "data", [twin(0, 500), linear_plant(0)], ids=["twin", "linear"]
+)
+@pytest.mark.parametrize("kind", CLASSES)
+def test_bounds_hold_whatever_a_search_finds(data, kind):
+    bounds = {"A": (0.2, 0.65), "B": (0.5, 0.9)}
+    start = ([[0.6]], [[0.8]], [[1.0]])
+    options = {"linear_start": start, "bounds": bounds, "stability": None}
+    model = quietly(make(kind, **options), *data)
+    assert_model(model, data[0])
+    assert 0.2 <= model.A_[0, 0] <= 0.65 and 0.5 <= model.B_[0, 0] <= 0.9
+
+
+def test_a_shaped_linear_model_is_that_of_the_linear_estimator():
+    u, y = linear_plant(0)
+    for options in (
+        {"initial_state": "rest"},
+        {"output_weight": [2.0]},
+        {"feedthrough": True, "bounds": {"D": (-1.0, -0.2)}},
+    ):
+        linear = LinearStateSpace(2, **options, tol=1e-8).fit(u, y)
+        model = quietly(make("al", nx=2, tol=1e-8, **options), u, y)
+        assert LINEAR in model.message_
+        assert model.cost_ == pytest.approx(linear.cost_, rel=1e-4)
+        np.testing.assert_allclose(
+            model.predict(u), linear.predict(u), atol=1e-2 * y.std()
+        )
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_an_integrator(kind):
+    u, y = soft(0)
+    y = np.cumsum(y - y.mean()) * 0.1
+    model = quietly(make(kind, nx=2, integrators=1), u, y)
+    assert_model(model, u)
+    assert np.isclose(np.linalg.eigvals(model.A_), 1.0).any()
+
+
+@pytest.mark.parametrize("input_delay", [3, "auto"])
+def test_a_delay(short, input_delay):
+    u, y = short
+    late = np.concatenate([np.full(3, y[0]), y[:-3]])
+    model = quietly(make("fl", input_delay=input_delay), u, late)
+    assert_model(model, u)
+    assert model.score(u, late) > 0.95
+
+
+@pytest.mark.parametrize("held_out", ["records", "fraction"])
+def test_validation(short, held_out):
+    u, y = short
+    if held_out == "records":
+        model = quietly(make("fl"), u, y, validation=soft(1, 200))
+    else:
+        model = quietly(make("fl", validation_fraction=0.2), u, y)
+    assert_model(model, u)
+    trained = [s.validation_rmse for s in model.history_ if s.label == "train"]
+    assert np.isfinite(trained).any()
+
+
+def test_a_warm_start_goes_on_with_what_was_chosen(short, fitted):
+    model = clone(fitted).set_params(warm_start=True, max_iter=60)
+    quietly(model, *short)
+    alpha, cost = model.alpha_, model.cost_
+    quietly(model, *short)
+    assert model.alpha_ == alpha and np.isfinite(alpha)
+    assert model.cost_ <= cost * (1 + 1e-9)
+    assert {step.label for step in model.history_} == {"train"}
+    quietly(model.set_params(alpha=0.5), *short)
+    assert model.alpha_ == 0.5
+
+
+def test_a_warm_start_from_a_linear_model_searches_again(short):
+    model = make("fl", warm_start=True)
+    quietly(model, *linear_plant(0))
+    assert model.alpha_ == np.inf
+    quietly(model, *short)
+    assert np.isfinite(model.alpha_)
+    assert_model(model, short[0])
+
+
+@pytest.mark.parametrize("max_time", [1e-3, 0.3])
+@pytest.mark.parametrize("nx", ["auto", 1])
+def test_time_may_be_over_at_any_time(short, max_time, nx):
+    model = make("fl", max_time=max_time, nx=nx)
+    with pytest.warns(ConvergenceWarning, match="max_time is over") as caught:
+        model.fit(*short)
+    assert not any("do not simulate hidden" in str(w.message) for w in caught)
+    assert model.message_ == "max_time is over" and not model.converged_
+    assert_model(model, short[0])
+
+
+@pytest.mark.parametrize("where", ["in a stage", "between stages", "of the orders"])
+def test_an_interrupt_within_a_search(short, monkeypatch, where):
+    calls = [0]
+
+    def interrupt(original, at):
+        def function(*args, **kwargs):
+            calls[0] += 1
+            if calls[0] == at:
+                raise KeyboardInterrupt
+            return original(*args, **kwargs)
+
+        return function
+
+    if where == "in a stage":
+        wrapped = interrupt(searching.Criterion.normal_equations, 12)
+
+        class Interrupted(Criterion):
+            normal_equations = wrapped
+
+        monkeypatch.setattr(searching, "Criterion", Interrupted)
+    elif where == "between stages":
+        wrapped = interrupt(searching._Path._judge, 4)
+        monkeypatch.setattr(searching._Path, "_judge", wrapped)
+    else:
+        wrapped = interrupt(alssnn.subspace.minimize, 2)
+        monkeypatch.setattr("alssnn.subspace.minimize", wrapped)
+    model = make("fl", warm_start=True)
+    with pytest.raises(KeyboardInterrupt):
+        model.fit(*short)
+    assert calls[0] > 1
+    if where != "of the orders":
+        assert model.message_ == "interrupted" and not model.converged_
+        assert_model(model, short[0])
+    quietly(model, *short)  # and on it goes
+    assert np.isfinite(model.alpha_)
+
+
+def test_a_model_that_hangs_on_an_exact_state_is_told():
+    # a mode that grows by 3 % per sample is silent from its exact state; the noise of
+    # 50 samples tells it to 0.01 or so, which is 1000 after 400
+    rng = np.random.default_rng(0)
+    A, B, C = np.diag([0.5, 1.03]), np.array([[1.0], [0.0]]), np.ones((1, 2))
+    u = rng.standard_normal((400, 1))
+    y = simulate_linear(A, B, C, u) + 0.1 * rng.standard_normal((400, 1))
+    model = LinearStateSpace(
+        linear_start=(A, B, C),
+        bounds={"A": (A, A), "B": (B, B), "C": (C, C)},
+        operating_point="zero",
+    )
+    with (
+        pytest.warns(ConvergenceWarning, match="hangs on an exact initial state"),
+        pytest.warns(ConvergenceWarning, match="unstable, spectral radius 1.03"),
+    ):
+        model.fit(u, y)
+    assert model.cost_ < 0.1 and model.train_score_ < 0
+    model.set_params(bounds=None, linear_start=None, nx=1)
+    assert model.fit(u, y).train_score_ == pytest.approx(model.score(u, y), abs=0.01)
+
+
+# -- the way to a file and back --------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "data", [twin(0, 500), linear_plant(0)], ids=["twin", "linear"]
+)
+def test_what_was_chosen_survives_a_file(tmp_path, data):
+    model = quietly(make("fl", nx=range(1, 3)), *data)
+    model.save(tmp_path / "model.npz")
+    loaded = alssnn.load(tmp_path / "model.npz")
+    assert loaded.alpha_ == model.alpha_
+    assert loaded.train_score_ == model.train_score_
+    assert loaded.orders_ == model.orders_
+    assert loaded.orders_.keys() == {"linear", "networks"}
+    assert list(loaded.nx) == [1, 2]
+    for one in (model, loaded):
+        quietly(one.set_params(warm_start=True, max_iter=3), *data)
+    np.testing.assert_array_equal(loaded._theta, model._theta)
+    assert loaded.alpha_ == model.alpha_
+
+
+def test_what_was_chosen_survives_a_pickle(fitted):
+    again = pickle.loads(pickle.dumps(fitted))
+    assert again.alpha_ == fitted.alpha_ and again.orders_ == fitted.orders_
