@@ -162,6 +162,11 @@ class _Path:
         return criterion.split(result.x)
 
 
+def _descend(path, watch, options):
+    """Go down a whole path; in a process of its own, if need be."""
+    return path.descend(ALPHAS, watch, **options)
+
+
 def search(
     recipe,
     orders,
@@ -211,23 +216,27 @@ def search(
         "label": "search",
     }
 
-    def path(nx, seed, alphas):
-        walk = _Path(recipe, folds, orders.models[nx], seed, output_weight)
-        return walk.descend(alphas, quiet, **options)
+    def start(nx, seed):
+        return _Path(recipe, folds, orders.models[nx], seed, output_weight)
 
     curve = {}
     if len(candidates) > 1:
         for nx in candidates:
-            errors = path(nx, seeds[0], ALPHAS[SCREEN]).errors
+            errors = (
+                start(nx, seeds[0]).descend(ALPHAS[SCREEN], quiet, **options).errors
+            )
             curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
         nx = min(curve, key=lambda n: curve[n])
     else:
         (nx,) = candidates
-    calls = [(nx, seed, ALPHAS) for seed in seeds]
-    if n_jobs in (None, 1) or len(calls) == 1:
-        paths = [path(*call) for call in calls]
+    # the paths begin here, for the recipe is of the estimator, whose callbacks and
+    # streams may not leave this process
+    paths = [start(nx, seed) for seed in seeds]
+    if n_jobs in (None, 1) or len(paths) == 1:
+        paths = [path.descend(ALPHAS, quiet, **options) for path in paths]
     else:
-        paths = Parallel(n_jobs=n_jobs)(delayed(path)(*call) for call in calls)
+        tasks = (delayed(_descend)(path, quiet, options) for path in paths)
+        paths = Parallel(n_jobs=n_jobs)(tasks)
     length = max(len(walk.errors) for walk in paths)
     table = np.full((len(paths), length), np.inf)
     for row, walk in zip(table, paths, strict=True):

@@ -9,10 +9,11 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn
 
-# The training alone, for tests of its mechanics: no search by hidden samples, a free A
-# and a tolerance that leaves the number of steps to `max_iter`.
+# The training alone, for tests of its mechanics: no search by hidden samples or for
+# integrators, a free A and a tolerance that leaves the number of steps to `max_iter`.
 PLAIN = {
     "alpha": 0.0,
+    "integrators": 0,
     "n_init": 1,
     "stability": None,
     "phi": 0.01,

@@ -1,5 +1,6 @@
 """Callbacks of scikit-learn follow a fit, score it and end it."""
 
+import threading
 import warnings
 
 import numpy as np
@@ -8,6 +9,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
 
+from alssnn import FlSsnn
 from alssnn.datasets import make_wiener_hammerstein
 from models import al_ssnn
 
@@ -65,6 +67,19 @@ def test_every_accepted_step_is_a_task(model, record):
     assert len(follower.scores) == len(model.history_) - n_linear
     assert follower.scores[-1] == pytest.approx(model.score(*record))
     assert follower.scores[0] < follower.scores[-1]
+
+
+@pytest.mark.parametrize("n_jobs", [None, 2])
+def test_a_search_is_no_task(record, n_jobs):
+    # with callbacks that no process but this one can have
+    follower = Follower()
+    follower.lock = threading.Lock()
+    model = FlSsnn(2, 2, n_init=2, max_iter=50, random_state=0, n_jobs=n_jobs)
+    plain = clone(model).fit(*record)
+    model.set_callbacks(follower).fit(*record)
+    assert follower.events.count("iteration ends") == len(model.history_)
+    assert [step.cost for step in model.history_] == [s.cost for s in plain.history_]
+    np.testing.assert_array_equal(plain.predict(record.u), model.predict(record.u))
 
 
 def test_callbacks_change_no_result(model, record):

@@ -16,8 +16,8 @@ def records(rng, lengths, ny=2):
 
 @pytest.mark.parametrize(
     ("lengths", "n_folds"),
-    # by the number of samples of all experiments: FEW = 2500, MANY = 6000
-    [((40,), 3), ((1000, 1500), 3), ((2501,), 2), ((3000, 3000), 2), ((6001,), 1)],
+    # by the number of samples of all experiments: FEW = 1200, MANY = 4000
+    [((40,), 3), ((500, 700), 3), ((1201,), 2), ((2000, 2000), 2), ((4001,), 1)],
 )
 def test_short_records_are_judged_by_more_folds(rng, lengths, n_folds):
     assert len(hold_out(records(rng, lengths))) == n_folds
@@ -124,6 +124,18 @@ def test_a_model_that_hangs_on_an_exact_state_is_found_out(rng):
     fold, x0 = hold_out([(u, y)])[0], np.zeros((1, 2))
     assert fold.error(*point(np.diag([0.5, 1.02]), B, C), x0) > 8.6**2
     assert fold.error(*point(np.diag([0.5, 0.9]), B, C), x0) < 1e-12
+
+
+def test_what_integrates_is_not_nudged(rng):
+    u = rng.standard_normal((300, 1))
+    A, B, C = np.diag([0.5, 1.0]), np.ones((2, 1)), np.ones((1, 2))
+    y = simulate_linear(A, B, C, u)
+    errors = [
+        hold_out([(u, y)], integrators=n)[0].error(*point(A, B, C), np.zeros((1, 2)))
+        for n in (0, 1)
+    ]
+    # a tenth of a state stays a tenth for ever
+    np.testing.assert_allclose(errors, [0.01, 0.0], atol=1e-12)
 
 
 def test_a_model_that_diverges_is_infinitely_bad(rng):

@@ -161,9 +161,9 @@ class StateSpaceModel(
         self._container = container
         self.output_names_ = container.output_names
         experiments, held_out = self._hold_out(u, y, parts, validation)
+        watch.observe = Callbacks.of(self, u, y, experiment)
         if not warm and self._find_integrators(experiments, watch):
             experiments, held_out = self._hold_out(u, y, parts, validation)
-        watch.observe = Callbacks.of(self, u, y, experiment)
         self._complete(experiments, watch, held_out, warm)
         if watch.observe is not None:
             watch.observe.end()
