@@ -12,7 +12,8 @@ and a choice of complexity in one.  (Decay towards zero instead would take the i
 weights first, and with them every gradient: the linear model is a saddle.)
 
 Of the alphas that do nearly as well as the best, averaged over the better starts, the
-largest is taken; of the starts, the best at this alpha.  The networks are kept if they
+largest is taken; of the starts, the best at this alpha.  Where the error still falls at
+the end of the path, it goes on without decay.  The networks are kept if they
 beat the best linear model on the hidden samples: in the sum over the folds, not much
 worse in any of them, and with an error that is worth a prediction.
 """
@@ -32,7 +33,8 @@ STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
 WAIT = 3  # alphas without a gain, after which a path ends
 ENOUGH = 1e-4  # the largest alpha at which it may
-NEARLY = 1.04  # relative mean square error that is as good as the best
+NEARLY = 1.1  # relative mean square error that is as good as the best
+REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
 USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
@@ -72,7 +74,10 @@ class Found:
     start : ndarray of shape (n_params,)
         The random start, center of the decay.
     alpha : float
-        Weight of the decay; inf leaves the linear model.
+        Weight of the decay.
+    refit_iter : int
+        Trial steps that a fit to all samples may take: many more than what was judged
+        would be another, less regular model.
     errors : ndarray of shape (n_folds,)
         Mean square errors on the hidden samples, outputs of unit variance.
     linear_errors : ndarray of shape (n_folds,)
@@ -85,6 +90,7 @@ class Found:
     theta: np.ndarray
     start: np.ndarray
     alpha: float
+    refit_iter: int
     errors: np.ndarray
     linear_errors: np.ndarray
     curve: dict
@@ -96,8 +102,7 @@ class Found:
         # a part of the record that happens to be linear is no reason against
         bound = WORSE * np.maximum(linear, linear.mean() / 2)
         return bool(
-            np.isfinite(self.alpha)
-            and self.errors.sum() < GAIN * linear.sum()
+            self.errors.sum() < GAIN * linear.sum()
             and np.all(self.errors < bound)
             and np.sqrt(self.errors.max()) < USEFUL
         )
@@ -132,7 +137,7 @@ class _Path:
 
     def descend(self, alphas, watch, **options):
         """Go down the path, and stop where smaller alphas bring no more."""
-        waited, least = 0, self.errors[0].sum()
+        waited, least = 0, min(errors.sum() for errors in self.errors)
         for alpha in alphas:
             self.points = [
                 self._stage(i, alpha, watch, options) for i in range(len(self.folds))
@@ -242,15 +247,21 @@ def search(
     for row, walk in zip(table, paths, strict=True):
         row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
     typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
-    stage = int(np.argmax(typical <= NEARLY * typical.min()))
+    stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
     walk = paths[int(np.argmin(table[:, stage]))]
+    alpha = ALPHAS[stage - 1]
+    if stage == len(ALPHAS):  # the error still falls where the decay ends
+        more = max_iter // options["max_iter"]
+        walk.descend(np.zeros(more), quiet, **options)
+        stage = int(np.argmin([errors.sum() for errors in walk.errors]))
     curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
     structure = walk.problems[0][0]
     return Found(
         structure,
         walk.states[stage][0][0],
         walk.starts[0],
-        float(np.inf if stage == 0 else ALPHAS[stage - 1]),
+        float(alpha),
+        REFIT * options["max_iter"],
         walk.errors[stage],
         orders.errors[orders.nx],
         curve,

@@ -35,6 +35,7 @@ from ._warn import warn_of_training
 
 SLOWEST = 5.0  # time constants in a record, of the slowest pole of a start
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
+SETTLED = "as many steps as hidden samples allow"
 LEFT_LINEAR = "the networks do not help: this is the linear model"
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
 # Constraints of the options that several presets offer.
@@ -230,6 +231,7 @@ class Ssnn(StateSpaceModel):
 
     def _identify(self, experiments, previous, watch, held_out):
         self._check_inputs()
+        max_iter = self.max_iter
         chosen = self._decay or {"alpha": 0.0}
         self._decay = None
         is_auto = self.alpha == "auto"
@@ -258,6 +260,7 @@ class Ssnn(StateSpaceModel):
                 if found is None or not found.helps:
                     return self._left_linear(linear, near, experiments, watch)
                 plain, starts = found.structure, [found.theta]
+                max_iter = min(max_iter, found.refit_iter)
                 weights = {"alpha": found.alpha, "center": found.start}
                 if plain.sizes["x"] != len(linear.A):
                     fallback = None
@@ -282,7 +285,7 @@ class Ssnn(StateSpaceModel):
             polish_iter=self.polish_iter,
             n_jobs=self.n_jobs,
             method=self.method,
-            max_iter=self.max_iter,
+            max_iter=max_iter,
             tol=self.tol,
             watch=watch,
             validation=held_out,
@@ -290,6 +293,8 @@ class Ssnn(StateSpaceModel):
         )
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
+        if max_iter < self.max_iter and result.status == 0:
+            result.update(success=True, message=SETTLED)
         if not continues and self._loses(plain, result, linear, experiments):
             return self._left_linear(linear, near, experiments, watch)
         return plain, result.theta, result
