@@ -114,6 +114,8 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
     integrators : int, default=0
         Number of last states that are integrators (eq. integrate), in a block of
         their own: nothing contracts them.
+    radius : float, default=1.0
+        Largest modulus of an eigenvalue that is left.
 
     Returns
     -------
