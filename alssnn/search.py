@@ -12,8 +12,8 @@ and a choice of complexity in one.  (Decay towards zero instead would take the i
 weights first, and with them every gradient: the linear model is a saddle.)
 
 Of the alphas that do nearly as well as the best, averaged over the better starts, the
-largest is taken; of the starts, the best at this alpha.  Where the error still falls at
-the end of the path, it goes on without decay.  The networks are kept if they
+largest is taken; of the starts, the best at this alpha.  From there it goes on at this
+alpha as long as the error on the hidden samples falls.  The networks are kept if they
 beat the best linear model on the hidden samples: in the sum over the folds, not much
 worse in any of them, and with an error that is worth a prediction.
 """
@@ -135,8 +135,8 @@ class _Path:
             ]
         )
 
-    def descend(self, alphas, watch, **options):
-        """Go down the path, and stop where smaller alphas bring no more."""
+    def descend(self, alphas, watch, enough=ENOUGH, **options):
+        """Go down the path, and stop where further stages bring no more."""
         waited, least = 0, min(errors.sum() for errors in self.errors)
         for alpha in alphas:
             self.points = [
@@ -146,9 +146,18 @@ class _Path:
             self.states.append(self.points)
             waited = 0 if self.errors[-1].sum() < 0.99 * least else waited + 1
             least = min(least, self.errors[-1].sum())
-            if (waited >= WAIT and alpha <= ENOUGH) or watch.reason is not None:
+            if (waited >= WAIT and alpha <= enough) or watch.reason is not None:
                 break
         return self
+
+    def go_on(self, stage, alpha, n_stages, watch, **options):
+        """Go on from a stage at its alpha; return the stage of least error."""
+        kept = slice(0, stage + 1)
+        self.errors, self.states = self.errors[kept], self.states[kept]
+        self.points = self.states[stage]
+        self.descend(np.full(n_stages, alpha), watch, enough=np.inf, **options)
+        last = [errors.sum() for errors in self.errors[stage:]]
+        return stage + int(np.argmin(last))
 
     def _stage(self, i, alpha, watch, options):
         _, penalized, weights, limits = self.problems[i]
@@ -250,10 +259,8 @@ def search(
     stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
     walk = paths[int(np.argmin(table[:, stage]))]
     alpha = ALPHAS[stage - 1]
-    if stage == len(ALPHAS):  # the error still falls where the decay ends
-        more = max_iter // options["max_iter"]
-        walk.descend(np.zeros(more), quiet, **options)
-        stage = int(np.argmin([errors.sum() for errors in walk.errors]))
+    more = max_iter // options["max_iter"]
+    stage = walk.go_on(stage, alpha, more, quiet, **options)
     curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
     structure = walk.problems[0][0]
     return Found(
