@@ -259,6 +259,7 @@ def search(
     stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
     walk = paths[int(np.argmin(table[:, stage]))]
     alpha = ALPHAS[stage - 1]
+    judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
     more = max_iter // options["max_iter"]
     stage = walk.go_on(stage, alpha, more, quiet, **options)
     curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
@@ -269,7 +270,7 @@ def search(
         walk.starts[0],
         float(alpha),
         REFIT * options["max_iter"],
-        walk.errors[stage],
+        judged,
         orders.errors[orders.nx],
         curve,
     )
