@@ -269,7 +269,7 @@ def test_a_search_survives_a_killed_worker(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
 
     folds = list(TimeSeriesSplit(2).split(u))
-    estimator = Suicidal(2, 2, max_iter=6, random_state=0)
+    estimator = Suicidal(**search().estimator.get_params())
     suicidal = search().set_params(estimator=estimator, cv=folds)
     with (
         dask.LocalCluster(
