@@ -62,6 +62,7 @@ def minimize(
     method="lm",
     max_iter=100,
     tol=1e-6,
+    xtol=None,
     bounds=None,
     watch=None,
     patience=None,
@@ -82,6 +83,8 @@ def minimize(
         Largest number of trial steps.
     tol : float, default=1e-6
         Relative change of the cost, and of the parameters, that ends the search.
+    xtol : float or None, default=None
+        Relative change of the parameters that ends the search; None means `tol`.
     bounds : tuple of ndarray or None, default=None
         Lower and upper bounds, for "trf".
     watch : Watch or None, default=None
@@ -118,7 +121,7 @@ def minimize(
         "bounds": (-np.inf, np.inf) if bounds is None else bounds,
         "x_scale": "jac",
         "ftol": tol,
-        "xtol": tol,
+        "xtol": tol if xtol is None else xtol,
         "gtol": GRADIENT_TOLERANCE,
     }
     try:

@@ -11,11 +11,12 @@ the outputs of random networks, a small one moves them freely.  A path is a cont
 and a choice of complexity in one.  (Decay towards zero instead would take the inner
 weights first, and with them every gradient: the linear model is a saddle.)
 
-Of the alphas that do nearly as well as the best, averaged over the better starts, the
-largest is taken; of the starts, the best at this alpha.  From there it goes on at this
-alpha as long as the error on the hidden samples falls.  The networks are kept if they
-beat the best linear model on the hidden samples: in the sum over the folds, not much
-worse in any of them, and with an error that is worth a prediction.
+Of the alphas that do nearly as well as the best, averaged over the better starts (of a
+long record, along the best one), the largest is taken; of the starts, the best at this
+alpha.  From there it goes on at this alpha as long as the error on the hidden samples
+falls.  The networks are kept if they beat the best linear model on the hidden samples:
+in the sum over the folds, not much worse in any of them, and with an error that is
+worth a prediction.
 """
 
 from collections.abc import Callable
@@ -76,8 +77,8 @@ class Found:
     alpha : float
         Weight of the decay.
     refit_iter : int
-        Trial steps that a fit to all samples may take: many more than what was judged
-        would be another, less regular model.
+        Trial steps that a fit to all samples may take: of a short record, many more
+        than what was judged would be another, less regular model.
     errors : ndarray of shape (n_folds,)
         Mean square errors on the hidden samples, outputs of unit variance.
     linear_errors : ndarray of shape (n_folds,)
@@ -256,6 +257,8 @@ def search(
     for row, walk in zip(table, paths, strict=True):
         row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
     typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
+    if len(folds) == 1:  # a long record: enough is hidden to trust a single start
+        typical = table[np.argmin(table.min(axis=1))]
     stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
     walk = paths[int(np.argmin(table[:, stage]))]
     alpha = ALPHAS[stage - 1]
@@ -269,7 +272,7 @@ def search(
         walk.states[stage][0][0],
         walk.starts[0],
         float(alpha),
-        REFIT * options["max_iter"],
+        max_iter if len(folds) == 1 else REFIT * options["max_iter"],
         judged,
         orders.errors[orders.nx],
         curve,

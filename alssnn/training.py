@@ -34,6 +34,7 @@ INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 ONLY_STAGE = "train"  # label of a training that is one search
+LAST_XTOL = 1e-9  # relative change of the parameters that ends the last stage
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -237,7 +238,8 @@ def train(
     if is_coarse:
         steps = best.nfev
         criterion = Criterion(structure, experiments, **weights)
-        options = {**options, "max_iter": polish_iter}
+        # a short step may still be worth it here: its cost alone ends the last stage
+        options = {**options, "max_iter": polish_iter, "xtol": LAST_XTOL}
         best = _stage(
             criterion,
             best.theta,
