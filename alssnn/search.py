@@ -252,15 +252,7 @@ def search(
     else:
         tasks = (delayed(_descend)(path, quiet, options) for path in paths)
         paths = Parallel(n_jobs=n_jobs)(tasks)
-    length = max(len(walk.errors) for walk in paths)
-    table = np.full((len(paths), length), np.inf)
-    for row, walk in zip(table, paths, strict=True):
-        row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
-    typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
-    if len(folds) == 1:  # a long record: enough is hidden to trust a single start
-        typical = table[np.argmin(table.min(axis=1))]
-    stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
-    walk = paths[int(np.argmin(table[:, stage]))]
+    walk, stage = _choose(paths)
     alpha = ALPHAS[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
     more = max_iter // options["max_iter"]
@@ -277,3 +269,16 @@ def search(
         orders.errors[orders.nx],
         curve,
     )
+
+
+def _choose(paths):
+    """Return the path that goes on, and the stage from which it does."""
+    length = max(len(walk.errors) for walk in paths)
+    table = np.full((len(paths), length), np.inf)
+    for row, walk in zip(table, paths, strict=True):
+        row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
+    typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
+    if len(paths[0].folds) == 1:  # a long record: enough is hidden to trust one start
+        typical = table[np.argmin(table.min(axis=1))]
+    stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
+    return paths[int(np.argmin(table[:, stage]))], stage
