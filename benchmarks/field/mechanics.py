@@ -213,7 +213,7 @@ MACHINES = (
         "robot joint", "flexible link", robot_joint, split="seen", unit="rad", dt=0.02
     ),
     simulated(
-        "drone arm", "quadratic input", drone_arm, split="unseen", unit="deg", dt=0.05
+        "drone arm", "quadratic input", drone_arm, split="seen", unit="deg", dt=0.05
     ),
     simulated(
         "saturating motor",

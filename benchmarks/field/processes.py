@@ -159,7 +159,7 @@ PROCESSES = (
         "overflowing tank",
         "overflow and saturation",
         overflowing_tank,
-        split="unseen",
+        split="seen",
         unit="cm",
         dt=4.0,
     ),
