@@ -149,7 +149,9 @@ class FlSsnn(Ssnn):
     n_iter_ : int
         Trial steps of the training, linear start excluded.
     converged_ : bool
-        Whether a tolerance was reached, or validation ended the last stage.
+        Whether the training ended by itself: a tolerance was reached, validation or
+        the number of steps that hidden samples allow ended the last stage, or the
+        linear model was returned. It does not say that the cost has settled.
     message_ : str
         Why the training stopped.
     history_ : list of Step
