@@ -83,6 +83,21 @@ class Lure:
         return len(self.Theta) - self.nx - self.nw
 
     @property
+    def rows_x(self):
+        """Return the rows that make x+, shape (nx, n_columns)."""
+        return self.Theta[: self.nx]
+
+    @property
+    def rows_z(self):
+        """Return the rows that make the channels, shape (nz, n_columns)."""
+        return self.Theta[self.nx : self.nx + self.nz]
+
+    @property
+    def rows_v(self):
+        """Return the rows that make what neurons see, shape (nw, n_columns)."""
+        return self.Theta[self.nx + self.nz :]
+
+    @property
     def M(self):
         """Return the linear part, shape (nx + nz, nx + nu)."""
         return self.Theta[: self.nx + self.nz, : self.nx + self.nu]

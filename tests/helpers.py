@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from alssnn.lure import Lure
+from alssnn.plant import Plant
+
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
 
 
@@ -38,3 +41,30 @@ def simulate_linear(A, B, C, u, x0=None):
         y[k] = C @ x
         x = A @ x + B @ u_k
     return y
+
+
+def linear_plant(A, B, C=None, D=None, dt=1.0):
+    """Return a linear plant, signals of unit size."""
+    A, B = np.asarray(A, dtype=float), np.asarray(B, dtype=float)
+    (nx, nu), C = B.shape, np.eye(len(A)) if C is None else np.asarray(C)
+    ny = len(C)
+    D = np.zeros((ny, nu)) if D is None else D
+    v = np.eye(nu, nx + nu, nx)
+    Theta = np.pad(
+        np.vstack([np.hstack([A, B]), np.hstack([C, D]), v]), ((0, 0), (0, 1))
+    )
+    return Plant(
+        form=Lure(Theta, nx, nu, 0),
+        law_form=Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0),
+        feedback="output",
+        u_offset=np.zeros(nu),
+        y_offset=np.zeros(ny),
+        u_scale=np.ones(nu),
+        y_scale=np.ones(ny),
+        x_scale=np.ones(nx),
+        dt=dt,
+        inputs=[f"u[{i}]" for i in range(nu)],
+        outputs=[f"y[{i}]" for i in range(ny)],
+        name="plant",
+        delay=np.zeros(nu, dtype=int),
+    )

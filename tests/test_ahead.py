@@ -7,7 +7,6 @@ import pytest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
-from alssnn.feedback import Dynamics
 from models import al_ssnn, fl_ssnn
 
 OPTIONS = {"max_iter": 8, "tol": 1e-2, "random_state": 0}
@@ -47,7 +46,7 @@ def model(request, fitted):
 
 def plain(model, u, y, steps, x0):
     """Predict sample by sample: filter up to k - steps, then simulate."""
-    dynamics, observer = Dynamics.of(model), model.observer()
+    dynamics, observer = model.plant_.late(), model.observer()
     start = np.zeros(dynamics.lure.nx)
     start[: model.nx_] = x0
     X_hat = observer.filter(u, y, start)
@@ -56,7 +55,7 @@ def plain(model, u, y, steps, x0):
         x, first = (X_hat[k - steps], k - steps) if k >= steps else (start, 0)
         for i in range(first, k):
             x = dynamics.step(x, u[i])
-        y_hat[k] = dynamics.measure(x, u[k])
+        y_hat[k] = dynamics.output(x, u[k])
     return y_hat
 
 
@@ -87,7 +86,7 @@ def test_far_ahead_is_a_simulation(model):
 def test_one_step_is_the_innovation_of_the_observer(model):
     """x_hat_k - x_{k|k-1} is the gain times what one step ahead misses."""
     u, y = record()
-    dynamics, observer = Dynamics.of(model), model.observer()
+    dynamics, observer = model.plant_.late(), model.observer()
     X_hat = observer.filter(u, y)
     error = y - model.predict_ahead(u, y)
     correction = X_hat[1:] - dynamics.step(X_hat[:-1], u[:-1])

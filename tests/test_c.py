@@ -13,7 +13,6 @@ import pytest
 from alssnn import LinearStateSpace
 from alssnn.feedback import (
     DisturbanceObserver,
-    Dynamics,
     closed_loop,
     lqi,
     lqr,
@@ -168,7 +167,7 @@ def test_the_observer_filters_as_in_python(fitted, name, dtype, tmp_path):
     y[rng.random(y.shape) < 0.1] = np.nan
     x, X = plant.zeros(len(observer.x_hat)), np.empty((n, len(observer.x_hat)))
     expected, state = X.copy(), np.zeros(X.shape[1])
-    linear = observer.dynamics.has_linear_output
+    linear = observer.plant.has_linear_output
     for k, (u_k, y_k) in enumerate(zip(plant.array(u), plant.array(y), strict=True)):
         plant.correct(x, None if linear else u_k, y_k)
         X[k] = x
@@ -249,13 +248,13 @@ def run_in_c(model, plant, r, x0):
 
 def run_in_python(model, observer, law, gain, r, x0):
     """Return y and u of the same loop, from the parts of `feedback`."""
-    dynamics, n = Dynamics.of(model), len(observer.Q)
+    dynamics, n = model.plant_.late(), len(observer.Q)
     K_x, K_z = gain[:, :n], gain[:, n:]
     x, x_hat, z = np.zeros(n), np.zeros(n), np.zeros(K_z.shape[1])
     x[: model.nx_] = x0
     Y, U = [], []
     for r_k in r:
-        y = dynamics.measure(x)
+        y = dynamics.output(x)
         now = observer.output(0, x_hat, np.concatenate([0 * model.u_offset_, y]), {})
         v = (model.u_offset_ if z.size else r_k) - K_x @ now - K_z @ z
         u, cut = law.split(v, now if law.feedback == "state" else y)

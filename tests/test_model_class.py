@@ -185,7 +185,7 @@ def test_observer_follows_its_own_model(model, data):
     u = data[0]
     y = model.predict(u, x0=[0.5, 0.5])
     observer = model.observer()
-    error = np.abs(observer.dynamics.measure(observer.filter(u, y), u) - y)
+    error = np.abs(observer.plant.output(observer.filter(u, y), u) - y)
     assert (error[-50:] < 1e-4 * y.std(axis=0)).all()
 
 

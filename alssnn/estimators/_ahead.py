@@ -71,7 +71,7 @@ class AheadMixin(Fitted):
         as_list = is_list_of_records(u)
         u, y, parts, labels = self._labeled_data(u, y, experiment)
         observer = Observer(self) if observer is None else observer
-        n_late = observer.dynamics.lure.nx - self.nx_
+        n_late = observer.plant.n_late
         y_hat = np.empty((len(u), len(self.C_)))
         for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
             u_i = np.asarray(u[part], dtype=float)
@@ -80,17 +80,17 @@ class AheadMixin(Fitted):
             y_hat[part][:n] = self._simulate(u_i[:n], start)
             if n < len(u_i):
                 X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
-                y_hat[part][n:] = run_on(observer.dynamics, X_hat[:-n], u_i, n)
+                y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
         y_hat = y_hat[:, 0] if self._y_ndim == 1 else y_hat
         return [y_hat[part] for part in parts] if as_list else y_hat
 
 
-def run_on(dynamics, X, u, steps):
+def run_on(plant, X, u, steps):
     """Return the outputs some samples behind every state of a record.
 
     Parameters
     ----------
-    dynamics : Dynamics
+    plant : Plant
         Model.
     X : ndarray of shape (N - steps, nx)
         States at the samples 0, 1, ...
@@ -105,12 +105,12 @@ def run_on(dynamics, X, u, steps):
         Outputs at the samples steps, steps + 1, ..., not finite where the model
         diverges.
     """
-    y_hat = np.empty((len(X), len(dynamics.y_offset)))
+    y_hat = np.empty((len(X), len(plant.y_offset)))
     for start in range(0, len(X), CHUNK):
         stop = min(start + CHUNK, len(X))
         X_i = X[start:stop]
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(steps):
-                X_i = dynamics.step(X_i, u[start + k : stop + k])
-            y_hat[start:stop] = dynamics.measure(X_i, u[start + steps : stop + steps])
+                X_i = plant.step(X_i, u[start + k : stop + k])
+            y_hat[start:stop] = plant.output(X_i, u[start + steps : stop + steps])
     return y_hat

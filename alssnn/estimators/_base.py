@@ -190,7 +190,7 @@ class StateSpaceModel(
         self._publish(result, watch)
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
-        self._region = self._training_region(experiments)
+        self._region, self._made = self._training_region(experiments), None
         self._score_training(experiments)
         if watch.interrupt is not None:
             raise watch.interrupt
@@ -398,6 +398,7 @@ class StateSpaceModel(
 
     def _publish_parameters(self):
         """Set the attributes that follow from structure, theta and scales."""
+        self._made = None
         scaling, structure = self._scaling, self._structure
         p = {**structure.constants, **structure.split(self._theta)}
         p = structure.rescale(p, self._units())

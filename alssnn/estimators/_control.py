@@ -3,7 +3,6 @@
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from ..lure import Lure
 from ._fitted import Fitted
 
 
@@ -42,34 +41,25 @@ class ControlMixin(Fitted):
             If `which` is unknown, or `x` or `u` has the wrong size or is given for
             the linear part.
         """
-        from ..feedback import Dynamics, late_inputs, to_statespace
+        from ..feedback import linearize, to_statespace
 
         check_is_fitted(self)
         if which not in ("linear", "local"):
             raise ValueError(f"`which` must be 'linear' or 'local', got {which!r}.")
         if which == "local":
-            return Dynamics.of(self).linearize(x, u)
+            return linearize(self.plant_, x, u)
         if x is not None or u is not None:
             raise ValueError(
                 "`x` and `u` must be None for the linear part, which is the same "
                 "everywhere, got values. Use which='local'."
             )
-        M = np.block([[self.A_, self.B_], [self.C_, self.D_]])
-        linear = Lure(np.pad(M, ((0, 0), (0, 1))), self.nx_, self.B_.shape[1], 0)
-        linear = late_inputs(linear, self.input_delay_)
-        (A, B), (C, D) = (
-            np.split(rows, [linear.nx], axis=1)
-            for rows in np.split(linear.M, [linear.nx])
-        )
+        plant = self.plant_.late()
         return to_statespace(
-            A,
-            B,
-            C,
-            D,
-            self.dt,
-            inputs=getattr(self, "feature_names_in_", None),
-            outputs=self.output_names_,
-            name=type(self).__name__,
+            *plant.linear(),
+            plant.dt,
+            inputs=plant.inputs,
+            outputs=plant.outputs,
+            name=plant.name,
         )
 
     def to_nlsys(self):
@@ -82,9 +72,9 @@ class ControlMixin(Fitted):
             included, with the names of the columns of the training data. From the
             same initial state it responds as `predict` does.
         """
-        from ..feedback import Dynamics
+        from ..feedback import to_nlsys
 
-        return Dynamics.of(self).to_nlsys()
+        return to_nlsys(self.plant_)
 
     def linearizing_law(self, u_min=None, u_max=None):
         """Return the law u = v - h(s) that leaves the linear part.
@@ -104,7 +94,7 @@ class ControlMixin(Fitted):
         """
         from ..feedback import LinearizingLaw
 
-        return LinearizingLaw(self, u_min, u_max)
+        return LinearizingLaw(self.plant_, u_min, u_max)
 
     def observer(self, Q=None, R=None, kind="kalman"):
         """Return an observer of the state.
@@ -127,7 +117,7 @@ class ControlMixin(Fitted):
         """
         from ..feedback import Observer
 
-        return Observer(self, Q, R, kind)
+        return Observer(self.plant_, Q, R, kind)
 
     def mpc(self, horizon=20, Q=None, R=None, **options):
         """Return a predictive controller of the linearized loop (eq. mpc).
@@ -155,7 +145,7 @@ class ControlMixin(Fitted):
         """
         from ..mpc import LinearizingMPC
 
-        return LinearizingMPC(self, horizon, Q, R, **options)
+        return LinearizingMPC(self.plant_, horizon, Q, R, **options)
 
     # -- certificates ----------------------------------------------------------------
 

@@ -6,8 +6,9 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from ..containers import Container
-from ..linearizability import Region
 from ..orders import Orders
+from ..plant import Plant
+from ..region import Region
 from ..scaling import Scaling
 from ..structures import Structure
 from ..watch import Step
@@ -32,6 +33,7 @@ class Fitted:
     _curve: dict | None = None  # of the networks, by order
     _x_scale: np.ndarray  # states of the user over states of the fit
 
+    _made: Plant | None = None  # of `plant_`, made when it is asked for
     params_: Bunch
     A_: np.ndarray
     B_: np.ndarray

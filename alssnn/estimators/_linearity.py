@@ -6,6 +6,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..linearizability import measure
 from ..lure import Lure
 from ..networks import Perceptron
+from ..plant import Plant, signal_names
 from ._fitted import Fitted
 
 
@@ -58,6 +59,58 @@ class LinearityMixin(Fitted):
             region=self._region,
             output_names=self.output_names_,
         )
+
+    @property
+    def plant_(self):
+        """The fitted model as an immutable value, in the user's units."""
+        check_is_fitted(self)
+        if self._made is None:
+            self._made = self._make_plant()
+        return self._made
+
+    def _make_plant(self):
+        structure, scaling = self._structure, self._scaling
+        nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
+        lure, (K, k) = self._plant()
+        v = np.zeros((nu, lure.Theta.shape[1]))
+        v[:, nx : nx + nu] = np.eye(nu)
+        v[:, nx + nu :] += np.column_stack([K, k])
+        Theta = np.insert(lure.Theta, [nx + ny] * nu, v, axis=0)
+        by_state = "W_s" in self.params_
+        return Plant(
+            form=Lure(Theta, nx, nu, lure.nw, lure.sigma),
+            law_form=self._law_form(nx if by_state else ny, nu),
+            feedback="state" if by_state else "output",
+            u_offset=scaling.u_offset,
+            y_offset=scaling.y_offset,
+            u_scale=scaling.u_scale,
+            y_scale=scaling.y_scale,
+            x_scale=np.broadcast_to(self._x_scale, nx),
+            dt=float(self.dt),
+            inputs=signal_names(getattr(self, "feature_names_in_", None), "u", nu),
+            outputs=signal_names(self.output_names_, "y", ny),
+            name=type(self).__name__,
+            delay=self.input_delay_,
+            noise=self.cost_,
+            region=getattr(self, "_region", None),
+        )
+
+    def _law_form(self, ns, nu):
+        """Return v as a static map of [s; u]."""
+        layers = [] if (net := self._h()) is None else net.layers
+        sizes = [len(W) for W, _ in layers[:-1]]
+        nw = sum(sizes)
+        Theta = np.zeros((nu + nw, ns + nu + nw + 1))
+        Theta[:nu, ns : ns + nu] = np.eye(nu)
+        stops = np.cumsum([0, *sizes])
+        for i, (W, b) in enumerate(layers):
+            last = i == len(layers) - 1
+            rows = slice(0, nu) if last else slice(nu + stops[i], nu + stops[i + 1])
+            start = 0 if i == 0 else ns + nu + stops[i - 1]
+            Theta[rows, start : start + W.shape[1]] = W
+            Theta[rows, -1] = b
+        sigma = (net.activation,) * nw if layers else ()
+        return Lure(Theta, 0, ns + nu, nw, sigma)
 
     def _plant(self):
         """Return the Lur'e form with the states x alone, and (K, k) of h = K w + k.

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..containers import Container
-from ..linearizability import Region
+from ..region import Region
 from ..scaling import Scaling
 from ..simulation import regressors, trajectory
 from ._fitted import Fitted

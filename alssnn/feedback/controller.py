@@ -81,15 +81,15 @@ class LinearController:
         return self.v_offset + self.C @ z + self.D @ (signals - self.offset)
 
 
-def split_gain(gain, dynamics):
+def split_gain(gain, plant):
     """Return the parts of a gain that act on the states and on the integrators.
 
     Parameters
     ----------
     gain : array_like of shape (nu, nx) or (nu, nx + ny)
         Gain, as for `closed_loop`.
-    dynamics : Dynamics
-        Model that it was designed for.
+    plant : Plant
+        Model that it was designed for, without delays (`Plant.late`).
 
     Returns
     -------
@@ -103,7 +103,7 @@ def split_gain(gain, dynamics):
     ValueError
         If the gain has the wrong shape or is not finite.
     """
-    nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
+    nx, nu, ny = plant.nx, plant.nu, plant.ny
     K = np.asarray(gain, dtype=float)
     if K.shape not in [(nu, nx), (nu, nx + ny)] or not np.isfinite(K).all():
         raise ValueError(
@@ -113,15 +113,15 @@ def split_gain(gain, dynamics):
     return K[:, :nx], K[:, nx:]
 
 
-def from_gain(gain, dynamics):
+def from_gain(gain, plant):
     """Return the controller of a gain, and whether r is a reference of y.
 
     Parameters
     ----------
     gain : array_like of shape (nu, nx) or (nu, nx + ny)
         Gain, as for `closed_loop`.
-    dynamics : Dynamics
-        Model that it was designed for.
+    plant : Plant
+        Model that it was designed for, without delays (`Plant.late`).
 
     Returns
     -------
@@ -135,31 +135,31 @@ def from_gain(gain, dynamics):
     ValueError
         If the gain has the wrong shape or is not finite.
     """
-    nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
-    K_x, K_z = split_gain(gain, dynamics)
+    nx, nu, ny = plant.nx, plant.nu, plant.ny
+    K_x, K_z = split_gain(gain, plant)
     if not K_z.size:
         D = np.hstack([np.eye(nu), np.zeros((nu, ny)), -K_x])
-        offset = np.concatenate([dynamics.u_offset, dynamics.y_offset, np.zeros(nx)])
+        offset = np.concatenate([plant.u_offset, plant.y_offset, np.zeros(nx)])
         empty = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((nu, 0))
-        return LinearController(*empty, D, offset, dynamics.u_offset), False
+        return LinearController(*empty, D, offset, plant.u_offset), False
     # v = ... - K_z z: what is cut off v is taken out of z, against windup
     back = np.linalg.pinv(K_z)  # (ny, nu)
     B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx)), back])
     D = np.hstack([np.zeros((nu, 2 * ny)), -K_x, np.zeros((nu, nu))])
-    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset, np.zeros(nx + nu)])
+    offset = np.concatenate([plant.y_offset, plant.y_offset, np.zeros(nx + nu)])
     matrices = np.eye(ny), B, -K_z, D
-    return LinearController(*matrices, offset, dynamics.u_offset), True
+    return LinearController(*matrices, offset, plant.u_offset), True
 
 
-def from_system(system, dynamics):
+def from_system(system, plant):
     """Return the controller of a linear system with inputs (r, y) or r - y.
 
     Parameters
     ----------
     system : control.StateSpace or control.TransferFunction
         The `controller` of `closed_loop`.
-    dynamics : Dynamics
-        Model that it was designed for.
+    plant : Plant
+        Model that it was designed for, without delays (`Plant.late`).
 
     Returns
     -------
@@ -173,13 +173,13 @@ def from_system(system, dynamics):
     ValueError
         If sizes or sampling times do not fit, or it is continuous in time.
     """
-    nu, ny = dynamics.lure.nu, len(dynamics.y_offset)
+    nu, ny = plant.nu, plant.ny
     if not isinstance(system, control.StateSpace | control.TransferFunction):
         raise TypeError(
             "`controller` must be a StateSpace or TransferFunction, got "
             f"{type(system).__name__}. Give a matrix as `gain`."
         )
-    check_dt("controller", system, dynamics.dt)
+    check_dt("controller", system, plant.dt)
     sys = control.ss(system)
     if sys.noutputs != nu or sys.ninputs not in (ny, 2 * ny):
         raise ValueError(
@@ -190,5 +190,5 @@ def from_system(system, dynamics):
     B, D = sys.B, sys.D
     if sys.ninputs == ny:
         B, D = np.hstack([B, -B]), np.hstack([D, -D])
-    offset = np.concatenate([dynamics.y_offset, dynamics.y_offset])
-    return LinearController(sys.A, B, sys.C, D, offset, dynamics.u_offset)
+    offset = np.concatenate([plant.y_offset, plant.y_offset])
+    return LinearController(sys.A, B, sys.C, D, offset, plant.u_offset)

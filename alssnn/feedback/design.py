@@ -8,8 +8,8 @@ that v reaches every state that must be moved (the test of Popov, Belevitch and 
 
 import control
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from ..plant import as_plant
 from .checks import check_weight
 
 SEMIDEFINITE = 1e-9  # negative eigenvalue, relative, that counts as rounding
@@ -23,8 +23,8 @@ def lqr(model, Q, R, N=None):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     Q : array_like of shape (nx, nx)
         Weight of the states; ``C_.T @ Qy @ C_`` weighs the outputs of a model without
         feedthrough, `weigh_outputs` those of any.
@@ -77,8 +77,8 @@ def weigh_outputs(model, Q, R):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     Q : array_like of shape (ny, ny)
         Weight of the outputs.
     R : array_like of shape (nu, nu)
@@ -124,8 +124,8 @@ def lqi(model, Q, R, N=None):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     Q : array_like of shape (nx + ny, nx + ny)
         Weight of the states and of the integrators (in the units of y).
     R : array_like of shape (nu, nu)
@@ -182,8 +182,8 @@ def place(model, poles):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     poles : array_like of shape (nx,)
         Eigenvalues of A - B K, complex ones in conjugate pairs; stable inside the
         unit circle. None may occur more than nu times.
@@ -232,8 +232,8 @@ def linear_part(model):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
 
     Returns
     -------
@@ -248,19 +248,15 @@ def linear_system(model):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
 
     Returns
     -------
     A, B, C, D : ndarray
         Its matrices, as in `linear_part`.
     """
-    check_is_fitted(model)
-    if not np.any(model.input_delay_):
-        return model.A_, model.B_, model.C_, model.D_
-    linear = model.to_statespace()  # with the states of late inputs
-    return linear.A, linear.B, linear.C, linear.D
+    return as_plant(model).late().linear()
 
 
 def _check_cross(Q, R, N):
@@ -294,7 +290,7 @@ def _check_controllable(A, B, radius):
             continue
         pencil = np.hstack([A - mode * np.eye(len(A)), B])
         values = np.linalg.svd(pencil, compute_uv=False)
-        if values[-1] < CONTROLLABLE * values[0]:
+        if values[-1] <= CONTROLLABLE * values[0]:
             raise ValueError(
                 "`model` must have a controllable pair (A, B), got a mode "
                 f"{mode:.6g} that v does not reach. Lower `nx`, or leave out the "

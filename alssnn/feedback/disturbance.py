@@ -22,8 +22,8 @@ class DisturbanceObserver(Observer):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     Q : array_like of shape (nx, nx) or None, default=None
         Covariance of the process noise per sample, as for `Observer`.
     R : array_like of shape (ny, ny) or None, default=None
@@ -70,17 +70,16 @@ class DisturbanceObserver(Observer):
                 "Use 'input' if the model integrates."
             )
         self.disturbance = disturbance
-        self.dynamics = self.dynamics.with_disturbance(disturbance)
-        scaling, n = model._scaling, self.dynamics.lure.nx
-        scale = scaling.y_scale if disturbance == "output" else scaling.u_scale
+        self.plant = plant = self.plant.with_disturbance(disturbance)
+        scale = plant.y_scale if disturbance == "output" else plant.u_scale
         if Q_d is None:
             Q_d = np.diag(PROCESS_NOISE * scale**2)
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
         self.Q = block_diag(self.Q, Q_d)
         self._start = block_diag(self._start, np.eye(len(scale)))
-        A, _, C, _ = self.dynamics.jacobian(np.zeros(n), 0 * model.u_offset_)
-        size = np.concatenate([np.ones(n - len(scale)), scale])
-        _check_detectable(A * size / size[:, None], C / scaling.y_scale[:, None])
+        A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
+        size = np.concatenate([np.ones(plant.nx - len(scale)), scale])
+        _check_detectable(A * size / size[:, None], C / plant.y_scale[:, None])
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self.gain = self._gain(self._P_inf, C)
         self.reset()

@@ -1,34 +1,10 @@
-"""Systems of python-control with the names of the user's signals."""
-
-import re
+"""Systems of python-control from plants, with the names of the user's signals."""
 
 import control
+import numpy as np
 
-
-def signal_names(names, letter, size):
-    """Return names of signals that python-control accepts.
-
-    Parameters
-    ----------
-    names : sequence of str or None
-        Names in the user's data, such as DataFrame columns.
-    letter : str
-        Letter of default names ``letter[0]``, ``letter[1]``, ...
-    size : int
-        Number of signals.
-
-    Returns
-    -------
-    names : list of str
-        One unique name per signal; "." means `system.signal` there and becomes "_".
-    """
-    if names is None:
-        return [f"{letter}[{i}]" for i in range(size)]
-    clean = [re.sub(r"\.", "_", str(name)) for name in names]
-    return [
-        name if clean.index(name) == i else f"{name}_{i}"
-        for i, name in enumerate(clean)
-    ]
+from ..plant import signal_names
+from .checks import check_point
 
 
 def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
@@ -67,3 +43,116 @@ def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
         states=signal_names(None, "x", A.shape[0]),
         name=name,
     )
+
+
+class Block:
+    """Hold a plant as the functions that python-control calls; can be pickled.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant, without delays (`Plant.late`).
+    with_state : bool, default=False
+        Whether the state follows the outputs, for loops that feed it back.
+    """
+
+    def __init__(self, plant, with_state=False):
+        self.plant, self.with_state = plant, with_state
+
+    def update(self, t, x, u, params):
+        """Return the next state.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State.
+        u : ndarray of shape (nu,)
+            Input, in the user's units.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        x_next : ndarray of shape (nx,)
+            State one sample later.
+        """
+        return self.plant.step(x, u)
+
+    def output(self, t, x, u, params):
+        """Return the output, and the state if asked for.
+
+        Parameters
+        ----------
+        t : float
+            Time, in seconds; not used.
+        x : ndarray of shape (nx,)
+            State.
+        u : ndarray of shape (nu,)
+            Input, in the user's units.
+        params : dict
+            Not used.
+
+        Returns
+        -------
+        y : ndarray of shape (ny,) or (ny + nx,)
+            Output in the user's units, then the state.
+        """
+        y = self.plant.output(x, u)
+        return np.concatenate([y, x]) if self.with_state else y
+
+
+def to_nlsys(plant):
+    """Return a plant as a system of python-control.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant; the past of late inputs becomes further states.
+
+    Returns
+    -------
+    sys : control.NonlinearIOSystem
+        Discrete-time system from u to y, in the user's units.
+    """
+    plant = plant.late()
+    block = Block(plant)
+    return control.nlsys(
+        block.update,
+        block.output,
+        inputs=plant.inputs,
+        outputs=plant.outputs,
+        states=signal_names(None, "x", plant.nx),
+        dt=plant.dt,
+        name=plant.name,
+    )
+
+
+def linearize(plant, x=None, u=None):
+    """Return the linearization of a whole plant at an operating point.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant; the past of late inputs becomes further states.
+    x : array_like of shape (nx,) or None, default=None
+        State; None means the operating point of the fit, zero.
+    u : array_like of shape (nu,) or None, default=None
+        Deviation of the input from its operating point; None means zero.
+
+    Returns
+    -------
+    sys : control.StateSpace
+        Discrete-time system of deviations from (x, u).
+
+    Raises
+    ------
+    ValueError
+        If `x` or `u` has the wrong size.
+    """
+    plant = plant.late()
+    x, u = check_point("x", x, plant.nx), check_point("u", u, plant.nu)
+    matrices = plant.jacobian(x, plant.u_offset + u)
+    names = {"inputs": plant.inputs, "outputs": plant.outputs, "name": plant.name}
+    return to_statespace(*matrices, plant.dt, **names)

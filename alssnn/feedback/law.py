@@ -11,8 +11,8 @@ estimated state x_hat (s_offset = 0) for one with state feedback.
 
 import control
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from ..plant import as_plant
 from .checks import check_limits
 from .export import signal_names
 
@@ -25,8 +25,8 @@ class LinearizingLaw:
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     u_min : float, array_like of shape (nu,) or None, default=None
         Lower limits of the actuators, in the units of u; None means no limit.
     u_max : float, array_like of shape (nu,) or None, default=None
@@ -34,8 +34,8 @@ class LinearizingLaw:
 
     Attributes
     ----------
-    feedback : {"output", "state"}
-        What the law measures: s = y, or s = x_hat.
+    plant : Plant
+        What the law was made for.
     u_min, u_max : ndarray of shape (nu,)
         Limits; infinite where there is none.
 
@@ -58,21 +58,21 @@ class LinearizingLaw:
     """
 
     def __init__(self, model, u_min=None, u_max=None):
-        check_is_fitted(model)
-        self._net = model._h()
-        self.feedback = "state" if "W_s" in model.params_ else "output"
-        nu, state = model.B_.shape[1], self.feedback == "state"
-        if self._net is not None:
-            _check_posed(model, state)
-        self._offset = np.zeros(model.nx_) if state else model.y_offset_
-        self._dt = model.dt
-        self._inputs = signal_names(getattr(model, "feature_names_in_", None), "u", nu)
-        self._measured = signal_names(
-            None if state else model.output_names_,
-            "x_hat" if state else "y",
-            len(self._offset),
-        )
-        self.u_min, self.u_max = check_limits("u", u_min, u_max, nu)
+        self.plant = as_plant(model)
+        if self.plant.no_law:
+            raise ValueError(self.plant.no_law)
+        self.u_min, self.u_max = check_limits("u", u_min, u_max, self.plant.nu)
+
+    @property
+    def feedback(self):
+        """Return what the law measures, "output" or "state"."""
+        return self.plant.feedback
+
+    @property
+    def _size(self):
+        """Return the number of signals that the law measures."""
+        by_state = self.feedback == "state"
+        return self.plant.nx - self.plant.n_late if by_state else self.plant.ny
 
     def __call__(self, v, s):
         """Return the input that makes the model linear from v.
@@ -115,7 +115,7 @@ class LinearizingLaw:
             If `v` or `s` has the wrong number of columns, or both differ in rows.
         """
         v = _rows("v", v, len(self.u_min))
-        s = _rows("s", s, len(self._offset))
+        s = _rows("s", s, self._size)
         if v.ndim == s.ndim == 2 and len(v) != len(s):
             raise ValueError(
                 "`v` and `s` must have the same number of rows, got "
@@ -138,32 +138,7 @@ class LinearizingLaw:
         h : ndarray of shape (nu,) or (N, nu)
             Nonlinearity at the input, in the units of u; zero for a model without it.
         """
-        if self._net is None:
-            return np.zeros((*s.shape[:-1], len(self.u_min)))
-        return self._net(s - self._offset)
-
-    def bounds_on_v(self, s):
-        """Return the interval of v that the limits of the actuators leave.
-
-        Parameters
-        ----------
-        s : array_like of shape (ns,) or (N, ns)
-            Measured output, in the units of y, or estimated state.
-
-        Returns
-        -------
-        v_min : ndarray of shape (nu,) or (N, nu)
-            Lower bound, u_min + h(s); -inf without a limit.
-        v_max : ndarray of shape (nu,) or (N, nu)
-            Upper bound, u_max + h(s); inf without a limit.
-
-        Raises
-        ------
-        ValueError
-            If `s` has the wrong number of columns.
-        """
-        h = self.h(_rows("s", s, len(self._offset)))
-        return self.u_min + h, self.u_max + h
+        return self.plant.cancelled(s)
 
     def output(self, t, x, signals, params):
         """Return u for the stacked inputs (v, s), for python-control.
@@ -224,31 +199,21 @@ class LinearizingLaw:
             request. The signals of u and y have the names of the training data, those
             of the state are ``x_hat[0]``, ...
         """
-        nu = len(self.u_min)
+        plant, nu = self.plant, self.plant.nu
         cut = signal_names(None, "cut", nu) if with_cut else []
+        measured = plant.outputs
+        if self.feedback == "state":
+            measured = signal_names(None, "x_hat", self._size)
         return control.nlsys(
             None,
             self.output_and_cut if with_cut else self.output,
-            inputs=[*signal_names(None, "v", nu), *self._measured],
-            outputs=[*self._inputs, *cut],
-            dt=self._dt,
+            inputs=[
+                *signal_names(None, "v", nu),
+                *measured,
+            ],
+            outputs=[*plant.inputs, *cut],
+            dt=plant.dt,
             name="law",
-        )
-
-
-def _check_posed(model, state):
-    """Refuse a law that would need what is not known yet."""
-    if not state and (np.any(model.D_) or "W_k" in model.params_):
-        raise ValueError(
-            "The law u = v - h(y) of this model is an algebraic loop: y depends on u "
-            "of the same sample, through D or k. Fit with feedback='state', or without "
-            "`feedthrough` and `n_k`."
-        )
-    if np.any(model.input_delay_):
-        raise ValueError(
-            "The law u = v - h(s) of this model would need s "
-            f"{model.input_delay_.max()} samples ahead, for u arrives late. Fit with "
-            "input_delay=0 and more states."
         )
 
 

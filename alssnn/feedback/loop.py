@@ -9,12 +9,11 @@ follows from those before it; around another one `algebraic` solves for u.
 import control
 import numpy as np
 
+from ..plant import as_plant, is_model
 from .algebraic import AlgebraicLoop, feeds_through
 from .checks import check_dt
 from .controller import from_gain, from_system
-from .design import linear_system
-from .dynamics import Dynamics
-from .export import signal_names, to_statespace
+from .export import Block, signal_names, to_nlsys, to_statespace
 from .law import LinearizingLaw
 from .observer import Observer
 
@@ -26,12 +25,12 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
 
     Parameters
     ----------
-    plant : estimator or system of python-control
+    plant : estimator, Plant or system of python-control
         What is controlled, from u to y in the user's units (operating point
         included): the model itself, another fitted model, or any discrete-time
         system.
-    model : estimator
-        Fitted model that law, gain and observer are made from.
+    model : estimator or Plant
+        Fitted model, or its `plant_`, that law, gain and observer are made from.
     gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
         Static gain on the state, v = r - K x_hat with r in the units of u; or, with
         integrators (`lqi`), v = u_offset - K [x_hat; z], z+ = z + y - r with r in the
@@ -87,7 +86,7 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     >>> loop.input_labels, loop.output_labels
     (['r[0]'], ['y[0]', 'u[0]', 'v[0]'])
     """
-    dynamics = Dynamics.of(model)
+    own = as_plant(model).late()
     law = LinearizingLaw(model) if law is None else law
     if not isinstance(law, LinearizingLaw):
         raise TypeError(
@@ -100,21 +99,21 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
             f"{'none' if gain is None else 'both'}."
         )
     if gain is None:
-        block, of_y = from_system(controller, dynamics), True
+        block, of_y = from_system(controller, own), True
     else:
-        block, of_y = from_gain(gain, dynamics)
+        block, of_y = from_gain(gain, own)
     needs_state = gain is not None or law.feedback == "state"
-    shows_state = plant is model and observer is None
+    shows_state = is_model(plant) and as_plant(plant) is as_plant(model)
+    shows_state &= observer is None
     integrates = gain is not None and len(block.A) > 0
-    names = _Names(dynamics, of_y, gain is not None, integrates)
-    plant = names.plant(plant, dynamics, needs_state and shows_state)
+    names = _Names(own, of_y, gain is not None, integrates)
+    plant = names.plant(plant, needs_state and shows_state)
     blocks = [names.controller(block), names.law(law)]
     watch = []
     if needs_state and not shows_state:
         watch.append(names.observer(observer, model))
-    u_scale = model._scaling.u_scale
-    if feeds_through(plant, dynamics.u_offset, u_scale):
-        return names.solve([plant, *watch, *blocks], u_scale)
+    if feeds_through(plant, own.u_offset, own.u_scale):
+        return names.solve([plant, *watch, *blocks])
     return names.connect([plant, *blocks, *watch])
 
 
@@ -126,8 +125,8 @@ def designed_loop(model, gain):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     gain : array_like of shape (nu, nx) or (nu, nx + ny)
         Gain, as for `closed_loop`.
 
@@ -153,9 +152,9 @@ def designed_loop(model, gain):
     >>> bool(abs(loop.poles()).max() < 1)
     True
     """
-    dynamics = Dynamics.of(model)
-    block, of_y = from_gain(gain, dynamics)
-    A, B, C, D = linear_system(model)
+    plant = as_plant(model).late()
+    block, of_y = from_gain(gain, plant)
+    A, B, C, D = plant.linear()
     (nx, nu), ny = B.shape, len(C)
     nr = ny if of_y else nu
     # the controller sees (r, y, x_hat) with x_hat = x, and nothing is cut; its v
@@ -173,9 +172,9 @@ def designed_loop(model, gain):
         np.vstack([B @ v_r, block.B[:, r] + B_y @ D @ v_r]),
         np.block([[C + D @ v_x, D @ v_z], [v_x, v_z]]),
         np.vstack([D @ v_r, v_r]),
-        dynamics.dt,
+        plant.dt,
         inputs=signal_names(None, "r", nr),
-        outputs=[*dynamics.outputs, *signal_names(None, "v", nu)],
+        outputs=[*plant.outputs, *signal_names(None, "v", nu)],
         name="designed_loop",
     )
 
@@ -183,9 +182,9 @@ def designed_loop(model, gain):
 class _Names:
     """Name the signals inside the loop alike, whatever the user calls them."""
 
-    def __init__(self, dynamics, of_y, by_state, with_cut):
-        nx, nu, ny = dynamics.lure.nx, dynamics.lure.nu, len(dynamics.y_offset)
-        self.dynamics, self.dt, self.by_state = dynamics, dynamics.dt, by_state
+    def __init__(self, own, of_y, by_state, with_cut):
+        nx, nu, ny = own.nx, own.nu, own.ny
+        self.own, self.dt, self.by_state = own, own.dt, by_state
         self.of_y = of_y
         self.x = signal_names(None, "x_hat", nx)
         self.u, self.v = (signal_names(None, letter, nu) for letter in "uv")
@@ -204,17 +203,18 @@ class _Names:
             name=name,
         )
 
-    def plant(self, plant, dynamics, with_state):
+    def plant(self, plant, with_state):
         if with_state:
+            block = Block(self.own, with_state=True)
             return self._block(
-                dynamics.update,
-                dynamics.output_and_state,
+                block.update,
+                block.output,
                 self.u,
                 self.y + self.x,
-                dynamics.lure.nx,
+                self.own.nx,
                 "plant",
             )
-        plant = check_plant(plant, dynamics)
+        plant = check_plant(plant, self.own)
         plant = plant.copy(name="plant", use_prefix_suffix=False)
         plant.update_names(inputs=self.u, outputs=self.y)
         return plant
@@ -261,13 +261,13 @@ class _Names:
         return sys
 
     def _outputs(self):
-        outputs = [*self.dynamics.outputs, *self.dynamics.inputs, *self.v]
+        outputs = [*self.own.outputs, *self.own.inputs, *self.v]
         return signal_names(outputs, "", len(outputs))  # makes them unique
 
-    def solve(self, blocks, u_scale):
-        u_e, y_e = self.dynamics.u_offset, self.dynamics.y_offset
+    def solve(self, blocks):
+        u_e, y_e = self.own.u_offset, self.own.y_offset
         shown = [*self.y, *self.u, *self.v]
-        loop = AlgebraicLoop(blocks, self.r, self.u, shown, u_e, u_scale)
+        loop = AlgebraicLoop(blocks, self.r, self.u, shown, u_e, self.own.u_scale)
         loop.check(y_e if self.of_y else u_e)
         return self._block(
             loop.update,
@@ -294,14 +294,14 @@ class _Names:
         )
 
 
-def check_plant(plant, dynamics):
+def check_plant(plant, own):
     """Return a plant as a system that fits a model, from u to y.
 
     Parameters
     ----------
-    plant : estimator or system of python-control
+    plant : estimator, Plant or system of python-control
         A fitted model or a discrete-time system.
-    dynamics : Dynamics
+    own : Plant
         Model that the controller of this plant is made from.
 
     Returns
@@ -316,8 +316,8 @@ def check_plant(plant, dynamics):
     ValueError
         If sizes or sampling times do not fit, or it is continuous in time.
     """
-    if hasattr(plant, "to_nlsys"):
-        plant = plant.to_nlsys()
+    if is_model(plant):
+        plant = to_nlsys(as_plant(plant))
     if isinstance(plant, control.TransferFunction):
         plant = control.ss(plant)
     if not isinstance(plant, control.NonlinearIOSystem):
@@ -325,9 +325,9 @@ def check_plant(plant, dynamics):
             "`plant` must be a fitted model or a system of python-control, got "
             f"{type(plant).__name__}. Wrap it in control.nlsys."
         )
-    check_dt("plant", plant, dynamics.dt)
+    check_dt("plant", plant, own.dt)
     sizes = plant.ninputs, plant.noutputs
-    expected = dynamics.lure.nu, len(dynamics.y_offset)
+    expected = own.nu, own.ny
     if sizes != expected:
         raise ValueError(
             "`plant` must have as many inputs and outputs as the model, "

@@ -14,8 +14,8 @@ import control
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..plant import as_plant
 from .checks import check_point, check_weight
-from .dynamics import Dynamics
 from .export import signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
@@ -27,8 +27,8 @@ class Observer:
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     Q : array_like of shape (nx, nx) or None, default=None
         Covariance of the process noise per sample, in the units of the states. None
         means 1e-4 times the identity: states have about unit variance. The past of
@@ -80,18 +80,18 @@ class Observer:
                 "'kalman'."
             )
         self.kind = kind
-        self.dynamics = Dynamics.of(model)
-        nx, ny = model.nx_, len(model.C_)
-        n_late = self.dynamics.lure.nx - nx
+        self.plant = plant = as_plant(model).late()
+        ny, n_late = plant.ny, plant.n_late
+        nx = plant.nx - n_late
         self._start = np.diag(np.repeat([1.0, 0.0], [nx, n_late]))
         if Q is None:
             Q = PROCESS_NOISE * np.eye(nx)
         if R is None:
-            variance = max(model.cost_, FIT_FLOOR) * model._scaling.y_scale**2
+            variance = max(plant.noise, FIT_FLOOR) * plant.y_scale**2
             R = np.diag(variance)
         self.Q = block_diag(check_weight("Q", Q, nx), np.zeros((n_late, n_late)))
         self.R = check_weight("R", R, ny, definite=True)
-        A, _, C, _ = self.dynamics.jacobian(np.zeros(nx + n_late), 0 * model.u_offset_)
+        A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self.gain = self._gain(self._P_inf, C)
         self.reset()
@@ -136,10 +136,10 @@ class Observer:
         ValueError
             If `u` or `y` has the wrong size, or `u_now` is missing.
         """
-        u = check_point("u", u, self.dynamics.lure.nu)
+        u = check_point("u", u, self.plant.nu)
         y = check_point("y", y, len(self.R), missing=True)
         if u_now is not None:
-            u_now = check_point("u_now", u_now, self.dynamics.lure.nu)
+            u_now = check_point("u_now", u_now, self.plant.nu)
         if self._started:
             self.x_hat, self._P = self._predict(self.x_hat, self._P, u)
         self._started = True
@@ -173,7 +173,7 @@ class Observer:
         The observer itself, its state included, does not change.
         """
         u, y = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
-        nu, ny = self.dynamics.lure.nu, len(self.R)
+        nu, ny = self.plant.nu, len(self.R)
         if y.ndim == 1 and ny == 1:
             y = y[:, None]
         n = max(y.size // ny, 1)
@@ -208,7 +208,7 @@ class Observer:
         z_next : ndarray of shape (nx,) or (nx + nx**2,)
             The same, predicted for the next sample.
         """
-        u, y = np.split(signals, [self.dynamics.lure.nu])
+        u, y = np.split(signals, [self.plant.nu])
         x, P = self._unpack(z)
         x, P = self._correct(x, P, y, u)
         x, P = self._predict(x, P, u)
@@ -233,9 +233,9 @@ class Observer:
         x_hat : ndarray of shape (nx,)
             Estimate.
         """
-        u, y = np.split(signals, [self.dynamics.lure.nu])
+        u, y = np.split(signals, [self.plant.nu])
         # without feedthrough x_hat does not depend on u: no algebraic loop
-        now = None if self.dynamics.has_linear_output else u
+        now = None if self.plant.has_linear_output else u
         x, P = self._unpack(z)
         return self._correct(x, P, y, now)[0]
 
@@ -256,10 +256,10 @@ class Observer:
         return control.nlsys(
             self.update,
             self.output,
-            inputs=[*self.dynamics.inputs, *self.dynamics.outputs],
+            inputs=[*self.plant.inputs, *self.plant.outputs],
             outputs=signal_names(None, "x_hat", nx),
             states=states,
-            dt=self.dynamics.dt,
+            dt=self.plant.dt,
             name="observer",
         )
 
@@ -303,23 +303,21 @@ class Observer:
         """Return state and covariance after a measurement; nan corrects nothing."""
         M = self.gain
         if self.kind == "ekf":
-            du = np.zeros(self.dynamics.lure.nu)
-            if u is not None:
-                du = u - self.dynamics.u_offset
-            C = self.dynamics.jacobian(x, du)[2]
+            at = self.plant.u_offset if u is None else u
+            C = self.plant.jacobian(x, at)[2]
             C = np.where(np.isnan(y)[:, None], 0.0, C)
             M = self._gain(P, C)
             P = P - M @ C @ P
             P = (P + P.T) / 2
-        error = y - self.dynamics.measure(x, u)
+        error = y - self.plant.output(x, u)
         return x + M @ np.where(np.isnan(error), 0.0, error), P
 
     def _predict(self, x, P, u):
         """Return state and covariance one sample later."""
         if self.kind == "ekf":
-            A = self.dynamics.jacobian(x, u - self.dynamics.u_offset)[0]
+            A = self.plant.jacobian(x, u)[0]
             P = A @ P @ A.T + self.Q
-        return self.dynamics.step(x, u), P
+        return self.plant.step(x, u), P
 
 
 def stationary_covariance(A, C, Q, R):

@@ -12,9 +12,8 @@ from numbers import Integral
 
 import control
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
-from .design import linear_part
+from ..plant import as_plant
 from .loop import closed_loop, designed_loop
 
 SETTLED = 0.01  # share of the slowest mode that is left at the end of a response
@@ -26,8 +25,8 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     state : float, default=0.0
         Weight of the states, each scaled to the variance one that it had at the linear
         start.
@@ -86,16 +85,16 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
                 f"`{name}` must be {sign} and finite, got {weight}. One weighs a "
                 "signal of its usual size."
             )
-    A, _, C = linear_part(model)
-    nx, ny = len(A), len(C)
-    scaling = model._scaling
+    plant = as_plant(model).late()
+    C = plant.linear()[2]
+    nx, ny = plant.nx, plant.ny
     Q = np.zeros((nx + ny, nx + ny))
-    weighted = np.sqrt(output) * C / scaling.y_scale[:, None]
+    weighted = np.sqrt(output) * C / plant.y_scale[:, None]
     Q[:nx, :nx] = weighted.T @ weighted
-    own = np.arange(model.nx_)  # the past of late inputs is weighed as v is
-    Q[own, own] += state / np.broadcast_to(model._x_scale, model.nx_) ** 2
-    Q[nx:, nx:] = np.diag(integral / scaling.y_scale**2)
-    return Q, np.diag(control / scaling.u_scale**2)
+    own = np.arange(nx - plant.n_late)  # the past of late inputs is weighed as v is
+    Q[own, own] += state / plant.x_scale**2
+    Q[nx:, nx:] = np.diag(integral / plant.y_scale**2)
+    return Q, np.diag(control / plant.u_scale**2)
 
 
 def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observer=None):
@@ -105,8 +104,8 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     gain : array_like of shape (nu, nx + ny)
         Gain with integrators, of `lqi`.
     step : float, array_like of shape (ny,) or None, default=None
@@ -142,13 +141,14 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     gain = np.asarray(gain, dtype=float)
     designed = designed_loop(model, gain)
     loop = closed_loop(model, model, gain, law=law, observer=observer)
-    ny, nu = len(model.C_), model.B_.shape[1]
-    if gain.shape[1] == len(linear_part(model)[0]):
+    plant = as_plant(model)
+    ny, nu = plant.ny, plant.nu
+    if gain.shape[1] == plant.late().nx:
         raise ValueError(
             "`gain` must have columns for integrators, got shape "
             f"{gain.shape}. Take it from `lqi`."
         )
-    step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
+    step = plant.y_scale if step is None else np.asarray(step, dtype=float)
     if step.shape not in [(), (ny,)] or not np.isfinite(step).all():
         raise ValueError(
             f"`step` must be one finite number per output ({ny}), got {step}. Give "
@@ -164,13 +164,13 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
             "None to wait for the slowest mode."
         )
     n_samples = int(n_samples)
-    t = model.dt * np.arange(n_samples)
+    t = plant.dt * np.arange(n_samples)
     r = np.repeat(np.broadcast_to(step, ny)[:, None], n_samples, axis=1)
-    rest = np.concatenate([model.y_offset_, model.u_offset_])[:, None]
+    rest = np.concatenate([plant.y_offset, plant.u_offset])[:, None]
     with np.errstate(all="ignore"):
         linear = control.forced_response(designed, t, r).outputs
         whole = control.input_output_response(
-            loop, t, r + model.y_offset_[:, None]
+            loop, t, r + plant.y_offset[:, None]
         ).outputs
     labels = list(designed.output_labels)
     # the loop has u between y and v
@@ -195,8 +195,8 @@ def input_range(model):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
 
     Returns
     -------
@@ -220,7 +220,6 @@ def input_range(model):
     >>> bool(np.isclose(input_range(model)[1], record.u.max()).all())
     True
     """
-    check_is_fitted(model)
-    nu = model.B_.shape[1]
-    low, high = model._region.seen
-    return low[:nu] + model.u_offset_, high[:nu] + model.u_offset_
+    plant = as_plant(model)
+    low, high = (bound[: plant.nu] for bound in plant.region.seen)
+    return low + plant.u_offset, high + plant.u_offset

@@ -5,8 +5,8 @@ _region     where a model was trained, and which samples leave it
 _record     what is reported: fields, table, data frame
 """
 
+from ..region import Region
 from ._measure import measure, output_residual
 from ._record import Bands, Linearizability
-from ._region import Region
 
 __all__ = ["Bands", "Linearizability", "Region", "measure", "output_residual"]

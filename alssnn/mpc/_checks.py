@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..feedback import DisturbanceObserver, Dynamics, Observer
+from ..feedback import DisturbanceObserver, Observer
 from ..feedback.checks import check_limits
 
 
@@ -47,15 +47,15 @@ def check_references(reference, horizon, ny):
     return r
 
 
-def check_observer(observer, model):
+def check_observer(observer, plant):
     """Return an observer of the model; None stands for the default one.
 
     Parameters
     ----------
     observer : Observer or None
         The observer.
-    model : estimator
-        Fitted model.
+    plant : Plant
+        The model.
 
     Returns
     -------
@@ -70,13 +70,13 @@ def check_observer(observer, model):
         If it is one of another model.
     """
     if observer is None:
-        return DisturbanceObserver(model)
+        return DisturbanceObserver(plant)
     if not isinstance(observer, Observer):
         raise TypeError(
             f"`observer` must be an Observer, got {type(observer).__name__}. Use "
             "`DisturbanceObserver`."
         )
-    given, own = observer.dynamics.lure, Dynamics.of(model).lure
+    given, own = observer.plant.lure, plant.lure
     nx = own.nx
     fits = given.nx >= nx and given.nu == own.nu and given.nz == own.nz
     if not (fits and np.array_equal(given.M[:nx, :nx], own.M[:nx, :nx])):

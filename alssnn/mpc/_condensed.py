@@ -33,7 +33,7 @@ class Weights:
 
     Parameters
     ----------
-    estimator : estimator
+    plant : Plant
         Fitted model.
     model : DisturbedModel
         The same, scaled.
@@ -54,13 +54,13 @@ class Weights:
         Solution of the Riccati equation, the terminal weight.
     """
 
-    def __init__(self, estimator, model, Q, R):
+    def __init__(self, plant, model, Q, R):
         su = model.u_scale
         Q = model.C.T @ model.C if Q is None else check_weight("Q", Q, len(model.A))
         R = np.diag(CHEAP_INPUT / su**2) if R is None else R
-        self.K = lqr(estimator, Q, R)
+        self.K = lqr(plant, Q, R)
         R = np.asarray(R, dtype=float)
-        A_K = model.A - estimator.B_ @ self.K
+        A_K = model.A - plant.linear()[1] @ self.K
         self.P = solve_discrete_lyapunov(A_K.T, Q + self.K.T @ R @ self.K)
         self.Q, self.R = Q, R * np.outer(su, su)
 

@@ -9,11 +9,11 @@ import time
 from numbers import Integral
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
-from ..feedback import Dynamics, LinearizingLaw
+from ..feedback import LinearizingLaw
 from ..feedback.checks import check_limits, check_point, check_weight
 from ..feedback.loop import check_plant
+from ..plant import as_plant
 from ._checks import (
     check_observer,
     check_penalty,
@@ -40,8 +40,8 @@ class LinearizingMPC:
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     horizon : int, default=20
         Number of samples that are planned.
     Q : array_like of shape (nx, nx) or None, default=None
@@ -147,7 +147,6 @@ class LinearizingMPC:
         tol=1e-6,
         max_iter=4000,
     ):
-        check_is_fitted(model)
         for name, value in (
             ("horizon", horizon),
             ("n_passes", n_passes),
@@ -158,16 +157,16 @@ class LinearizingMPC:
         if not 0 < tol < 1:
             raise ValueError(f"`tol` must lie between 0 and 1, got {tol!r}. Try 1e-6.")
         self.horizon, self.n_passes = int(horizon), int(n_passes)
-        self._plant = Dynamics.of(model)
-        if np.any(model.input_delay_) or not self._plant.has_linear_output:
+        self._plant = plant = as_plant(model)
+        if np.any(plant.delay) or not plant.has_linear_output:
             raise ValueError(
                 "`model` must have y = C x and no input delay for predictive control, "
                 "for u is computed after y is measured. Fit with input_delay=0, "
                 "feedthrough=False and n_k=0."
             )
-        self.law = LinearizingLaw(model, u_min, u_max)
-        self.observer = check_observer(observer, model)
-        self._model = DisturbedModel(model, self.observer.dynamics)
+        self.law = LinearizingLaw(plant, u_min, u_max)
+        self.observer = check_observer(observer, plant)
+        self._model = DisturbedModel(plant, self.observer.plant)
         (self._ny, self._nx), self._nu = self._model.C.shape, len(self.law.u_min)
         su, sy = self._model.u_scale, self._model.y_scale
         du_max = check_rate(du_max, self._nu)
@@ -183,7 +182,7 @@ class LinearizingMPC:
         if Q_target is None:
             Q_target = np.diag(1 / sy**2)
         Q_target = check_weight("Q_target", Q_target, self._ny) * np.outer(sy, sy)
-        weights = Weights(model, self._model, Q, R)
+        weights = Weights(plant, self._model, Q, R)
         self.K, self.P = weights.K, weights.P
         program = CondensedProgram(
             self._model,

@@ -9,7 +9,6 @@ the model, without d.
 
 import numpy as np
 
-from ..feedback import Dynamics, LinearizingLaw
 from ..simulation import Stepper
 
 
@@ -18,10 +17,10 @@ class DisturbedModel:
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
-    dynamics : Dynamics
-        The same model with the state [x; d], that of the observer.
+    plant : Plant
+        The model.
+    disturbed : Plant
+        The same with the state [x; d], that of the observer.
 
     Attributes
     ----------
@@ -35,14 +34,13 @@ class DisturbedModel:
         Sampling time, in seconds.
     """
 
-    def __init__(self, model, dynamics):
-        self._own, self._disturbed = Dynamics.of(model), dynamics
-        self._law, self._stepper = LinearizingLaw(model), Stepper(dynamics.lure)
-        scaling = model._scaling
-        self.u_offset, self.dt = self._own.u_offset, self._own.dt
-        self.u_scale, self.y_scale = scaling.u_scale, scaling.y_scale
-        self.A = model.A_
-        self.B, self.C = model.B_ * self.u_scale, model.C_ / self.y_scale[:, None]
+    def __init__(self, plant, disturbed):
+        self._own, self._disturbed = plant, disturbed
+        self._stepper = Stepper(disturbed.lure)
+        self.u_offset, self.dt = plant.u_offset, plant.dt
+        self.u_scale, self.y_scale = plant.u_scale, plant.y_scale
+        self.A, B, C, _ = plant.linear()
+        self.B, self.C = B * self.u_scale, C / self.y_scale[:, None]
 
     def trajectory(self, x, d, U):
         """Return the states under given inputs, by the whole model.
@@ -126,7 +124,7 @@ class DisturbedModel:
         y : ndarray of shape (N, ny)
             Outputs, in the units of y.
         """
-        return self._disturbed.measure(self._with(X, d))
+        return self._disturbed.output(self._with(X, d))
 
     def h(self, X):
         """Return what the law cancels at states.
@@ -141,8 +139,8 @@ class DisturbedModel:
         h : ndarray of shape (N, nu)
             Nonlinearity at the input, in the units of u.
         """
-        by_state = self._law.feedback == "state"
-        return self._law.h(X if by_state else self._own.measure(X))
+        by_state = self._own.feedback == "state"
+        return self._own.cancelled(X if by_state else self._own.output(X))
 
     def v(self, U, h):
         """Return the input of the linear system for one of the plant.

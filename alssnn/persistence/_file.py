@@ -20,7 +20,7 @@ import numpy as np
 
 from ..containers import Container
 from ..given_system import GivenSystem
-from ..linearizability import Region
+from ..region import Region
 from ..scaling import Scaling
 from ..structures import state_space_structure
 from ..watch import Step

@@ -145,10 +145,10 @@ class Parts:
             If an activation is the user's, sizes do not fit, the observer has no
             constant gain, or a controller lacks its law or observer.
         """
-        from ..feedback import Dynamics, split_gain
+        from ..feedback import split_gain
 
         check_is_fitted(model)
-        dynamics, structure = Dynamics.of(model), model._structure
+        plant, structure = model.plant_.late(), model._structure
         nets = {}
         for net in "hgk":
             sigma = structure.activations.get(f"w_{net}")
@@ -156,7 +156,7 @@ class Parts:
                 shipped_name(sigma)
                 nets[net] = Perceptron.of(net, model.params_, sigma)
         law, no_law = _law(model, law, required=gain is not None)
-        K_x, K_z = (None, None) if gain is None else split_gain(gain, dynamics)
+        K_x, K_z = (None, None) if gain is None else split_gain(gain, plant)
         parts = cls(
             name=type(model).__name__,
             dt=float(model.dt),
@@ -169,8 +169,8 @@ class Parts:
             delay=model.input_delay_,
             u_offset=model.u_offset_,
             y_offset=model.y_offset_,
-            inputs=dynamics.inputs,
-            outputs=dynamics.outputs,
+            inputs=plant.inputs,
+            outputs=plant.outputs,
             law=law,
             no_law=no_law,
             M=_observer_gain(model, observer),
@@ -217,9 +217,8 @@ def _law(model, law, required):
 
 def _numbers(law):
     """Return what tells laws apart, limits left out."""
-    layers = [] if law._net is None else law._net.layers
-    weights = [array.tolist() for layer in layers for array in layer]
-    return law.feedback, len(law.u_min), law._offset.tolist(), weights
+    plant = law.plant
+    return plant.feedback, plant.y_offset.tolist(), plant.law_form.Theta.tolist()
 
 
 def _observer_gain(model, observer):

@@ -104,10 +104,10 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
         X = observer.filter(u_k, y_k, x0)
         past = _hold(y_k)
         for step in range(1, min(steps[-1], len(y_k) - 1) + 1):
-            X = observer.dynamics.step(X[: len(y_k) - step], u_k[step - 1 : -1])
+            X = observer.plant.step(X[: len(y_k) - step], u_k[step - 1 : -1])
             if step in steps:
                 i = int(np.searchsorted(steps, step))
-                models[i].append(observer.dynamics.measure(X, u_k[step:]))
+                models[i].append(observer.plant.output(X, u_k[step:]))
                 truths[i].append(y_k[step:])
                 lasts[i].append(past[: len(y_k) - step])
     return AheadFit(

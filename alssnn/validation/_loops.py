@@ -5,13 +5,14 @@ describing function: the first harmonic of the output over the sine that made it
 the curves of several amplitudes lie on that of (A, B, C) the loop is linear.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..certificates import state_feedback
 from ..lure import Lure
+from ..plant import as_plant
 from ..simulation import simulate
 from ._scored import deviations
 
@@ -99,24 +100,24 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
             f"`input` must be between 0 and {nu - 1}, got {input}. Columns of the "
             "input count from 0."
         )
-    dynamics = _loop(model, loop)
+    plant = _loop(model, loop)
     harmonics = _harmonics(period, n_frequencies)
     radius = np.abs(np.linalg.eigvals(model.A_)).max()
     settle = MAX_PERIODS
     if radius < 1:
         samples = np.log(SETTLED) / np.log(max(radius, SETTLED))
         settle = min(int(np.ceil(samples / period)), MAX_PERIODS)
-    X = np.zeros((len(harmonics), dynamics.lure.nx))
+    X = np.zeros((len(harmonics), plant.nx))
     U = np.tile(model.u_offset_, (len(harmonics), 1))
-    G = np.zeros((len(harmonics), len(dynamics.y_offset)), dtype=complex)
+    G = np.zeros((len(harmonics), plant.ny), dtype=complex)
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range((settle + 1) * period):
             turn = 2 * np.pi * harmonics * (k % period) / period
             U[:, input] = model.u_offset_[input] + amplitude * np.sin(turn)
             if k >= settle * period:  # y = Im(amplitude G exp(j turn))
-                y = dynamics.measure(X, U) - dynamics.y_offset
+                y = plant.output(X, U) - plant.y_offset
                 G += y * np.exp(-1j * turn)[:, None]
-            X = dynamics.step(X, U)
+            X = plant.step(X, U)
         G *= 2j / (period * amplitude)
     G[~np.isfinite(G).all(axis=1)] = np.nan
     return harmonics / (period * model.dt), G
@@ -124,21 +125,15 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
 
 def _loop(model, loop):
     """Return one step of the model, or of the model under its law."""
-    from ..feedback import Dynamics, LinearizingLaw  # they import python-control
-
-    dynamics = Dynamics.of(model)
+    plant = as_plant(model).late()
     if loop == "open":
-        return dynamics
+        return plant
     if loop != "closed":
         raise ValueError(
             f"`loop` must be 'open' or 'closed', got {loop!r}. Take 'closed' for the "
             "loop u = v - h(s)."
         )
-    LinearizingLaw(model)  # says why, where there is no such loop
-    lure, feedback = model._plant()
-    if np.any(feedback[0]) or np.any(feedback[1]):
-        return replace(dynamics, lure=lure.close(*feedback))
-    return dynamics
+    return plant.linearized()
 
 
 def _harmonics(period, n):
@@ -216,14 +211,10 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     >>> bool(abs(run.Z).max() < 1e-12)  # linear: nothing deviates
     True
     """
-    from ..feedback import LinearizingLaw  # it imports python-control
-
-    check_is_fitted(model)
-    LinearizingLaw(model)  # says why, where there is no such loop
+    plant = as_plant(model)
     K = model._check_gain(K)
-    lure, feedback = model._plant()
-    loop = lure.close(*feedback)
-    A, B = model.A_, model.B_
+    loop = plant.late().close()
+    A, B, _, _ = plant.linear()
     if K is not None:
         loop, A = state_feedback(loop, K), A - B @ K
     nx, nu = B.shape

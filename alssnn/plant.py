@@ -1,0 +1,553 @@
+"""A fitted model as a value: what travels to laws, loops, certificates and files.
+
+A `Plant` is the Lur'e form of one identified model in the units of its user, with the
+outputs y and the virtual input v as channels, and all that others must know of the
+signals: operating point, sizes, names, delays, sampling time, the region of the
+training data, the noise.  It cannot be changed; its verbs return numbers or other
+plants.  States are deviations, u and y carry their operating point,
+
+    x+ = f(x, u - u_offset),    y = c(x, u - u_offset) + y_offset,    v = phi(u, s)
+
+What is linear is linear from v, x+ = A x + B dv + omega and y = C x + D dv + eta with
+dv = v - u_offset; omega and eta are what the linear model lacks, whatever equation the
+plant was declared by.  The law solves v = phi(u, s) for u.
+
+Inputs that arrive late carry their past as further states, behind those of the model
+(`late`); a plant whose delays still stand beside it refuses to be stepped or closed, so
+that nobody forgets them.
+"""
+
+import re
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from .lure import Lure
+from .region import Region
+from .simulation import neuron_gains, regressors
+
+NEEDS_S_AHEAD = (
+    "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
+    "late. Fit with input_delay=0 and more states."
+)
+ALGEBRAIC = (
+    "The law u = v - h(y) of this model is an algebraic loop: y depends on u of the "
+    "same sample, through D or k. Fit with feedback='state', or without `feedthrough` "
+    "and `n_k`."
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plant:
+    """Hold one identified model, in the units of the user.
+
+    Parameters
+    ----------
+    form : Lure
+        Model with the states x, the inputs that have arrived, and the channels [y; v];
+        all signals are deviations.
+    law_form : Lure
+        The same v as a static map of what the law measures: no states, the inputs
+        [s; u], the channel v; deviations.
+    feedback : {"output", "state"}
+        What the law measures: s = y, or s = x.
+    u_offset : ndarray of shape (nu,)
+        Operating point of the inputs, in the units of u.
+    y_offset : ndarray of shape (ny,)
+        Operating point of the outputs, in the units of y.
+    u_scale, y_scale, x_scale : ndarray
+        Standard deviations of the training data, and of the states at the start of
+        the training.
+    dt : float
+        Sampling time, in seconds.
+    inputs, outputs : list of str
+        Names of the signals.
+    name : str
+        Name of the model.
+    delay : ndarray of int of shape (nu,)
+        Samples by which every input arrives late; zero where its past is a state.
+    n_late : int, default=0
+        Number of last states that are past inputs.
+    noise : float, default=0.0
+        Mean squared error of the fit over the variance of y.
+    region : Region or None, default=None
+        Region of the training data, without past inputs.
+    no_law : str, default=""
+        Why u = v - h(s) is no law of this plant; empty if it is one.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> plant = model.plant_
+    >>> np.allclose(plant.output(np.zeros((1, 4)), record.u[:1]), model.y_offset_)
+    True
+    """
+
+    form: Lure
+    law_form: Lure
+    feedback: str
+    u_offset: np.ndarray
+    y_offset: np.ndarray
+    u_scale: np.ndarray
+    y_scale: np.ndarray
+    x_scale: np.ndarray
+    dt: float
+    inputs: list
+    outputs: list
+    name: str
+    delay: np.ndarray
+    n_late: int = 0
+    noise: float = 0.0
+    region: Region | None = field(default=None, repr=False)
+    no_law: str = ""
+
+    def __post_init__(self):
+        """Say why the law is none, where it is none."""
+        if self.no_law or not self.cancels:
+            return
+        reason = ""
+        if self.feedback == "output" and not self.has_linear_output:
+            reason = ALGEBRAIC
+        elif np.any(self.delay):
+            reason = NEEDS_S_AHEAD.format(self.delay.max())
+        object.__setattr__(self, "no_law", reason)
+
+    # -- sizes and rows --------------------------------------------------------------
+
+    @property
+    def nx(self):
+        """Return the number of states, past inputs included."""
+        return self.form.nx
+
+    @property
+    def nu(self):
+        """Return the number of inputs."""
+        return self.form.nu
+
+    @property
+    def ny(self):
+        """Return the number of outputs."""
+        return len(self.y_offset)
+
+    @property
+    def lure(self):
+        """Return the Lur'e form of a plant without delays, with channels [y; v].
+
+        Raises
+        ------
+        ValueError
+            If inputs arrive late and their past is no state.
+        """
+        if np.any(self.delay):
+            raise ValueError(
+                f"The inputs of this plant arrive late, by {self.delay.tolist()} "
+                "samples. Take `plant.late()`, which has their past as states."
+            )
+        return self.form
+
+    @property
+    def virtual_rows(self):
+        """Return the rows of the Lur'e form that make v, shape (nu, n_columns)."""
+        return self.form.rows_z[self.ny :]
+
+    @cached_property
+    def cancels(self):
+        """Return whether v is more than u."""
+        return bool(np.any(self.virtual_rows != _only_u(self.form)))
+
+    @cached_property
+    def has_linear_output(self):
+        """Return whether y = C x; with D or k it depends on u of the same sample."""
+        return not np.any(self.form.rows_z[: self.ny, self.nx :])
+
+    # -- other plants ----------------------------------------------------------------
+
+    def late(self):
+        """Return the plant with the past of late inputs as states.
+
+        Returns
+        -------
+        plant : Plant
+            The plant with sum(delay) more states: for each input its last values,
+            oldest first. Its input is what is sent now, and so is its v: what h would
+            cancel has been sent already. The plant itself without delay.
+        """
+        n = int(np.sum(self.delay))
+        if n == 0:
+            return self
+        nx, nu, form = self.nx, self.nu, self.form
+        Theta = np.array(form.Theta)
+        if self.no_law:
+            Theta[nx + self.ny : nx + form.nz] = _only_u(form)
+        virtual = slice(nx + self.ny, nx + form.nz)
+        states, inputs, rest = np.split(Theta, [nx, nx + nu], axis=1)
+        past, now = np.zeros((len(Theta), n)), inputs.copy()
+        shift, entry = np.eye(n, k=1), np.zeros((n, nu))
+        stops = np.cumsum(self.delay)
+        for i in np.flatnonzero(self.delay):
+            oldest, newest = stops[i] - self.delay[i], stops[i] - 1
+            past[:, oldest], now[:, i] = inputs[:, i], 0.0
+            shift[newest] = 0.0
+            entry[newest, i] = 1.0
+        past[virtual], now[virtual] = 0.0, inputs[virtual]  # v is sent now, as u is
+        plus, others = np.split(np.hstack([states, past, now, rest]), [nx])
+        line = np.hstack(
+            [np.zeros((n, nx)), shift, entry, np.zeros((n, rest.shape[1]))]
+        )
+        return replace(
+            self,
+            form=Lure(np.vstack([plus, line, others]), nx + n, nu, form.nw, form.sigma),
+            delay=np.zeros_like(self.delay),
+            n_late=n,
+        )
+
+    def with_disturbance(self, kind):
+        """Return the plant of the state [x; d] with a constant disturbance d.
+
+        Parameters
+        ----------
+        kind : {"output", "input"}
+            Whether d is added to y, in its units, or to u, in those of u.
+
+        Returns
+        -------
+        plant : Plant
+            The same model with nx + ny or nx + nu states, the last of which stay as
+            they are. Its v is that of the plant without d.
+
+        Raises
+        ------
+        ValueError
+            If `kind` is unknown.
+        """
+        if kind not in ("output", "input"):
+            raise ValueError(
+                f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
+                "the model integrates."
+            )
+        lure, nx, nu = self.lure, self.nx, self.nu
+        if kind == "input":
+            by_d = lure.Theta[:, nx : nx + nu].copy()
+        else:
+            by_d = np.eye(len(lure.Theta))[:, nx : nx + self.ny]
+        by_d[nx + self.ny : nx + lure.nz] = 0.0
+        nd = by_d.shape[1]
+        Theta = np.insert(lure.Theta, [nx] * nd, by_d, axis=1)
+        keep = np.eye(nd, Theta.shape[1], nx)  # d+ = d
+        Theta = np.insert(Theta, [nx] * nd, keep, axis=0)
+        return replace(self, form=Lure(Theta, nx + nd, nu, lure.nw, lure.sigma))
+
+    def close(self):
+        """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).
+
+        Returns
+        -------
+        loop : Lure
+            Form with the states of the plant, the input v and the channels [y; u], all
+            deviations.
+
+        Raises
+        ------
+        ValueError
+            If the law is none of this plant, see `no_law`.
+        """
+        lure = self.lure
+        if self.no_law:
+            raise ValueError(self.no_law)
+        u = slice(lure.nx, lure.nx + lure.nu)
+        to_u = -self.virtual_rows  # u = v - h: v is affine in u with gain one
+        to_u[:, u] += 2 * np.eye(self.nu)
+        Theta = lure.Theta.copy()
+        Theta[lure.nx + self.ny : lure.nx + lure.nz] = _only_u(lure)
+        by_u = Theta[:, u].copy()
+        Theta[:, u] = 0.0
+        Theta += by_u @ to_u
+        return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+
+    def linearized(self):
+        """Return the plant behind its law: v is its input, and nothing is cancelled.
+
+        Returns
+        -------
+        plant : Plant
+            The loop u = phi^-1(v, s) as a plant.
+
+        Raises
+        ------
+        ValueError
+            If the law is none of this plant, see `no_law`.
+        """
+        loop = self.close()
+        Theta = loop.Theta.copy()
+        Theta[self.nx + self.ny : self.nx + loop.nz] = _only_u(loop)
+        ns, nu = self.law_form.nu - self.nu, self.nu
+        identity = np.eye(nu, ns + nu + 1, ns)
+        return replace(
+            self,
+            form=Lure(Theta, loop.nx, nu, loop.nw, loop.sigma),
+            law_form=Lure(identity, 0, ns + nu, 0),
+        )
+
+    # -- numbers ---------------------------------------------------------------------
+
+    def linear(self):
+        """Return the linear part, as v sees it.
+
+        Returns
+        -------
+        A, B, C, D : ndarray
+            Matrices of x+ = A x + B dv + omega, y = C x + D dv + eta.
+        """
+        nx, M = self.nx, self.lure.M[: self.nx + self.ny]
+        return M[:nx, :nx], M[:nx, nx:], M[nx:, :nx], M[nx:, nx:]
+
+    def step(self, x, u):
+        """Return the next state.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu)
+            Input, in the user's units.
+
+        Returns
+        -------
+        x_next : ndarray of shape (nx,) or (N, nx)
+            State one sample later.
+        """
+        Phi = self._regressors(x, u)
+        return (Phi @ self.form.rows_x.T).reshape(x.shape)
+
+    def output(self, x, u=None):
+        """Return the output.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu) or None, default=None
+            Input of the same sample, in the user's units; needed only where y depends
+            on it.
+
+        Returns
+        -------
+        y : ndarray of shape (ny,) or (N, ny)
+            Output, in the user's units.
+
+        Raises
+        ------
+        ValueError
+            If `u` is missing though y depends on it.
+        """
+        rows = self.lure.rows_z[: self.ny]
+        if self.has_linear_output:
+            return x @ rows[:, : self.nx].T + self.y_offset
+        if u is None:
+            raise ValueError(
+                "`u` must be given, for y depends on the input of the same sample "
+                "through D or k, got None. Pass it, or fit without them."
+            )
+        y = self._regressors(x, u) @ rows.T + self.y_offset
+        return y.reshape(*x.shape[:-1], self.ny)
+
+    def virtual(self, x, u):
+        """Return the virtual input v = phi(u, s) along states and inputs.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu)
+            Input, in the user's units.
+
+        Returns
+        -------
+        v : ndarray of shape (nu,) or (N, nu)
+            Input of the linear part, in the units of u.
+        """
+        v = self._regressors(x, u) @ self.virtual_rows.T + self.u_offset
+        return v.reshape(*x.shape[:-1], self.nu)
+
+    def cancelled(self, s):
+        """Return what the law takes off v.
+
+        Parameters
+        ----------
+        s : ndarray of shape (ns,) or (N, ns)
+            Measured output, in the units of y, or state.
+
+        Returns
+        -------
+        h : ndarray of shape (nu,) or (N, nu)
+            h(s), in the units of u; zero for a model without it.
+        """
+        if not self.cancels:
+            return np.zeros((*s.shape[:-1], self.nu))
+        ds = np.atleast_2d(s - self.y_offset if self.feedback == "output" else s)
+        ds = ds[:, : self.law_form.nu - self.nu]  # no network sees past inputs
+        at_rest = np.hstack([ds, np.zeros((len(ds), self.nu))])
+        Phi = regressors(self.law_form, np.zeros((len(ds), 0)), at_rest)
+        h = Phi @ self.law_form.rows_z.T
+        return h.reshape(*s.shape[:-1], self.nu)
+
+    def law(self, v, s):
+        """Return the input that makes v the input of the linear part.
+
+        Parameters
+        ----------
+        v : ndarray of shape (nu,) or (N, nu)
+            Wanted virtual input, in the units of u.
+        s : ndarray of shape (ns,) or (N, ns)
+            Measured output, in the units of y, or state.
+
+        Returns
+        -------
+        u : ndarray of shape (nu,) or (N, nu)
+            Input of the plant, in the user's units.
+
+        Raises
+        ------
+        ValueError
+            If the law is none of this plant, see `no_law`.
+        """
+        if self.no_law:
+            raise ValueError(self.no_law)
+        return v - self.cancelled(s)
+
+    def jacobian(self, x, u):
+        """Return the linearization at a state and an input.
+
+        Parameters
+        ----------
+        x : ndarray of shape (nx,) or (N, nx)
+            State, or one per row.
+        u : ndarray of shape (nu,) or (N, nu)
+            Input, in the user's units.
+
+        Returns
+        -------
+        A : ndarray of shape (nx, nx) or (N, nx, nx)
+            Derivative of x+ by x.
+        B : ndarray of shape (nx, nu) or (N, nx, nu)
+            Derivative of x+ by u.
+        C : ndarray of shape (ny, nx) or (N, ny, nx)
+            Derivative of y by x.
+        D : ndarray of shape (ny, nu) or (N, ny, nu)
+            Derivative of y by u.
+        """
+        return self._slopes(self._regressors(x, u), x.shape[:-1])
+
+    def tangent(self, x, u):
+        """Return the next state with its derivatives, for less than both alone.
+
+        Parameters
+        ----------
+        x : ndarray of shape (N, nx)
+            States.
+        u : ndarray of shape (N, nu)
+            Inputs, in the user's units.
+
+        Returns
+        -------
+        x_next : ndarray of shape (N, nx)
+            States one sample later, as of `step`.
+        A : ndarray of shape (N, nx, nx)
+            Derivatives by x, as of `jacobian`.
+        B : ndarray of shape (N, nx, nu)
+            Derivatives by u.
+        """
+        Phi = self._regressors(x, u)
+        A, B, _, _ = self._slopes(Phi, x.shape[:-1])
+        return Phi @ self.form.rows_x.T, A, B
+
+    def _regressors(self, x, u):
+        """Return phi of states and inputs, one per row."""
+        du = np.atleast_2d(u - self.u_offset)
+        return regressors(self.lure, np.atleast_2d(x), du)
+
+    def _slopes(self, Phi, rows):
+        """Return A, B, C and D at regressors."""
+        lure, nx, n = self.form, self.nx, self.nx + self.ny
+        W = lure.W[:n]
+        J = lure.M[:n] + neuron_gains(lure, W, Phi) @ lure.V  # (eq. sens)
+        J = J.reshape(*rows, *J.shape[1:])
+        return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
+
+
+def signal_names(names, letter, size):
+    """Return names of signals that python-control accepts.
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        Names in the user's data, such as DataFrame columns.
+    letter : str
+        Letter of default names ``letter[0]``, ``letter[1]``, ...
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    names : list of str
+        One unique name per signal; "." means `system.signal` there and becomes "_".
+    """
+    if names is None:
+        return [f"{letter}[{i}]" for i in range(size)]
+    clean = [re.sub(r"\.", "_", str(name)) for name in names]
+    return [
+        name if clean.index(name) == i else f"{name}_{i}"
+        for i, name in enumerate(clean)
+    ]
+
+
+def is_model(candidate):
+    """Tell whether something is a plant, or an estimator that has one.
+
+    Parameters
+    ----------
+    candidate : object
+        Anything.
+
+    Returns
+    -------
+    is_model : bool
+        Whether `as_plant` knows what to do with it.
+    """
+    return isinstance(candidate, Plant) or hasattr(type(candidate), "plant_")
+
+
+def as_plant(model):
+    """Return the plant of a fitted model; a plant is returned as it is.
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
+
+    Returns
+    -------
+    plant : Plant
+        The plant.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    TypeError
+        If it is neither.
+    """
+    if isinstance(model, Plant):
+        return model
+    if not is_model(model):
+        raise TypeError(
+            f"`model` must be a fitted model or a Plant, got {type(model).__name__}."
+        )
+    return model.plant_
+
+
+def _only_u(lure):
+    """Return the rows of a channel that is the input itself."""
+    return np.eye(lure.nu, lure.Theta.shape[1], lure.nx)
