@@ -133,13 +133,7 @@ class Plant:
 
     @property
     def lure(self):
-        """Return the Lur'e form of a plant without delays, with channels [y; v].
-
-        Raises
-        ------
-        ValueError
-            If inputs arrive late and their past is no state.
-        """
+        """Return the Lur'e form, with channels [y; v]; refuse it if inputs are late."""
         if np.any(self.delay):
             raise ValueError(
                 f"The inputs of this plant arrive late, by {self.delay.tolist()} "

@@ -1,13 +1,13 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
-from typing import ClassVar
+from typing import Any
 
-from sklearn.utils._param_validation import StrOptions
+from ._networks import Networks
+from ._options import estimator, take
+from ._ssnn import Ssnn
 
-from ._base import COUNT, WEIGHT
-from ._ssnn import ACTIVATION, FEEDBACK, G_INPUTS, H_INPUTS, SIZES, Ssnn
 
-
+@estimator
 class AlSsnn(Ssnn):
     r"""Approximately feedback-linearizable state-space neural network.
 
@@ -26,179 +26,11 @@ class AlSsnn(Ssnn):
     The form of the paper [1]_ is ``AlSsnn(feedback="output", penalty="state",
     gamma=1.0, stability=None)``.
 
-    Parameters
-    ----------
-    nx : int, "auto" or array_like of int, default="auto"
-        Number of states. "auto" compares linear models of order 1, 2, ... on hidden
-        samples until three larger orders bring no gain; a range or a list compares the
-        orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
-        among the same orders, with "auto" up to one more than the best linear one. See
-        `orders_`.
-    n_h : int or tuple of int, default=10
-        Hidden neurons of h, by layer; 0 leaves h out.
-    n_g : int or tuple of int, default=10
-        Hidden neurons of g, by layer; 0 leaves g out.
-    gamma : float, default=0.01
-        Weight of the mean of ``|e|^2``, with ``penalty="state"`` of ``|g|^2``, relative
-        to that of the output error, with outputs scaled to unit variance. A weight of
-        ``|g|^2`` that is meant for unscaled outputs is divided by var(y).
-    n_k : int or tuple of int, default=0
-        Hidden neurons of k in the output, by layer; 0 leaves k out.
-    gamma_k : float, default=1.0
-        Weight of the mean of ``|k|^2`` relative to that of the output error.
-    gamma_h : float, default=0.0
-        Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
-        one makes A the best linear fit and h only what is left of it (eq. split). With
-        0 the training leaves that split to chance. Strongly nonlinear plants want 1e-4,
-        mildly nonlinear ones more.
-    feedback : {"output", "state"}, default="state"
-        What h sees: the state x, which needs an observer in the loop but linearizes
-        more plants, or the output y (the paper).
-    penalty : {"state", "output"}, default="output"
-        What gamma weighs: ``|e|^2``, what g adds to the output (eq. gauge), which no
-        state basis can hide, or ``|g|^2`` in state coordinates (the paper).
-    feedthrough : bool, default=False
-        Whether D is identified; else it is zero.
-    h_inputs : array_like of int or str, or None, default=None
-        Which outputs h sees, by number from 0 or by name, or with `feedback="state"`
-        which states, by number, of a `linear_start`; None means all. Its weights for
-        the others are held at zero.
-    g_inputs : dict of str to array_like, or None, default=None
-        Which states and inputs g (f of GR-SSNN) sees, ``{"x": ..., "u": ...}``: numbers
-        from 0, names of inputs, or "all"; a letter that is left out is not seen.
-        Numbers of states are those of a `linear_start`. None means everything.
-    activation : str, Activation or dict, default="tanh"
-        "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
-        for all networks or by network, ``{"h": ..., "g": ..., "k": ...}``.
-    odd : bool, default=False
-        Whether h has no biases, so that h(-s) = -h(s).
-    stability : {"auto", "contractive"} or None, default="auto"
-        "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
-        of tanh or sigmoid then have bounded simulations for every bounded input. None
-        leaves A free. "auto" is "contractive" unless there is a `linear_start`, whose
-        basis of the states it would change.
-    phi : float, default=1e-5
-        Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
-        falls by at least the share phi in every step.
-    continuation : int, default=0
-        Number of larger weights gamma that are trained first, each half a decade above
-        the next, if `alpha` is a number; "auto" goes down a path of alphas instead.
-    alpha : float or "auto", default="auto"
-        Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
-        it the random start, by the simulation error on hidden quarters of the record
-        (eq. holdout). It pulls the networks back to their start, so that a large weight
-        leaves the linear model; if no networks beat that model on the hidden quarters,
-        the fit returns it, with a ConvergenceWarning. A number is used as it is, pulls
-        towards zero, and hides no samples.
-    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
-        Samples by which each input arrives late; "auto" takes the largest delay that
-        costs neither prediction nor simulation of a linear model (eq. delay).
-    output_weight : array_like of shape (ny,) or None, default=None
-        Weight of the squared error of every output, outputs scaled to unit variance.
-    linear_start : tuple, control.StateSpace, fitted model or None, default=None
-        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
-        units of the data. It sets `nx` and the basis of the states.
-    bounds : dict of str to tuple or None, default=None
-        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
-        B, in the units of the data; equal ones hold an entry.
-    integrators : int or "auto", default="auto"
-        Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
-        as positions and levels. No network sees their states. "auto" finds them. The
-        mean of u gives way to the input at which they rest.
-    operating_point : {"mean", "zero"} or tuple, default="mean"
-        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
-    initial_state : {"estimate", "rest"}, default="estimate"
-        Initial state of the training experiments: estimated with the parameters, or
-        held at `operating_point`, which must be where the records begin.
-    dt : float, default=1.0
-        Sampling time, in seconds.
-    n_init : int, default=3
-        Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
-        on, with a number the one of least cost on the coarse stage.
-    max_iter : int, default=300
-        Largest number of trial steps of the coarse stage, or of the only one. A stage
-        of the search of ``alpha="auto"``, one alpha of one start, takes a 25th of it.
-    tol : float, default=1e-4
-        Relative change of cost or parameters that ends a stage.
-    max_time : float or None, default=None
-        Seconds after which the fit stops at its next trial step, with the best
-        parameters so far; None means no limit.
-    validation_fraction : float or None, default=None
-        Share of every experiment, its end, that is not fitted but judges the
-        training, see `validation` of `fit`; None fits everything.
-    n_iter_no_change : int, default=10
-        Accepted steps without a new least validation error after which a stage ends.
-    coarse_samples : int or None, default=8000
-        On longer records the search and the first stages of the training take so many
-        samples, the liveliest stretch; None takes all samples at once.
-    polish_iter : int, default=30
-        Largest number of trial steps on all samples after a coarse stage.
-    method : {"lm", "trf"}, default="lm"
-        Method of `scipy.optimize.least_squares`.
-    n_init_samples : int, default=50
-        First samples of an experiment from which `score` estimates its initial
-        state, at most a quarter of the experiment.
-    warm_start : bool, default=False
-        Whether a repeated `fit` continues from the last parameters and scaling, if
-        they still fit the signals and the other options.
-    n_jobs : int or None, default=None
-        Random starts trained in parallel, or experiments in threads if there is one
-        start, as in joblib. The result does not depend on it.
-    random_state : int, RandomState instance or None, default=None
-        Source of the initial inner weights.
-    verbose : int, default=0
-        1 prints a line per stage of the training, 2 every step.
-
     Attributes
     ----------
-    A_, B_, C_, D_ : ndarray
-        Linear part in the user's units (deviations).
-    x0_ : ndarray of shape (n_experiments, nx)
-        Initial states of the training experiments.
     params_ : Bunch
         All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, W_g, W_x,
         W_u, b_x), in the user's units.
-    singular_values_ : ndarray
-        Singular values of the subspace step, descending.
-    nx_ : int
-        Number of states.
-    orders_ : dict
-        How orders compare: root mean square error on hidden samples by `nx`, outputs of
-        unit variance, under "linear" (if `nx` was chosen) and, with ``alpha="auto"``,
-        "networks".
-    alpha_ : float
-        Weight of the squared network parameters that was given or found; inf if
-        networks do not help and the linear model was returned.
-    integrators_ : int
-        Number of last states that are integrators.
-    input_delay_ : ndarray of int of shape (nu,)
-        Samples by which each input arrives late.
-    cost_ : float
-        Final cost (eq. cost), outputs scaled to unit variance.
-    train_score_ : float
-        R2 of the simulation of the training record, initial states estimated as in
-        `score`; nan if the record stays on a cluster.
-    n_iter_ : int
-        Trial steps of the training, linear start excluded.
-    converged_ : bool
-        Whether the training ended by itself: a tolerance was reached, validation or
-        the number of steps that hidden samples allow ended the last stage, or the
-        linear model was returned. It does not say that the cost has settled.
-    message_ : str
-        Why the training stopped.
-    history_ : list of Step
-        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
-        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
-    u_offset_, y_offset_ : ndarray
-        Operating point, in the units of the data.
-    experiments_ : list
-        Labels of the training experiments; ``[None]`` without labels.
-    output_names_ : list of str or None
-        Names of the outputs, if `y` had any.
-    n_features_in_ : int
-        Number of inputs.
-    feature_names_in_ : ndarray of str
-        Names of the inputs, if `u` had any.
 
     See Also
     --------
@@ -224,108 +56,20 @@ class AlSsnn(Ssnn):
     True
     """
 
-    _parameter_constraints: ClassVar[dict] = {
-        **Ssnn._parameter_constraints,
-        "n_h": SIZES,
-        "n_g": SIZES,
-        "n_k": SIZES,
-        "gamma": [WEIGHT],
-        "gamma_k": [WEIGHT],
-        "gamma_h": [WEIGHT],
-        "feedthrough": ["boolean"],
-        "h_inputs": H_INPUTS,
-        "g_inputs": G_INPUTS,
-        "activation": ACTIVATION,
-        "odd": ["boolean"],
-        "feedback": [FEEDBACK],
-        "penalty": [StrOptions({"state", "output"})],
-        "continuation": [COUNT],
-    }
-
-    def __init__(
-        self,
-        nx="auto",
-        n_h=10,
-        n_g=10,
-        gamma=0.01,
-        *,
-        n_k=0,
-        gamma_k=1.0,
-        gamma_h=0.0,
-        feedback="state",
-        penalty="output",
-        feedthrough=False,
-        h_inputs=None,
-        g_inputs=None,
-        activation="tanh",
-        odd=False,
-        stability="auto",
-        phi=1e-5,
-        continuation=0,
-        alpha="auto",
-        input_delay=0,
-        output_weight=None,
-        linear_start=None,
-        bounds=None,
-        integrators="auto",
-        operating_point="mean",
-        initial_state="estimate",
-        dt=1.0,
-        n_init=3,
-        max_iter=300,
-        tol=1e-4,
-        max_time=None,
-        validation_fraction=None,
-        n_iter_no_change=10,
-        coarse_samples=8_000,
-        polish_iter=30,
-        method="lm",
-        n_init_samples=50,
-        warm_start=False,
-        n_jobs=None,
-        random_state=None,
-        verbose=0,
-    ):
-        self.nx = nx
-        self.n_h = n_h
-        self.n_g = n_g
-        self.gamma = gamma
-        self.n_k = n_k
-        self.gamma_k = gamma_k
-        self.gamma_h = gamma_h
-        self.feedback = feedback
-        self.penalty = penalty
-        self.feedthrough = feedthrough
-        self.h_inputs = h_inputs
-        self.g_inputs = g_inputs
-        self.activation = activation
-        self.odd = odd
-        self.stability = stability
-        self.phi = phi
-        self.continuation = continuation
-        self.alpha = alpha
-        self.input_delay = input_delay
-        self.output_weight = output_weight
-        self.linear_start = linear_start
-        self.bounds = bounds
-        self.integrators = integrators
-        self.operating_point = operating_point
-        self.initial_state = initial_state
-        self.dt = dt
-        self.n_init = n_init
-        self.max_iter = max_iter
-        self.tol = tol
-        self.max_time = max_time
-        self.validation_fraction = validation_fraction
-        self.n_iter_no_change = n_iter_no_change
-        self.coarse_samples = coarse_samples
-        self.polish_iter = polish_iter
-        self.method = method
-        self.n_init_samples = n_init_samples
-        self.warm_start = warm_start
-        self.n_jobs = n_jobs
-        self.random_state = random_state
-        self.verbose = verbose
+    n_h: Any = take(Networks, "n_h", kw_only=False)
+    n_g: Any = take(Networks, "n_g", kw_only=False)
+    gamma: float = take(Networks, "gamma", kw_only=False)
+    n_k: Any = take(Networks, "n_k")
+    gamma_k: float = take(Networks, "gamma_k")
+    gamma_h: Any = take(Networks, "gamma_h")
+    feedback: str = take(Networks, "feedback")
+    penalty: str = take(Networks, "penalty")
+    feedthrough: bool = take(Networks, "feedthrough")
+    h_inputs: Any = take(Networks, "h_inputs")
+    g_inputs: Any = take(Networks, "g_inputs")
+    activation: Any = take(Networks, "activation")
+    odd: bool = take(Networks, "odd")
+    continuation: int = take(Networks, "continuation")
 
     def _networks(self):
         return {

@@ -2,7 +2,7 @@
 
 from abc import ABCMeta, abstractmethod
 from numbers import Integral, Real
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -32,6 +32,7 @@ from ._control import ControlMixin
 from ._files import FilesMixin
 from ._integrators import IntegratorsMixin
 from ._linearity import LinearityMixin
+from ._options import estimator, option
 from ._progress import Progress
 from ._remote import RemoteMixin
 from ._report import ReportMixin
@@ -50,6 +51,7 @@ NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 DELAY_SAMPLES = 20_000  # of experiments on a cluster, that tell of their delays
 
 
+@estimator
 class StateSpaceModel(
     CallbackSupportMixin,
     SimulationMixin,
@@ -66,28 +68,117 @@ class StateSpaceModel(
     BaseEstimator,
     metaclass=ABCMeta,
 ):
-    """Share what a fit does in all models; the mixins share what follows from it."""
+    """Share what a fit does in all models, and what follows from it.
 
+    Parameters
+    ----------
+    nx : int, "auto" or array_like of int, default="auto"
+        Number of states. "auto" compares linear models of order 1, 2, ... on hidden
+        samples until three larger orders bring no gain; a range or a list compares the
+        orders that it names (eq. holdout). See `orders_`.
+    input_delay : int, array_like of int of shape (nu,) or "auto", default=0
+        Samples by which each input arrives late; "auto" takes the largest delay that
+        costs neither prediction nor simulation of a linear model (eq. delay).
+    output_weight : array_like of shape (ny,) or None, default=None
+        Weight of the squared error of every output, outputs scaled to unit variance.
+    linear_start : tuple, control.StateSpace, fitted model or None, default=None
+        Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
+        units of the data. It sets `nx` and the basis of the states.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
+        and C, in the units of the data; equal ones hold an entry.
+    integrators : int or "auto", default="auto"
+        Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
+        as positions and levels. No network sees their states. "auto" finds them. The
+        mean of u gives way to the input at which they rest.
+    operating_point : {"mean", "zero"} or tuple, default="mean"
+        Origin of the deviations; a pair (u_e, y_e) in the units of the data.
+    initial_state : {"estimate", "rest"}, default="estimate"
+        Initial state of the training experiments: estimated with the parameters, or
+        held at `operating_point`, which must be where the records begin.
+    dt : float, default=1.0
+        Sampling time, in seconds.
+    max_iter : int, default=100
+        Largest number of trial steps of the refinement.
+    tol : float, default=1e-8
+        Relative change of cost or parameters that ends the refinement.
+    max_time : float or None, default=None
+        Seconds after which the fit stops at its next trial step, with the best
+        parameters so far; None means no limit.
+    n_init_samples : int, default=50
+        First samples of an experiment from which `score` estimates its initial
+        state, at most a quarter of the experiment.
+    verbose : int, default=0
+        1 prints a line per stage of the training, 2 every step.
+
+    Attributes
+    ----------
+    A_, B_, C_, D_ : ndarray
+        Linear part in the user's units (deviations).
+    x0_ : ndarray of shape (n_experiments, nx)
+        Initial states of the training experiments.
+    params_ : Bunch
+        All parameters by name, in the user's units.
+    singular_values_ : ndarray
+        Singular values of the subspace step, descending.
+    nx_ : int
+        Number of states.
+    orders_ : dict
+        How orders compare: root mean square error on hidden samples by `nx`, outputs of
+        unit variance, under "linear" (if `nx` was chosen).
+    integrators_ : int
+        Number of last states that are integrators.
+    input_delay_ : ndarray of int of shape (nu,)
+        Samples by which each input arrives late.
+    cost_ : float
+        Final cost (eq. cost), outputs scaled to unit variance.
+    train_score_ : float
+        R2 of the simulation of the training record, initial states estimated as in
+        `score`; nan if the record stays on a cluster.
+    n_iter_ : int
+        Trial steps of the training.
+    converged_ : bool
+        Whether a tolerance was reached.
+    message_ : str
+        Why the training stopped.
+    history_ : list of Step
+        Accepted steps of all searches: ``label`` of the stage, ``iteration``,
+        ``cost``, ``seconds`` since the fit began, ``validation_rmse``.
+    u_offset_, y_offset_ : ndarray
+        Operating point, in the units of the data.
+    experiments_ : list
+        Labels of the training experiments; ``[None]`` without labels.
+    output_names_ : list of str or None
+        Names of the outputs, if `y` had any.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, if `u` had any.
+    """
+
+    # not annotated: no options
     _container = Container()  # of the y of `fit`: that of the y of `predict`
 
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
-    _parameter_constraints: ClassVar[dict] = {
-        "nx": [POSITIVE, StrOptions({"auto"}), range, "array-like"],
-        "operating_point": [StrOptions({"mean", "zero"}), tuple],
-        "initial_state": [StrOptions({"estimate", "rest"})],
-        "dt": [Interval(Real, 0, None, closed="neither")],
-        "input_delay": [COUNT, "array-like", StrOptions({"auto"})],
-        "output_weight": ["array-like", None],
-        "linear_start": "no_validation",
-        "bounds": [dict, None],
-        "integrators": [COUNT, StrOptions({"auto"})],
-        "max_iter": [POSITIVE],
-        "tol": [Interval(Real, 0, None, closed="neither")],
-        "max_time": [Interval(Real, 0, None, closed="neither"), None],
-        "n_init_samples": [POSITIVE],
-        "verbose": ["verbose"],
-    }
+    nx: Any = option(
+        "auto", [POSITIVE, StrOptions({"auto"}), range, "array-like"], kw_only=False
+    )
+    input_delay: Any = option(0, [COUNT, "array-like", StrOptions({"auto"})])
+    output_weight: Any = option(None, ["array-like", None])
+    linear_start: Any = option(None, "no_validation")
+    bounds: Any = option(None, [dict, None])
+    integrators: Any = option("auto", [COUNT, StrOptions({"auto"})])
+    operating_point: Any = option("mean", [StrOptions({"mean", "zero"}), tuple])
+    initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
+    dt: float = option(1.0, [Interval(Real, 0, None, closed="neither")])
+    max_iter: int = option(100, [POSITIVE])
+    tol: float = option(1e-8, [Interval(Real, 0, None, closed="neither")])
+    max_time: float | None = option(
+        None, [Interval(Real, 0, None, closed="neither"), None]
+    )
+    n_init_samples: int = option(50, [POSITIVE])
+    verbose: Any = option(0, ["verbose"])
 
     def __getstate__(self):
         """Return what is pickled: systems of python-control as their matrices."""

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from functools import partial
 from numbers import Integral, Real
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -11,7 +11,6 @@ from sklearn.base import _fit_context
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
-from ..activations import ACTIVATIONS, Activation
 from ..criterion import Criterion
 from ..integrators import decouple
 from ..mapping import Held
@@ -28,9 +27,10 @@ from ..training import (
     train,
 )
 from ..watch import INTERRUPTED
-from ._base import COUNT, POSITIVE, WEIGHT, StateSpaceModel
+from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
 from ._inputs import ALL, check_choice, held_columns, seen_columns
+from ._options import estimator, option
 from ._warn import warn_of_training
 
 SLOWEST = 5.0  # time constants in a record, of the slowest pole of a start
@@ -38,49 +38,111 @@ MORE_STATES = 1  # orders above that of the linear model, tried with networks
 SETTLED = "as many steps as hidden samples allow"
 LEFT_LINEAR = "the networks do not help: this is the linear model"
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
-# Constraints of the options that several presets offer.
-SIZES = [COUNT, tuple]
-FEEDBACK = StrOptions({"output", "state"})
-ACTIVATION = [StrOptions(set(ACTIVATIONS)), Activation, dict]
-H_INPUTS = ["array-like", str, Integral, None]
-G_INPUTS = ["array-like", None]  # a dict is one, for scikit-learn
 
 
+@estimator
 class Ssnn(StateSpaceModel):
     """Share the training of models with networks.
 
-    A model stores its parameters in ``__init__`` and names its networks in
-    ``_networks``; one of another family declares its structure in ``_declare``.
+    A model declares its options and names its networks in ``_networks``; one of another
+    family declares its structure in ``_declare``.
+
+    Parameters
+    ----------
+    nx : int, "auto" or array_like of int, default="auto"
+        Number of states. "auto" compares linear models of order 1, 2, ... on hidden
+        samples until three larger orders bring no gain; a range or a list compares the
+        orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
+        among the same orders, with "auto" up to one more than the best linear one. See
+        `orders_`.
+    max_iter : int, default=300
+        Largest number of trial steps of the coarse stage, or of the only one. A stage
+        of the search of ``alpha="auto"``, one alpha of one start, takes a 25th of it.
+    tol : float, default=1e-4
+        Relative change of cost or parameters that ends a stage.
+    bounds : dict of str to tuple or None, default=None
+        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
+        B, in the units of the data; equal ones hold an entry.
+    stability : {"auto", "contractive"} or None, default="auto"
+        "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
+        of tanh or sigmoid then have bounded simulations for every bounded input. None
+        leaves A free. "auto" is "contractive" unless there is a `linear_start`, whose
+        basis of the states it would change.
+    phi : float, default=1e-5
+        Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
+        falls by at least the share phi in every step.
+    alpha : float or "auto", default="auto"
+        Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
+        it the random start, by the simulation error on hidden quarters of the record
+        (eq. holdout). It pulls the networks back to their start, so that a large weight
+        leaves the linear model; if no networks beat that model on the hidden quarters,
+        the fit returns it, with a ConvergenceWarning. A number is used as it is, pulls
+        towards zero, and hides no samples.
+    n_init : int, default=3
+        Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
+        on, with a number the one of least cost on the coarse stage.
+    validation_fraction : float or None, default=None
+        Share of every experiment, its end, that is not fitted but judges the
+        training, see `validation` of `fit`; None fits everything.
+    n_iter_no_change : int, default=10
+        Accepted steps without a new least validation error after which a stage ends.
+    coarse_samples : int or None, default=8000
+        On longer records the search and the first stages of the training take so many
+        samples, the liveliest stretch; None takes all samples at once.
+    polish_iter : int, default=30
+        Largest number of trial steps on all samples after a coarse stage.
+    method : {"lm", "trf"}, default="lm"
+        Method of `scipy.optimize.least_squares`.
+    warm_start : bool, default=False
+        Whether a repeated `fit` continues from the last parameters and scaling, if
+        they still fit the signals and the other options.
+    n_jobs : int or None, default=None
+        Random starts trained in parallel, or experiments in threads if there is one
+        start, as in joblib. The result does not depend on it.
+    random_state : int, RandomState instance or None, default=None
+        Source of the initial inner weights.
+
+    Attributes
+    ----------
+    orders_ : dict
+        How orders compare: root mean square error on hidden samples by `nx`, outputs of
+        unit variance, under "linear" (if `nx` was chosen) and, with ``alpha="auto"``,
+        "networks".
+    alpha_ : float
+        Weight of the squared network parameters that was given or found; inf if
+        networks do not help and the linear model was returned.
+    n_iter_ : int
+        Trial steps of the training, linear start excluded.
+    converged_ : bool
+        Whether the training ended by itself: a tolerance was reached, validation or
+        the number of steps that hidden samples allow ended the last stage, or the
+        linear model was returned. It does not say that the cost has settled.
     """
 
-    _parameter_constraints: ClassVar[dict] = {
-        **StateSpaceModel._parameter_constraints,
-        "alpha": [WEIGHT, StrOptions({"auto"})],
-        "stability": [StrOptions({"auto", "contractive"}), None],
-        "phi": [Interval(Real, 0, 1, closed="left")],
-        "n_init": [POSITIVE],
-        "coarse_samples": [POSITIVE, None],
-        "polish_iter": [POSITIVE],
-        "method": [StrOptions({"lm", "trf"})],
-        "random_state": ["random_state"],
-        "n_jobs": [Integral, None],
-        "warm_start": ["boolean"],
-        "validation_fraction": [Interval(Real, 0, 1, closed="neither"), None],
-        "n_iter_no_change": [POSITIVE],
-    }
+    max_iter: int = option(300, [POSITIVE])
+    tol: float = option(1e-4, [Interval(Real, 0, None, closed="neither")])
+    stability: Any = option("auto", [StrOptions({"auto", "contractive"}), None])
+    phi: float = option(1e-5, [Interval(Real, 0, 1, closed="left")])
+    alpha: Any = option("auto", [WEIGHT, StrOptions({"auto"})])
+    n_init: int = option(3, [POSITIVE])
+    validation_fraction: float | None = option(
+        None, [Interval(Real, 0, 1, closed="neither"), None]
+    )
+    n_iter_no_change: int = option(10, [POSITIVE])
+    coarse_samples: int | None = option(8_000, [POSITIVE, None])
+    polish_iter: int = option(30, [POSITIVE])
+    method: str = option("lm", [StrOptions({"lm", "trf"})])
+    warm_start: bool = option(False, ["boolean"])
+    n_jobs: Any = option(None, [Integral, None])
+    random_state: Any = option(None, ["random_state"])
 
-    # What a preset fixes and another lets the user choose.
-    gamma: float = 0.0
-    gamma_k: float = 0.0
-    gamma_h: float = 0.0
-    feedthrough: bool = False
-    penalty: str | None = None
-    stability: str | None = None
-    phi: float = 0.0
-    continuation: int = 0
-    feedback: str = "output"
-    h_inputs = None
-    g_inputs = None
+    # What a model fixes unless it is one of its options; not annotated: no options.
+    gamma = gamma_k = gamma_h = 0.0
+    feedthrough = False
+    h_inputs = g_inputs = None
+    continuation = 0
+    feedback = "output"
+    penalty = ""
 
     @abstractmethod
     def _networks(self):

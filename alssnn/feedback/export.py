@@ -153,6 +153,6 @@ def linearize(plant, x=None, u=None):
     """
     plant = plant.late()
     x, u = check_point("x", x, plant.nx), check_point("u", u, plant.nu)
-    matrices = plant.jacobian(x, plant.u_offset + u)
+    A, B, C, D = plant.jacobian(x, plant.u_offset + u)
     names = {"inputs": plant.inputs, "outputs": plant.outputs, "name": plant.name}
-    return to_statespace(*matrices, plant.dt, **names)
+    return to_statespace(A, B, C, D, plant.dt, **names)
