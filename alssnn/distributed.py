@@ -252,7 +252,7 @@ def fit(model, experiments, *, client=None):
         from distributed import get_client
 
         client = get_client()
-    return model._fit_remote(Remote(client, experiments))
+    return model.fit_remote(Remote(client, experiments))
 
 
 # -- what runs on the workers ----------------------------------------------------------

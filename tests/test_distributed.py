@@ -310,6 +310,6 @@ def test_a_fit_survives_a_killed_worker(experiments):
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Criterion, "normal_equations", deadly)
-            fitted = model._fit_remote(there)
+            fitted = model.fit_remote(there)
     assert calls.count(False) > 2
     assert fitted.cost_ == pytest.approx(expected.cost_, rel=5e-3)

@@ -118,7 +118,7 @@ def test_held_weights_are_certain_and_not_counted():
     variance = np.diag(covariance.covariance)[where].reshape(2, 2)
     assert not variance[:, 0].any()
     assert variance[:, 1].all()
-    assert covariance.rank <= model._free_entries(len(model._theta)).sum() + 6
+    assert covariance.rank <= model.free_entries(len(model._theta)).sum() + 6
     refits = model.sample_models(covariance, 2, 0, data=(u, y, experiment), max_iter=3)
     assert not any(refit.params_["W_y"][:, 0].any() for refit in refits)
 
@@ -138,8 +138,8 @@ def test_choices_survive_a_file(tmp_path):
     assert {k: loaded.get_params()[k] for k in choices} == choices
     assert clone(loaded).get_params()["g_inputs"] == choices["g_inputs"]
     np.testing.assert_array_equal(
-        loaded._free_entries(len(loaded._theta)),
-        model._free_entries(len(model._theta)),
+        loaded.free_entries(len(loaded._theta)),
+        model.free_entries(len(model._theta)),
     )
 
 

@@ -12,77 +12,73 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..experiments import is_list_of_records
-from ._fitted import Fitted
 
 CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
 
 
-class AheadMixin(Fitted):
-    """Share the prediction of outputs from earlier ones."""
+def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=None):
+    """Predict every output from the data up to some samples before it.
 
-    def predict_ahead(
-        self, u, y, steps=1, experiment=None, *, x0="rest", observer=None
-    ):
-        """Predict every output from the data up to some samples before it.
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs. A list has one array per experiment.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where an output was not measured.
+    steps : int or inf, default=1
+        Number of samples between the last output that is used and the one that is
+        predicted. With as many as an experiment has, the result is that of
+        `predict`.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    x0 : {"rest", "training"} or array_like, default="rest"
+        Initial states of the observer, as for `predict`.
+    observer : Observer or None, default=None
+        Observer of this model; None takes `observer` with its defaults.
 
-        Parameters
-        ----------
-        u : array_like of shape (N, nu), or list of them
-            Inputs. A list has one array per experiment.
-        y : array_like of shape (N,) or (N, ny), or list of them
-            Outputs; nan where an output was not measured.
-        steps : int or inf, default=1
-            Number of samples between the last output that is used and the one that is
-            predicted. With as many as an experiment has, the result is that of
-            `predict`.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-        x0 : {"rest", "training"} or array_like, default="rest"
-            Initial states of the observer, as for `predict`.
-        observer : Observer or None, default=None
-            Observer of this model; None takes `observer` with its defaults.
+    Returns
+    -------
+    y_hat : ndarray of shape (N,) or (N, ny), or list of them
+        Predicted outputs: row k uses the outputs up to k - steps of its experiment
+        and the inputs up to k. The first `steps` rows use no output, they are
+        simulated from `x0`.
 
-        Returns
-        -------
-        y_hat : ndarray of shape (N,) or (N, ny), or list of them
-            Predicted outputs: row k uses the outputs up to k - steps of its experiment
-            and the inputs up to k. The first `steps` rows use no output, they are
-            simulated from `x0`.
+    Raises
+    ------
+    ValueError
+        If `steps` is no positive integer, `x0` has the wrong size, or the model
+        has no stable observer.
 
-        Raises
-        ------
-        ValueError
-            If `steps` is no positive integer, `x0` has the wrong size, or the model
-            has no stable observer.
+    Notes
+    -----
+    Costs N steps of the observer, and steps times N - steps samples of the
+    model, for all starting points in one product.
+    """
+    from ..feedback import Observer
 
-        Notes
-        -----
-        Costs N steps of the observer, and steps times N - steps samples of the
-        model, for all starting points in one product.
-        """
-        from ..feedback import Observer
-
-        check_is_fitted(self)
-        if not (steps == np.inf or (steps >= 1 and steps == int(steps))):
-            raise ValueError(
-                f"`steps` must be a positive integer or inf, got {steps!r}. It counts "
-                "samples."
-            )
-        as_list = is_list_of_records(u)
-        u, y, parts, labels = self._labeled_data(u, y, experiment)
-        observer = Observer(self) if observer is None else observer
-        n_late = observer.plant.n_late
-        y_hat = np.empty((len(u), len(self.C_)))
-        for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
-            u_i = np.asarray(u[part], dtype=float)
-            y_i = np.asarray(y[part], dtype=float).reshape(len(u_i), -1)
-            n = int(min(steps, len(u_i)))
-            y_hat[part][:n] = self._simulate(u_i[:n], start)
-            if n < len(u_i):
-                X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
-                y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
-        y_hat = y_hat[:, 0] if self._y_ndim == 1 else y_hat
-        return [y_hat[part] for part in parts] if as_list else y_hat
+    check_is_fitted(model)
+    if not (steps == np.inf or (steps >= 1 and steps == int(steps))):
+        raise ValueError(
+            f"`steps` must be a positive integer or inf, got {steps!r}. It counts "
+            "samples."
+        )
+    as_list = is_list_of_records(u)
+    u, y, parts, labels = model._labeled_data(u, y, experiment)
+    observer = Observer(model) if observer is None else observer
+    n_late = observer.plant.n_late
+    y_hat = np.empty((len(u), len(model.C_)))
+    for part, start in zip(parts, model._check_x0(x0, labels), strict=True):
+        u_i = np.asarray(u[part], dtype=float)
+        y_i = np.asarray(y[part], dtype=float).reshape(len(u_i), -1)
+        n = int(min(steps, len(u_i)))
+        y_hat[part][:n] = model._simulate(u_i[:n], start)
+        if n < len(u_i):
+            X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
+            y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
+    y_hat = y_hat[:, 0] if model._y_ndim == 1 else y_hat
+    return [y_hat[part] for part in parts] if as_list else y_hat
 
 
 def run_on(plant, X, u, steps):

@@ -26,21 +26,24 @@ from ..scaling import Scaling
 from ..subspace import TRIAL_SAMPLES
 from ..training import Validation
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch, late_fall
-from ._ahead import AheadMixin
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._control import ControlMixin
-from ._files import FilesMixin
-from ._integrators import IntegratorsMixin
+from ._deferred import deferred
+from ._integrators import (
+    check_given_integrators,
+    find_integrators,
+    identified_linear,
+    note,
+    regular,
+    with_integrators,
+)
 from ._linearity import LinearityMixin
 from ._options import estimator, option
 from ._progress import Progress
-from ._remote import RemoteMixin
-from ._report import ReportMixin
+from ._remote import training_region
 from ._simulation import DATA, SimulationMixin, join_records
 from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model, portable
-from ._uncertainty import UncertaintyMixin
-from ._validation import ValidationMixin
 from ._warn import warn_of_training
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
@@ -55,15 +58,8 @@ DELAY_SAMPLES = 20_000  # of experiments on a cluster, that tell of their delays
 class StateSpaceModel(
     CallbackSupportMixin,
     SimulationMixin,
-    AheadMixin,
     LinearityMixin,
     ControlMixin,
-    ValidationMixin,
-    UncertaintyMixin,
-    FilesMixin,
-    ReportMixin,
-    RemoteMixin,
-    IntegratorsMixin,
     ScikitLearnMixin,
     BaseEstimator,
     metaclass=ABCMeta,
@@ -180,6 +176,21 @@ class StateSpaceModel(
     n_init_samples: int = option(50, [POSITIVE])
     verbose: Any = option(0, ["verbose"])
 
+    # what others do with a fitted model, and describe
+    predict_ahead = deferred("estimators._ahead", "predict_ahead")
+    parameter_covariance = deferred("estimators._uncertainty", "parameter_covariance")
+    aic = deferred("estimators._uncertainty", "aic")
+    bic = deferred("estimators._uncertainty", "bic")
+    sample_models = deferred("estimators._uncertainty", "sample_models")
+    free_entries = deferred("estimators._uncertainty", "free_entries")
+    fit_remote = deferred("estimators._remote", "fit_remote")
+    validate = deferred("validation", "validate")
+    save = deferred("persistence", "save")
+    to_mat = deferred("persistence", "to_mat")
+    to_c = deferred("persistence", "to_c")
+    to_onnx = deferred("persistence", "to_onnx")
+    report = deferred("report", "write_report")
+
     def __getstate__(self):
         """Return what is pickled: systems of python-control as their matrices."""
         state = dict(super().__getstate__())
@@ -253,7 +264,7 @@ class StateSpaceModel(
         self.output_names_ = container.output_names
         experiments, held_out = self._hold_out(u, y, parts, validation)
         watch.observe = Callbacks.of(self, u, y, experiment)
-        if not warm and self._find_integrators(experiments, watch):
+        if not warm and find_integrators(self, experiments, watch):
             experiments, held_out = self._hold_out(u, y, parts, validation)
         self._complete(experiments, watch, held_out, warm)
         if watch.observe is not None:
@@ -281,7 +292,7 @@ class StateSpaceModel(
         self._publish(result, watch)
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
-        self._region, self._made = self._training_region(experiments), None
+        self._region, self._made = training_region(self, experiments), None
         self._score_training(experiments)
         if watch.interrupt is not None:
             raise watch.interrupt
@@ -385,9 +396,9 @@ class StateSpaceModel(
                     f"`nx` must be 'auto' or the order of `linear_start`, "
                     f"{len(model.A)}, got {self.nx}."
                 )
-            self._check_given_integrators(model.A, len(model.C))
+            check_given_integrators(self, model.A, len(model.C))
         else:
-            model = self._identified_linear(experiments, watch)
+            model = identified_linear(self, experiments, watch)
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
         return model
@@ -434,10 +445,10 @@ class StateSpaceModel(
             own_basis=self.linear_start is not None,
             contractive=contractive,
         )
-        return self._with_integrators(bounds, structure)
+        return with_integrators(self, bounds, structure)
 
     def _warn_if_unstable(self):
-        radius = np.abs(np.linalg.eigvals(self._regular(self.A_))).max(initial=0.0)
+        radius = np.abs(np.linalg.eigvals(regular(self, self.A_))).max(initial=0.0)
         if radius < 1 or not self._for_control:
             return
         # a kind of failed training: filtered with its other warnings
@@ -447,6 +458,10 @@ class StateSpaceModel(
             "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
             "another `nx`, or `AlSsnn` with stability='contractive'.",
         )
+
+    def _refinement(self):
+        """Return the options of the search for the linear model."""
+        return {}
 
     @abstractmethod
     def _identify(self, experiments, previous, watch, held_out):
@@ -481,7 +496,7 @@ class StateSpaceModel(
         self.cost_ = float(result.cost)
         self.n_iter_ = int(result.nfev)
         self.converged_ = bool(result.success)
-        self.message_ = str(result.message) + self._note()
+        self.message_ = str(result.message) + note(self)
         self.history_ = watch.history
         self.orders_ = {}
         if self._orders is not None:

@@ -1,69 +1,80 @@
 """Fits to experiments that live elsewhere (`distributed`)."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..containers import Container
 from ..region import Region
 from ..scaling import Scaling
 from ..simulation import regressors, trajectory
-from ._fitted import Fitted
+from ._integrators import find_integrators
 
 
-class RemoteMixin(Fitted):
-    """Fit from scaled experiments, in this process or on the workers of a cluster."""
+def fit_remote(model, experiments):
+    """Fit to experiments on a cluster, in the units of the user.
 
-    _validate_params: Callable
-    _watch: Callable
-    _set_delay: Callable
-    _complete: Callable
-    _find_integrators: Callable
-    _continues: Callable
-    _nx_choices: Callable
-    max_time: float | None
-    validation_fraction: float | None = None
-    operating_point: str | tuple
+    Parameters
+    ----------
+    model : estimator
+        Model, fitted or not.
+    experiments : distributed.Remote
+        Experiments.
 
-    def _fit_remote(self, experiments):
-        """Fit to `distributed.Remote` experiments, in the units of the user."""
-        watch = self._watch()
-        self._validate_params()
-        self._nx_choices()
-        if self.validation_fraction is not None:
-            raise ValueError(
-                "`validation_fraction` must be None for experiments on a cluster, got "
-                f"{self.validation_fraction}. Keep whole experiments for `score`."
-            )
-        nu, ny = experiments.shape
-        warm = self._continues(nu, ny)
-        self.n_features_in_ = nu
-        if not warm:
-            u, y = experiments.moments
-            self._scaling = Scaling.from_moments(u, y, self.operating_point)
-            self._x_scale = np.ones(1)
-            self.__dict__.pop("_decay", None)
-            self.integrators_ = 0
-        self.experiments_ = list(range(len(experiments)))
-        self._container = Container()
-        self.output_names_ = None
-        self._y_ndim = 1 if experiments.y_ndim == 1 else 2
-        at_once = experiments.scaled(self._scaling, np.zeros(nu, dtype=int))
-        self._set_delay(at_once, nu)
-        scaled = experiments.scaled(self._scaling, self.input_delay_)
-        if not warm and self._find_integrators(scaled, watch):
-            scaled = experiments.scaled(self._scaling, self.input_delay_)
-        self._complete(scaled, watch, None, warm)
-        return self
-
-    def _training_region(self, experiments):
-        """Return the region that simulations of the scaled experiments cover."""
-        lure = self._structure.lure(self._theta)
-        scales = self._x_scale, self._scaling.u_scale, self._scaling.y_scale
-        x0 = self.x0_ / self._x_scale
-        return Region.of_parts(
-            lambda function: experiments.map(_Visit(lure, scales, function), x0)
+    Returns
+    -------
+    model : estimator
+        The fitted model.
+    """
+    watch = model._watch()
+    model._validate_params()
+    model._nx_choices()
+    if getattr(model, "validation_fraction", None) is not None:
+        raise ValueError(
+            "`validation_fraction` must be None for experiments on a cluster, got "
+            f"{model.validation_fraction}. Keep whole experiments for `score`."
         )
+    nu, ny = experiments.shape
+    warm = model._continues(nu, ny)
+    model.n_features_in_ = nu
+    if not warm:
+        u, y = experiments.moments
+        model._scaling = Scaling.from_moments(u, y, model.operating_point)
+        model._x_scale = np.ones(1)
+        model.__dict__.pop("_decay", None)
+        model.integrators_ = 0
+    model.experiments_ = list(range(len(experiments)))
+    model._container = Container()
+    model.output_names_ = None
+    model._y_ndim = 1 if experiments.y_ndim == 1 else 2
+    at_once = experiments.scaled(model._scaling, np.zeros(nu, dtype=int))
+    model._set_delay(at_once, nu)
+    scaled = experiments.scaled(model._scaling, model.input_delay_)
+    if not warm and find_integrators(model, scaled, watch):
+        scaled = experiments.scaled(model._scaling, model.input_delay_)
+    model._complete(scaled, watch, None, warm)
+    return model
+
+
+def training_region(model, experiments):
+    """Return the region that simulations of scaled experiments cover.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    experiments : Held or Remote
+        Experiments of the fit.
+
+    Returns
+    -------
+    region : Region
+        The region, in the user's units.
+    """
+    lure = model._structure.lure(model._theta)
+    scales = model._x_scale, model._scaling.u_scale, model._scaling.y_scale
+    x0 = model.x0_ / model._x_scale
+    return Region.of_parts(
+        lambda function: experiments.map(_Visit(lure, scales, function), x0)
+    )
 
 
 class _Visit:

@@ -4,11 +4,11 @@ from functools import cache
 from importlib import metadata
 from typing import ClassVar
 
-from sklearn.base import MultiOutputMixin, RegressorMixin
+from sklearn.base import RegressorMixin
 from sklearn.utils.metadata_routing import UNUSED
 
 
-class ScikitLearnMixin(MultiOutputMixin, RegressorMixin):
+class ScikitLearnMixin(RegressorMixin):
     """Declare tags, default requests of metadata, and the link of the HTML display."""
 
     # labels go where records go, without set_fit_request by the user
@@ -28,6 +28,7 @@ class ScikitLearnMixin(MultiOutputMixin, RegressorMixin):
         """Return the tags."""
         tags = super().__sklearn_tags__()
         # a strictly proper dynamical system cannot fit shuffled static data
+        tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True
         tags.non_deterministic = False
         return tags

@@ -30,6 +30,7 @@ from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
 from ._inputs import ALL, check_choice, held_columns, seen_columns
+from ._integrators import keeps_start, regular, with_integrators
 from ._options import estimator, option
 from ._warn import warn_of_training
 
@@ -260,7 +261,7 @@ class Ssnn(StateSpaceModel):
         if self.integrators_:  # a shift of an integrator shifts the output alone
             choices["k"] = {"x": ALL, "u": ALL}
         n = self.integrators_
-        own_basis = self.linear_start is not None and self._keeps_start
+        own_basis = self.linear_start is not None and keeps_start(self)
         names = {"u": getattr(self, "feature_names_in_", None), "y": self.output_names_}
         seen = {}
         for net, by_signal in choices.items():
@@ -536,7 +537,7 @@ class Ssnn(StateSpaceModel):
         if not self._allows(nx):
             return False
         A = structure.split(theta)["A"]
-        A_r = self._regular(A)
+        A_r = regular(self, A)
         size = np.linalg.norm(A_r, 2) if A_r.size else 0.0
         if phi is not None and not size < np.sqrt(1 - phi):
             return False  # no contraction of this rate
@@ -545,7 +546,7 @@ class Ssnn(StateSpaceModel):
         C = structure.constants["C"]
         wanted = self._declare(nx, nu, ny, C=C, **networks)
         if wanted.shapes == structure.shapes:
-            held = self._with_integrators(self._held_weights(structure), structure)
+            held = with_integrators(self, self._held_weights(structure), structure)
             if np.any(Limits(structure, bounds=held).clip(theta) != theta):
                 return False  # its networks saw more
         return (

@@ -17,292 +17,310 @@ from ..uncertainty import (
     residual_moments,
     score_covariance,
 )
-from ._fitted import Fitted
 
 
-class UncertaintyMixin(Fitted):
-    """Share what the training data say about the uncertainty of a model.
+def parameter_covariance(model, u, y, experiment=None):
+    """Return the uncertainty of the parameters, from the training data.
 
-    All methods take the training data, which a fitted model does not keep.  Initial
-    states are estimated from whole experiments, unless the training held them at rest.
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs of the training.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs of the training.
+    experiment : array_like of shape (N,) or (N, 2), or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    covariance : ParameterCovariance
+        First-order covariance, with frequency response and poles on request.
+
+    Raises
+    ------
+    ValueError
+        If the simulation diverges on the data, or an output has too few measured
+        samples for the parameters.
+
+    Notes
+    -----
+    Costs a few passes over the sensitivities. It takes white output noise, an
+    optimum that was reached, and no active bound; entries held by equal bounds
+    are certain. Of a contractive model, A counts as free.
     """
-
-    def parameter_covariance(self, u, y, experiment=None):
-        """Return the uncertainty of the parameters, from the training data.
-
-        Parameters
-        ----------
-        u : array_like of shape (N, nu), or list of them
-            Inputs of the training.
-        y : array_like of shape (N,) or (N, ny), or list of them
-            Outputs of the training.
-        experiment : array_like of shape (N,) or (N, 2), or None, default=None
-            Label of the experiment of every sample.
-
-        Returns
-        -------
-        covariance : ParameterCovariance
-            First-order covariance, with frequency response and poles on request.
-
-        Raises
-        ------
-        ValueError
-            If the simulation diverges on the data, or an output has too few measured
-            samples for the parameters.
-
-        Notes
-        -----
-        Costs a few passes over the sensitivities. It takes white output noise, an
-        optimum that was reached, and no active bound; entries held by equal bounds
-        are certain. Of a contractive model, A counts as free.
-        """
-        fit = self._gauss_newton(u, y, experiment)
-        n_params = self._structure.n_params
-        freedom = fit.count - fit.n_effective / len(fit.EE)
-        if not np.diag(freedom).min() > 0.5:  # rounded: a whole sample is left
-            raise ValueError(
-                "`y` must have more measured samples of every output than parameters "
-                f"per output ({fit.n_effective / len(fit.EE):.1f}), got "
-                f"{int(np.diag(fit.count).min())}. Take a longer record or a smaller "
-                "model."
-            )
-        Lambda = np.where(fit.count > 0, fit.EE / np.maximum(freedom, 1.0), 0.0)
-        weight = fit.output_weight / fit.n_measured
-        with single_threaded():
-            F = score_covariance(
-                self._structure, self._theta, fit.x0, fit.experiments, weight, Lambda
-            )
-        P = fit.inverse @ F @ fit.inverse
-        scale = self._scaling.y_scale
-        return ParameterCovariance(
-            theta=self._theta.copy(),
-            covariance=P[:n_params, :n_params],
-            noise_covariance=Lambda * np.outer(scale, scale),
-            n_effective=fit.n_effective,
-            rank=fit.rank,
-            n_samples=fit.n_samples,
-            structure=self._structure,
-            units=self._units(),
-            dt=self.dt,
-            input_delay=self.input_delay_,
+    fit = _gauss_newton(model, u, y, experiment)
+    n_params = model._structure.n_params
+    freedom = fit.count - fit.n_effective / len(fit.EE)
+    if not np.diag(freedom).min() > 0.5:  # rounded: a whole sample is left
+        raise ValueError(
+            "`y` must have more measured samples of every output than parameters "
+            f"per output ({fit.n_effective / len(fit.EE):.1f}), got "
+            f"{int(np.diag(fit.count).min())}. Take a longer record or a smaller "
+            "model."
         )
+    Lambda = np.where(fit.count > 0, fit.EE / np.maximum(freedom, 1.0), 0.0)
+    weight = fit.output_weight / fit.n_measured
+    with single_threaded():
+        F = score_covariance(
+            model._structure, model._theta, fit.x0, fit.experiments, weight, Lambda
+        )
+    P = fit.inverse @ F @ fit.inverse
+    scale = model._scaling.y_scale
+    return ParameterCovariance(
+        theta=model._theta.copy(),
+        covariance=P[:n_params, :n_params],
+        noise_covariance=Lambda * np.outer(scale, scale),
+        n_effective=fit.n_effective,
+        rank=fit.rank,
+        n_samples=fit.n_samples,
+        structure=model._structure,
+        units=model._units(),
+        dt=model.dt,
+        input_delay=model.input_delay_,
+    )
 
-    def aic(self, u, y, experiment=None):
-        """Return the information criterion of Akaike, from the training data.
 
-        Parameters
-        ----------
-        u : array_like of shape (N, nu), or list of them
-            Inputs of the training.
-        y : array_like of shape (N,) or (N, ny), or list of them
-            Outputs of the training.
-        experiment : array_like of shape (N,) or (N, 2), or None, default=None
-            Label of the experiment of every sample.
+def aic(model, u, y, experiment=None):
+    """Return the information criterion of Akaike, from the training data.
 
-        Returns
-        -------
-        aic : float
-            ``-2 log L + 2 n``: L the likelihood of white normal output noise, n the
-            effective number of parameters (eq. effective); the lower the better.
-        """
-        return self._criterion_value(self._gauss_newton(u, y, experiment), 2.0)
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs of the training.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs of the training.
+    experiment : array_like of shape (N,) or (N, 2), or None, default=None
+        Label of the experiment of every sample.
 
-    def bic(self, u, y, experiment=None):
-        """Return the Bayesian information criterion, from the training data.
+    Returns
+    -------
+    aic : float
+        ``-2 log L + 2 n``: L the likelihood of white normal output noise, n the
+        effective number of parameters (eq. effective); the lower the better.
+    """
+    return _criterion_value(model, _gauss_newton(model, u, y, experiment), 2.0)
 
-        Parameters
-        ----------
-        u : array_like of shape (N, nu), or list of them
-            Inputs of the training.
-        y : array_like of shape (N,) or (N, ny), or list of them
-            Outputs of the training.
-        experiment : array_like of shape (N,) or (N, 2), or None, default=None
-            Label of the experiment of every sample.
 
-        Returns
-        -------
-        bic : float
-            ``-2 log L + n log N``, as `aic` but with a larger price of parameters;
-            the lower the better.
-        """
-        fit = self._gauss_newton(u, y, experiment)
-        return self._criterion_value(fit, np.log(fit.n_samples))
+def bic(model, u, y, experiment=None):
+    """Return the Bayesian information criterion, from the training data.
 
-    def sample_models(
-        self,
-        covariance,
-        n_models=10,
-        random_state=None,
-        *,
-        data=None,
-        max_iter=30,
-        tol=1e-4,
-    ):
-        """Return models drawn from the uncertainty of this one.
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs of the training.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs of the training.
+    experiment : array_like of shape (N,) or (N, 2), or None, default=None
+        Label of the experiment of every sample.
 
-        Parameters
-        ----------
-        covariance : ParameterCovariance
-            What `parameter_covariance` returned for this model.
-        n_models : int, default=10
-            Number of models.
-        random_state : int, RandomState instance or None, default=None
-            Source of the draws.
-        data : tuple of array_like or None, default=None
-            The training data (u, y) or (u, y, experiment): every draw is then the
-            optimum of the training cost for y plus a draw of the noise
-            (eq. bootstrap). None draws parameters from their normal approximation,
-            which is of use where the data determine all of them, as for a linear
-            model.
-        max_iter : int, default=30
-            Largest number of trial steps of every draw from `data`.
-        tol : float, default=1e-4
-            Relative change of the cost that ends a draw from `data`.
+    Returns
+    -------
+    bic : float
+        ``-2 log L + n log N``, as `aic` but with a larger price of parameters;
+        the lower the better.
+    """
+    fit = _gauss_newton(model, u, y, experiment)
+    return _criterion_value(model, fit, np.log(fit.n_samples))
 
-        Returns
-        -------
-        models : list of object
-            Fitted copies that differ in their parameters. Normal draws of a network
-            with neurons that the data hardly determine leave the range of the first
-            order: they fit badly or diverge. Those from `data` do not.
 
-        Raises
-        ------
-        ValueError
-            If the covariance belongs to another model or other data.
+def sample_models(
+    model,
+    covariance,
+    n_models=10,
+    random_state=None,
+    *,
+    data=None,
+    max_iter=30,
+    tol=1e-4,
+):
+    """Return models drawn from the uncertainty of this one.
 
-        Notes
-        -----
-        Without `data` this is nearly free. With it, every model costs one short
-        training from the parameters of this one, without its networks' random start;
-        where the first order holds both have the same distribution.
-        """
-        check_is_fitted(self)
-        theta = getattr(covariance, "theta", ())  # (): no covariance at all
-        if not np.array_equal(theta, self._theta):
-            raise ValueError(
-                "`covariance` must be that of this model, got that of another one. "
-                "Call `parameter_covariance` again after a fit."
-            )
-        if data is None:
-            draws = ((z, self.x0_) for z in covariance.sample(n_models, random_state))
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    covariance : ParameterCovariance
+        What `parameter_covariance` returned for this model.
+    n_models : int, default=10
+        Number of models.
+    random_state : int, RandomState instance or None, default=None
+        Source of the draws.
+    data : tuple of array_like or None, default=None
+        The training data (u, y) or (u, y, experiment): every draw is then the
+        optimum of the training cost for y plus a draw of the noise
+        (eq. bootstrap). None draws parameters from their normal approximation,
+        which is of use where the data determine all of them, as for a linear
+        model.
+    max_iter : int, default=30
+        Largest number of trial steps of every draw from `data`.
+    tol : float, default=1e-4
+        Relative change of the cost that ends a draw from `data`.
+
+    Returns
+    -------
+    models : list of object
+        Fitted copies that differ in their parameters. Normal draws of a network
+        with neurons that the data hardly determine leave the range of the first
+        order: they fit badly or diverge. Those from `data` do not.
+
+    Raises
+    ------
+    ValueError
+        If the covariance belongs to another model or other data.
+
+    Notes
+    -----
+    Without `data` this is nearly free. With it, every model costs one short
+    training from the parameters of this one, without its networks' random start;
+    where the first order holds both have the same distribution.
+    """
+    check_is_fitted(model)
+    theta = getattr(covariance, "theta", ())  # (): no covariance at all
+    if not np.array_equal(theta, model._theta):
+        raise ValueError(
+            "`covariance` must be that of this model, got that of another one. "
+            "Call `parameter_covariance` again after a fit."
+        )
+    if data is None:
+        draws = ((z, model.x0_) for z in covariance.sample(n_models, random_state))
+    else:
+        draws = _refits(
+            model, covariance, n_models, random_state, data, max_iter=max_iter, tol=tol
+        )
+    models = []
+    for theta, x0 in draws:
+        drawn = copy.deepcopy(model)
+        drawn._theta, drawn.x0_ = theta, x0
+        drawn._publish_parameters()
+        models.append(drawn)
+    return models
+
+
+def _refits(model, covariance, n_models, random_state, data, **options):
+    """Yield optima (theta, x0) for data with more noise (eq. bootstrap)."""
+    if not isinstance(data, tuple | list) or len(data) not in (2, 3):
+        raise ValueError(
+            "`data` must be a tuple (u, y) or (u, y, experiment), got "
+            f"{type(data).__name__}. Pass the training data."
+        )
+    u, y, parts = model._test_data(*data, *[None] * (3 - len(data)))
+    if len(u) != covariance.n_samples:
+        raise ValueError(
+            f"`data` must be the {covariance.n_samples} samples of `covariance`, "
+            f"got {len(u)}. Pass the training data."
+        )
+    experiments = model._experiments(u, y, parts)
+    scale = model._scaling.y_scale
+    values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
+    structure, weights = model._criterion_terms(model._structure)
+    contractive = getattr(model, "stability", None) == "contractive"
+    random_state = check_random_state(random_state)
+    for _ in range(n_models):
+        noisy = []
+        for u_s, y_s in experiments:
+            noise = random_state.standard_normal((len(u_s), len(root))) @ root.T
+            noisy.append((u_s, y_s[:] + noise))
+        result = train(
+            structure,
+            noisy,
+            [model._theta],
+            weights=weights,
+            phi=getattr(model, "phi", None) if contractive else None,
+            bounds=model._scaled_bounds(structure, contractive=contractive),
+            at_rest=model._at_rest,
+            **options,
+        )
+        yield result.theta, result.x0 * model._x_scale
+
+
+def _gauss_newton(model, u, y, experiment):
+    """Return the Gauss-Newton matrices of the training and its residuals."""
+    check_is_fitted(model)
+    u, y, parts = model._test_data(u, y, experiment)
+    experiments = model._experiments(u, y, parts)
+    structure, theta = model._structure, model._theta
+    penalized, weights = model._criterion_terms(structure)
+    longest = max(len(u_s) for u_s, _ in experiments)
+    with single_threaded():
+        if model._at_rest:
+            x0 = np.zeros((len(experiments), structure.n_x0))
         else:
-            draws = self._refits(
-                covariance, n_models, random_state, data, max_iter=max_iter, tol=tol
-            )
-        models = []
-        for theta, x0 in draws:
-            model = copy.deepcopy(self)
-            model._theta, model.x0_ = theta, x0
-            model._publish_parameters()
-            models.append(model)
-        return models
-
-    def _refits(self, covariance, n_models, random_state, data, **options):
-        """Yield optima (theta, x0) for data with more noise (eq. bootstrap)."""
-        if not isinstance(data, tuple | list) or len(data) not in (2, 3):
-            raise ValueError(
-                "`data` must be a tuple (u, y) or (u, y, experiment), got "
-                f"{type(data).__name__}. Pass the training data."
-            )
-        u, y, parts = self._test_data(*data, *[None] * (3 - len(data)))
-        if len(u) != covariance.n_samples:
-            raise ValueError(
-                f"`data` must be the {covariance.n_samples} samples of `covariance`, "
-                f"got {len(u)}. Pass the training data."
-            )
-        experiments = self._experiments(u, y, parts)
-        scale = self._scaling.y_scale
-        values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
-        root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
-        structure, weights = self._criterion_terms(self._structure)
-        contractive = getattr(self, "stability", None) == "contractive"
-        random_state = check_random_state(random_state)
-        for _ in range(n_models):
-            noisy = []
-            for u_s, y_s in experiments:
-                noise = random_state.standard_normal((len(u_s), len(root))) @ root.T
-                noisy.append((u_s, y_s[:] + noise))
-            result = train(
-                structure,
-                noisy,
-                [self._theta],
-                weights=weights,
-                phi=getattr(self, "phi", None) if contractive else None,
-                bounds=self._scaled_bounds(structure, contractive=contractive),
-                at_rest=self._at_rest,
-                **options,
-            )
-            yield result.theta, result.x0 * self._x_scale
-
-    def _gauss_newton(self, u, y, experiment):
-        """Return the Gauss-Newton matrices of the training and its residuals."""
-        check_is_fitted(self)
-        u, y, parts = self._test_data(u, y, experiment)
-        experiments = self._experiments(u, y, parts)
-        structure, theta = self._structure, self._theta
-        penalized, weights = self._criterion_terms(structure)
-        longest = max(len(u_s) for u_s, _ in experiments)
-        with single_threaded():
-            if self._at_rest:
-                x0 = np.zeros((len(experiments), structure.n_x0))
-            else:
-                x0 = estimate_x0(
-                    structure, theta, experiments, window=longest, noise=0.0
+            x0 = estimate_x0(structure, theta, experiments, window=longest, noise=0.0)
+        try:
+            JJ = [
+                criterion.normal_equations(criterion.join(theta, x0))[0]
+                for criterion in (
+                    Criterion(penalized, experiments, **weights),
+                    Criterion(
+                        structure,
+                        experiments,
+                        output_weight=weights["output_weight"],
+                    ),
                 )
-            try:
-                JJ = [
-                    criterion.normal_equations(criterion.join(theta, x0))[0]
-                    for criterion in (
-                        Criterion(penalized, experiments, **weights),
-                        Criterion(
-                            structure,
-                            experiments,
-                            output_weight=weights["output_weight"],
-                        ),
-                    )
-                ]
-            except FloatingPointError:
-                raise ValueError(
-                    "`u` and `y` must be data that the model can simulate, got a "
-                    "simulation that diverges. Pass the training data."
-                ) from None
-            EE, count = residual_moments(structure, theta, x0, experiments)
-        free = self._free_entries(len(JJ[0]))
-        H, H_y = (M[np.ix_(free, free)] for M in JJ)
-        inverse = np.zeros_like(JJ[0])
-        inverse[np.ix_(free, free)], _ = pseudo_inverse(H)
-        return Bunch(
-            experiments=experiments,
-            x0=x0,
-            inverse=inverse,
-            rank=pseudo_inverse(H_y)[1],
-            n_effective=float(np.sum(inverse * JJ[1])),
-            EE=EE,
-            count=count,
-            output_weight=weights["output_weight"],
-            n_samples=sum(len(u_s) for u_s, _ in experiments),
-            n_measured=sum(count_measured(y_s) for _, y_s in experiments) / len(EE),
-        )
+            ]
+        except FloatingPointError:
+            raise ValueError(
+                "`u` and `y` must be data that the model can simulate, got a "
+                "simulation that diverges. Pass the training data."
+            ) from None
+        EE, count = residual_moments(structure, theta, x0, experiments)
+    free = free_entries(model, len(JJ[0]))
+    H, H_y = (M[np.ix_(free, free)] for M in JJ)
+    inverse = np.zeros_like(JJ[0])
+    inverse[np.ix_(free, free)], _ = pseudo_inverse(H)
+    return Bunch(
+        experiments=experiments,
+        x0=x0,
+        inverse=inverse,
+        rank=pseudo_inverse(H_y)[1],
+        n_effective=float(np.sum(inverse * JJ[1])),
+        EE=EE,
+        count=count,
+        output_weight=weights["output_weight"],
+        n_samples=sum(len(u_s) for u_s, _ in experiments),
+        n_measured=sum(count_measured(y_s) for _, y_s in experiments) / len(EE),
+    )
 
-    def _free_entries(self, n):
-        """Return which entries of (theta, x0) nothing holds."""
-        free = np.ones(n, dtype=bool)
-        free[self._structure.n_params :] = not self._at_rest
-        limits = self._scaled_bounds(self._structure)
-        for name, (low, high) in limits.items():
-            free[self._structure.slices[name]] = np.not_equal(low, high).ravel()
-        return free
 
-    def _criterion_value(self, fit, price):
-        """Return -2 log L + price n_effective, in the units of y."""
-        scale = self._scaling.y_scale
-        measured = np.diag(fit.count)
-        Lambda = fit.EE / np.maximum(fit.count, 1) * np.outer(scale, scale)
-        with np.errstate(divide="ignore"):
-            if np.all(fit.count == fit.n_samples):
-                deviance = fit.n_samples * np.linalg.slogdet(Lambda)[1]
-            else:  # outputs that were measured apart: as if their noise were, too
-                deviance = float(np.sum(measured * np.log(np.diag(Lambda))))
-        deviance += measured.sum() * (1 + np.log(2 * np.pi))
-        return float(deviance + price * fit.n_effective)
+def free_entries(model, n):
+    """Return which entries of (theta, x0) nothing holds.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    n : int
+        Length of the free vector.
+
+    Returns
+    -------
+    free : ndarray of bool of shape (n,)
+        Whether an entry is free.
+    """
+    free = np.ones(n, dtype=bool)
+    free[model._structure.n_params :] = not model._at_rest
+    limits = model._scaled_bounds(model._structure)
+    for name, (low, high) in limits.items():
+        free[model._structure.slices[name]] = np.not_equal(low, high).ravel()
+    return free
+
+
+def _criterion_value(model, fit, price):
+    """Return -2 log L + price n_effective, in the units of y."""
+    scale = model._scaling.y_scale
+    measured = np.diag(fit.count)
+    Lambda = fit.EE / np.maximum(fit.count, 1) * np.outer(scale, scale)
+    with np.errstate(divide="ignore"):
+        if np.all(fit.count == fit.n_samples):
+            deviance = fit.n_samples * np.linalg.slogdet(Lambda)[1]
+        else:  # outputs that were measured apart: as if their noise were, too
+            deviance = float(np.sum(measured * np.log(np.diag(Lambda))))
+    deviance += measured.sum() * (1 + np.log(2 * np.pi))
+    return float(deviance + price * fit.n_effective)

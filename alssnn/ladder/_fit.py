@@ -345,4 +345,4 @@ def _errors(y_true, y_pred):
 
 def _count_parameters(model):
     """Return the number of trained parameters: those that nothing holds."""
-    return int(model._free_entries(model._structure.n_params).sum())
+    return int(model.free_entries(model._structure.n_params).sum())

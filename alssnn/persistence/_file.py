@@ -17,6 +17,7 @@ elsewhere.
 from numbers import Real
 
 import numpy as np
+from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container
 from ..given_system import GivenSystem
@@ -56,13 +57,25 @@ def save(model, path):
 
     Raises
     ------
+    NotFittedError
+        If the model is not fitted.
     OSError
         If the file cannot be written.
     ValueError
         If the model has what no file can hold: an activation of the user's, a
         `RandomState`, labels that are neither numbers nor strings, or values that
         are not finite.
+
+    See Also
+    --------
+    alssnn.load : Load it.
+
+    Notes
+    -----
+    A `linear_start` that is a model or a system is kept as its matrices and sampling
+    time.
     """
+    check_is_fitted(model)
     structure, scaling = model._structure, model._scaling
     document = {
         "alssnn": release(),

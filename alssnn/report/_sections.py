@@ -42,7 +42,7 @@ def summary(model, data, validation):
         ("outputs", ", ".join(outputs)),
         ("states", str(model.nx_)),
         ("sampling time", f"{model.dt:.10g} s"),
-        ("trained parameters", str(model._free_entries(len(model._theta)).sum())),
+        ("trained parameters", str(model.free_entries(len(model._theta)).sum())),
         ("end of the training", f"{model.n_iter_} trial steps: {model.message_}"),
         ("samples of this record", str(len(y))),
         ("experiments of this record", str(len(data))),

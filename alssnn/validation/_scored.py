@@ -88,7 +88,7 @@ def scored_sensitivities(model, u, y, experiment=None):
     """
     check_is_fitted(model)
     structure = model._structure
-    free = model._free_entries(structure.n_params)
+    free = model.free_entries(structure.n_params)
     u, y, parts = model._test_data(u, y, experiment)
 
     def one(u_s, y_s):
