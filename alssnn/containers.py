@@ -4,6 +4,8 @@ import importlib
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Container:
@@ -77,6 +79,27 @@ class Container:
         if self.library == "polars":
             return library.DataFrame(y, schema=names)
         return library.DataFrame(y, index=index, columns=names)
+
+
+def as_columns(u):
+    """Return inputs with a column per signal; one signal alone may be without.
+
+    Parameters
+    ----------
+    u : array_like of shape (N, nu) or (N,), DataFrame, Series, or list of records
+        Inputs.
+
+    Returns
+    -------
+    u : object
+        The same with two dimensions, a Series as a DataFrame; anything else as it
+        came.
+    """
+    if hasattr(u, "to_frame") and not hasattr(u, "columns"):
+        return u.to_frame()
+    is_plain = hasattr(u, "shape") or (isinstance(u, list | tuple) and np.ndim(u[:1]))
+    flat = is_plain and np.ndim(u if hasattr(u, "shape") else u[:1]) == 1
+    return np.asarray(u)[:, None] if flat else u
 
 
 def index_of(u):

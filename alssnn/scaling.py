@@ -10,6 +10,7 @@ scales what is sliced from it, so that a record on disk, or of single precision,
 never copied as a whole.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,21 +87,20 @@ class Scaling:
             As `from_data`.
         """
         _, u_low, u_high, u_mean, u_std = u
-        _, _, _, y_mean, y_std = y
+        _, y_low, y_high, y_mean, y_std = y
         nu, ny = len(u_mean), len(y_mean)
         if not np.isfinite(y_mean).all():
-            columns = ", ".join(str(i) for i in np.flatnonzero(~np.isfinite(y_mean)))
             raise ValueError(
                 "Input y contains NaN at every sample of column "
-                f"{columns}. Leave an output that was never measured out."
+                f"{_columns(~np.isfinite(y_mean))}. Leave an output that was never "
+                "measured out."
             )
-        # a column that only carries rounding errors is constant, too
-        moves = u_high - u_low > 1e-12 * np.maximum(np.abs(u_low), np.abs(u_high))
-        if not moves.all():
-            columns = ", ".join(str(i) for i in np.flatnonzero(~moves))
+        still = ~_moves(u_low, u_high)
+        if still.any():
             raise ValueError(
-                f"`u` must vary in every column, got constant column {columns}. "
-                "An input that never moves cannot be identified: remove it."
+                f"`u` must vary in every column, got constant column "
+                f"{_columns(still)}. An input that never moves cannot be identified: "
+                "remove it."
             )
         if isinstance(operating_point, str):
             at_mean = operating_point == "mean"
@@ -113,8 +113,21 @@ class Scaling:
                     operating_point, (nu, ny), "uy", strict=True
                 )
             )
+        usable = np.isfinite(u_std) & (u_std > 0)
+        if not usable.all() or not np.isfinite(y_std).all():
+            raise ValueError(
+                "`u` and `y` must be in units in which their squares are numbers, got "
+                f"standard deviations {u_std} and {y_std}. Rescale them."
+            )
         # a constant output needs no scale: it is predicted by its offset
-        return cls(u_e, y_e, u_std, np.where(y_std > 0, y_std, 1.0))
+        still = ~_moves(y_low, y_high)
+        if still.any():
+            warnings.warn(
+                f"`y` does not move in column {_columns(still)}, which is predicted by "
+                "its constant. Leave out what tells nothing of the plant.",
+                stacklevel=2,
+            )
+        return cls(u_e, y_e, u_std, np.where(still, 1.0, y_std))
 
     def scale_u(self, u, delay=None):
         """Return scaled deviations of inputs.
@@ -206,7 +219,8 @@ def moments(values):
     """
     parts = chunks(len(values))
     count = sum(np.sum(~np.isnan(values[i]), axis=0) for i in parts)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    # beyond the range of numbers: refused by `Scaling`
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         mean = sum(np.nansum(values[i], axis=0, dtype=float) for i in parts) / count
         square = sum(np.nansum((values[i] - mean) ** 2, axis=0) for i in parts)
         std = np.sqrt(square / count)
@@ -235,6 +249,16 @@ def merge_moments(parts):
         square = np.nansum(counts * (stds**2 + (means - mean) ** 2), axis=0)
         std = np.sqrt(square / count)
     return count, np.fmin.reduce(lows), np.fmax.reduce(highs), mean, std
+
+
+def _moves(low, high):
+    """Return which columns carry more than rounding errors."""
+    return high - low > 1e-12 * np.maximum(np.abs(low), np.abs(high))
+
+
+def _columns(which):
+    """Return the numbers of columns, for a message."""
+    return ", ".join(str(i) for i in np.flatnonzero(which))
 
 
 def _operating_value(value, size, name):

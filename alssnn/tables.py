@@ -14,6 +14,8 @@ INPUT_REMEDY = (
 )
 OUTPUT_REMEDY = "Leave the cell empty where the output was not measured."
 COLUMNS_SHOWN = 300  # characters of a header in a message
+# what a CSV file calls a number: Python knows more, such as 1_0
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 TIME = re.compile(r"(?:time|t)(?:\s*[\[(_ ]\s*s(?:ec|econds?)?\s*[\])]?)?", re.I)
 
 
@@ -63,8 +65,14 @@ def read_csv(path, inputs, outputs, experiment=None):
                 continue
             if empty:
                 _numbers(path, names, [""] * len(names), empty, len(inputs))
-            cells = [fields[i].strip() if i < len(fields) else "" for i in places]
             line = reader.line_num + 1  # the header was read before
+            if any(field.strip() for field in fields[len(columns) :]):
+                raise ValueError(
+                    f"`{path}` must have as many cells in a line as its header, "
+                    f"{len(columns)}, got {len(fields)} at line {line}. Write decimal "
+                    "points, not commas, or separate columns by semicolons."
+                )
+            cells = [fields[i].strip() if i < len(fields) else "" for i in places]
             values.append(_numbers(path, names, cells, line, len(inputs)))
             labels.append(cells[-1])
     if not values:
@@ -149,10 +157,7 @@ def _numbers(path, names, cells, line, n_inputs):
         if cell.lower() in GAPS and is_output:
             values.append(np.nan)
             continue
-        try:
-            value = float(cell)
-        except ValueError:
-            value = np.nan
+        value = float(cell) if NUMBER.fullmatch(cell) else np.nan
         if not np.isfinite(value):
             raise ValueError(
                 f"`{path}` must hold finite numbers with a decimal point, got "

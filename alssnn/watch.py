@@ -94,6 +94,7 @@ class Watch:
         self.observe = observe
         self.history = []
         self.reason = None
+        self.has_result = False  # whether the estimator is a fitted one by now
         self.interrupt = None
         self.parent = None
 

@@ -7,6 +7,7 @@ REASONS = {
     "check_methods_sample_order_invariance": "the samples of a dynamical system are "
     "ordered in time",
     "check_methods_subset_invariance": "a simulated sample depends on all before it",
+    "check_fit1d": "a sequence of numbers is one signal in time",
 }
 
 ESTIMATORS = [

@@ -207,6 +207,8 @@ def run(args):
     if args.save is not None:
         if len(models) != 1:
             args.parser.error("--save needs one model, such as --model al")
+        if args.save.exists() and args.save.samefile(args.file):
+            args.parser.error("--save must not be the record itself")
         # before the fit: a folder that cannot be made should not cost minutes
         args.save.parent.mkdir(parents=True, exist_ok=True)
     figure = prepare_figure(args)

@@ -1,6 +1,7 @@
 """Models and records that the commands read."""
 
 import csv
+import io
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from ..ladder import hold_out_last
 from ..tables import read_csv
+from ..whole_files import replace_file
 from ._arguments import fraction
 
 
@@ -144,7 +146,8 @@ def write_csv(path, header, rows):
         Rows of cells.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(header)
+    writer.writerows(rows)
+    replace_file(path, text.getvalue())

@@ -1,6 +1,7 @@
 """What all estimators share: the data, the fit, what it sets."""
 
 from abc import ABCMeta, abstractmethod
+from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
 
@@ -14,7 +15,7 @@ from sklearn.utils.validation import (
     validate_data,
 )
 
-from ..containers import Container
+from ..containers import Container, as_columns
 from ..criterion import Criterion
 from ..delays import estimate_delays
 from ..experiments import check_inputs, split_experiments
@@ -240,12 +241,27 @@ class StateSpaceModel(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
                 f"a tuple of {len(self.operating_point)}."
             )
-        u, y, experiment = join_records(u, y, experiment)
+        u, y, experiment = join_records(as_columns(u), y, experiment)
         container = Container.of(y)
-        u, y = self._validate(u, y, reset=True)
-        with single_threaded():  # small matrices: more threads only get in the way
-            self._fit_checked(u, y, experiment, validation, container, watch)
+        with self._undone_unless(watch):
+            u, y = self._validate(u, y, reset=True)
+            with (
+                single_threaded()
+            ):  # more threads only get in the way of small matrices
+                self._fit_checked(u, y, experiment, validation, container, watch)
         return self
+
+    @contextmanager
+    def _undone_unless(self, watch):
+        """Leave the estimator as it was unless a fit has come to a result."""
+        before = dict(vars(self))
+        try:
+            yield
+        except BaseException:
+            if not watch.has_result:
+                vars(self).clear()
+                vars(self).update(before)
+            raise
 
     def _fit_checked(self, u, y, experiment, validation, container, watch):
         """Scale the data, then fit."""
@@ -290,6 +306,7 @@ class StateSpaceModel(
             experiments, previous, watch, held_out
         )
         self._publish(result, watch)
+        watch.has_result = True
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
         self._region, self._made = training_region(self, experiments), None
@@ -522,6 +539,12 @@ class StateSpaceModel(
         return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
 
     def _validate(self, u, y, reset):
+        shape = getattr(u, "shape", ())
+        if len(shape) == 2 and shape[0] < shape[1] == len(y):
+            raise ValueError(
+                f"`u` must have one row per sample, got shape {shape} for {len(y)} "
+                "samples of `y`. Time runs down the rows: pass u.T."
+            )
         check_u = {**DATA, "ensure_min_samples": 2 if reset else 1}
         check_y = {**DATA, "ensure_2d": False}
         u, y = validate_data(

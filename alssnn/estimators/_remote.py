@@ -32,6 +32,13 @@ def fit_remote(model, experiments):
             "`validation_fraction` must be None for experiments on a cluster, got "
             f"{model.validation_fraction}. Keep whole experiments for `score`."
         )
+    with model._undone_unless(watch):
+        _fit_checked(model, experiments, watch)
+    return model
+
+
+def _fit_checked(model, experiments, watch):
+    """Scale the data where they are, then fit."""
     nu, ny = experiments.shape
     warm = model._continues(nu, ny)
     model.n_features_in_ = nu
@@ -51,7 +58,6 @@ def fit_remote(model, experiments):
     if not warm and find_integrators(model, scaled, watch):
         scaled = experiments.scaled(model._scaling, model.input_delay_)
     model._complete(scaled, watch, None, warm)
-    return model
 
 
 def training_region(model, experiments):

@@ -8,7 +8,7 @@ import numpy as np
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from ..containers import index_of, part_of
+from ..containers import as_columns, index_of, part_of
 from ..experiments import (
     check_inputs,
     is_list_of_records,
@@ -57,6 +57,7 @@ class SimulationMixin(Fitted):
         """
         check_is_fitted(self)
         as_list = is_list_of_records(u)
+        u = as_columns(u) if self.n_features_in_ == 1 else u
         u, _, experiment = join_records(u, u, experiment)
         index = index_of(u)
         u = validate_data(self, u, reset=False, **DATA)
@@ -161,6 +162,7 @@ class SimulationMixin(Fitted):
 
     def _labeled_data(self, u, y, experiment):
         """Return what `_test_data` does, and the labels of the experiments."""
+        u = as_columns(u) if self.n_features_in_ == 1 else u
         u, y, experiment = join_records(u, y, experiment)
         u, y = self._validate(u, y, reset=False)
         ny, found = len(self._scaling.y_offset), 1 if y.ndim == 1 else y.shape[1]

@@ -9,12 +9,15 @@ that tuples, arrays and infinite bounds come back as what they were.
 import io
 import json
 import sys
+import tokenize
 import zipfile
 import zlib
 from numbers import Integral, Real
 from pathlib import Path
 
 import numpy as np
+
+from ..whole_files import replace_file
 
 DOCUMENT = "document"
 FORMAT = "alssnn model"
@@ -27,6 +30,8 @@ DAMAGED = (
     EOFError,
     RuntimeError,  # the archive claims to be encrypted, or a method that is unknown
     MemoryError,  # an array claims to be huge
+    SyntaxError,  # the header of an array is no literal
+    tokenize.TokenError,
 )
 VERSION = 1  # the newest schema, the one that is written
 
@@ -65,7 +70,7 @@ def write(path, document, arrays):
     buffer = io.BytesIO()  # nothing is replaced before everything is encoded
     entries: dict = {DOCUMENT: np.frombuffer(text.encode(), np.uint8), **arrays}
     np.savez(buffer, **entries)
-    Path(path).write_bytes(buffer.getvalue())
+    replace_file(path, buffer.getvalue())
 
 
 def read(path):
@@ -94,6 +99,7 @@ def read(path):
     if not data.startswith(b"PK"):
         raise ValueError(_refusal(path, "another type of file"))
     try:
+        _check_sizes(data)
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = dict(file)
     except DAMAGED as error:
@@ -115,6 +121,30 @@ def read(path):
             "alssnn to read it."
         )
     return document, arrays
+
+
+def _check_sizes(data):
+    """Refuse members that are larger than what the file holds of them.
+
+    What is written is not compressed, so that reading takes no more memory than the
+    file has bytes, and an array no more than its member.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        names = {member.filename for member in members}
+        if len(names) < len(members):
+            raise ValueError("two members of one name")
+        for member in members:
+            if (
+                member.compress_type != zipfile.ZIP_STORED
+                or member.file_size != member.compress_size
+            ):
+                raise ValueError(f"a compressed member, {member.filename}")
+            with archive.open(member) as file:
+                np.lib.format.read_magic(file)
+                shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+            if np.prod(shape, dtype=float) * dtype.itemsize > member.file_size:
+                raise ValueError(f"too large an array, {member.filename}")
 
 
 def _refusal(path, what):

@@ -293,13 +293,13 @@ def _finite(name, value):
 
 
 def _encode_step(step):
-    # JSON has no nan: no error on validation data
-    return [None if value != value else value for value in step]
+    # JSON has no nan (no error on validation data), and no inf (it diverged there)
+    return [None if value != value else encode(value) for value in step]
 
 
 def _decode_step(values):
     label, iteration, *numbers = values
-    numbers = [np.nan if value is None else float(value) for value in numbers]
+    numbers = [np.nan if z is None else float(decode(z)) for z in numbers]
     return Step(str(label), int(iteration), *numbers)
 
 

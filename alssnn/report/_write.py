@@ -1,10 +1,9 @@
 """Put the sections of a report together."""
 
-from pathlib import Path
-
 from sklearn.utils.validation import check_is_fitted
 
 from ..validation import deviations
+from ..whole_files import replace_file
 from . import _control, _sections
 from ._page import REFUSED, attempt, page
 
@@ -76,4 +75,4 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
         ),
     ]
     text = page(f"{type(model).__name__}: report", sections)
-    Path(path).write_text(text, encoding="utf-8")
+    replace_file(path, text)

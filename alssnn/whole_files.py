@@ -1,0 +1,48 @@
+"""Files that appear whole, or not at all.
+
+What is written over a file is written beside it first, and takes its place when it is
+complete on disk: a full disk, an interrupt or a power failure leaves the old file.
+"""
+
+import os
+import tempfile
+from pathlib import Path
+
+
+def replace_file(path, content):
+    """Write a file in one piece.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File; one that exists is replaced once the new one is complete.
+    content : bytes or str
+        Its content; text is written as UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the old one is then as it was.
+    """
+    path = Path(os.path.realpath(path))  # a link stays a link
+    data = content.encode() if isinstance(content, str) else content
+    handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(beside, _mode(path))
+        os.replace(beside, path)
+    except BaseException:
+        Path(beside).unlink(missing_ok=True)
+        raise
+
+
+def _mode(path):
+    """Return the permissions of a file, those of a new one if there is none."""
+    if path.exists():
+        return path.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
