@@ -27,6 +27,7 @@ from .lure import Lure
 from .region import Region
 from .simulation import neuron_gains, regressors
 
+ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
 NEEDS_S_AHEAD = (
     "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
     "late. Fit with input_delay=0 and more states."
@@ -156,7 +157,33 @@ class Plant:
         """Return whether y = C x; with D or k it depends on u of the same sample."""
         return not np.any(self.form.rows_z[: self.ny, self.nx :])
 
+    @cached_property
+    def observed(self):
+        """Return the form with the channels [y; v; omega; eta] (eq. eta)."""
+        # x+ - A x - B dv and y - C x - D dv are rows of Theta, whatever made them
+        lure, nx = self.lure, self.nx
+        signals = np.vstack([lure.rows_x, lure.rows_z[: self.ny]])
+        by_v = lure.M[: len(signals), nx:]
+        rest = signals - by_v @ self.virtual_rows
+        rest[:, :nx] -= lure.M[: len(signals), :nx]
+        # what only rounding leaves of B h is zero
+        size = np.abs(signals) + np.abs(by_v) @ np.abs(self.virtual_rows)
+        rest[np.abs(rest) <= ROUNDING * size] = 0.0
+        Theta = np.vstack([lure.rows_x, lure.rows_z, rest, lure.rows_v])
+        return Lure(Theta, nx, self.nu, lure.nw, lure.sigma)
+
     # -- other plants ----------------------------------------------------------------
+
+    def arrived(self):
+        """Return the plant of inputs that have arrived, as prepared records have them.
+
+        Returns
+        -------
+        plant : Plant
+            The same states, without the delays before them. Its law is none if that
+            of this plant is none.
+        """
+        return replace(self, delay=np.zeros_like(self.delay))
 
     def late(self):
         """Return the plant with the past of late inputs as states.

@@ -24,7 +24,6 @@ import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
 
 from . import metrics
-from .validation import deviations
 
 __all__ = [
     "Scorer",
@@ -98,23 +97,23 @@ def _accuracy(model, u, y, experiment, *, metric, sign):
 
 def _k_step(model, u, y, experiment, *, steps, metric, sign):
     """Return a metric of the predictions `steps` ahead, -inf where there are none."""
-    u, y, parts = model._test_data(u, y, experiment)
-    labels = np.repeat(np.arange(len(parts)), [p.stop - p.start for p in parts])
-    x0 = np.vstack([start for *_, start in deviations(model, u, y, labels)])
+    records = model.prepare_records(u, y, experiment)
+    x0 = np.vstack([record.x0 for record in records])
     try:
         observer = model.observer()
     except ValueError:  # not detectable: nothing follows the record
         return -np.inf
     with np.errstate(over="ignore", invalid="ignore"):
-        y_hat = model.predict_ahead(u, y, steps, labels, x0=x0, observer=observer)
+        y_hat = model.predict_ahead(u, y, steps, experiment, x0=x0, observer=observer)
+    y_hat = np.concatenate(y_hat) if isinstance(y_hat, list) else y_hat
+    y_hat = y_hat.reshape(len(y_hat), -1)
     # the first `steps` rows are simulated, those of the window made x0
-    scored = np.concatenate(
-        [
-            np.arange(max(model._window(u[p]), steps), p.stop - p.start) + p.start
-            for p in parts
-        ]
+    starts = [max(record.start, steps) for record in records]
+    pairs = zip(records, starts, strict=True)
+    y_true, y_pred = (
+        np.vstack(z)
+        for z in zip(*((r.y[n:], y_hat[r.part][n:]) for r, n in pairs), strict=True)
     )
-    y_true, y_pred = (np.reshape(z, (len(u), -1))[scored] for z in (y, y_hat))
     if not np.isfinite(y_true).any(axis=0).all():
         raise ValueError(
             f"`y` must have measured samples behind the first {steps} of an "

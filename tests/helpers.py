@@ -4,6 +4,8 @@ import numpy as np
 
 from alssnn.lure import Lure
 from alssnn.plant import Plant
+from alssnn.records import PreparedRecord
+from alssnn.scaling import Scaling
 
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
 
@@ -47,24 +49,42 @@ def linear_plant(A, B, C=None, D=None, dt=1.0):
     """Return a linear plant, signals of unit size."""
     A, B = np.asarray(A, dtype=float), np.asarray(B, dtype=float)
     (nx, nu), C = B.shape, np.eye(len(A)) if C is None else np.asarray(C)
-    ny = len(C)
-    D = np.zeros((ny, nu)) if D is None else D
-    v = np.eye(nu, nx + nu, nx)
-    Theta = np.pad(
-        np.vstack([np.hstack([A, B]), np.hstack([C, D]), v]), ((0, 0), (0, 1))
-    )
-    return Plant(
-        form=Lure(Theta, nx, nu, 0),
-        law_form=Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0),
-        feedback="output",
-        u_offset=np.zeros(nu),
-        y_offset=np.zeros(ny),
-        u_scale=np.ones(nu),
-        y_scale=np.ones(ny),
-        x_scale=np.ones(nx),
-        dt=dt,
-        inputs=[f"u[{i}]" for i in range(nu)],
-        outputs=[f"y[{i}]" for i in range(ny)],
-        name="plant",
-        delay=np.zeros(nu, dtype=int),
-    )
+    D = np.zeros((len(C), nu)) if D is None else D
+    Theta = np.pad(np.vstack([np.hstack([A, B]), np.hstack([C, D])]), ((0, 0), (0, 1)))
+    return plant_of(Lure(Theta, nx, nu, 0), dt=dt)
+
+
+def plant_of(lure, K=0.0, k=0.0, **fields):
+    """Return the plant of a form with the channel y, h = K w + k, unit signals."""
+    nx, nu, ny = lure.nx, lure.nu, lure.nz
+    v = np.eye(nu, lure.Theta.shape[1], nx)
+    v[:, nx + nu : -1] += K
+    v[:, -1] += k
+    Theta = np.insert(lure.Theta, [nx + ny] * nu, v, axis=0)
+    given = {
+        "form": Lure(Theta, nx, nu, lure.nw, lure.sigma),
+        "law_form": Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0),
+        "feedback": "output",
+        "u_offset": np.zeros(nu),
+        "y_offset": np.zeros(ny),
+        "u_scale": np.ones(nu),
+        "y_scale": np.ones(ny),
+        "x_scale": np.ones(nx),
+        "dt": 1.0,
+        "inputs": [f"u[{i}]" for i in range(nu)],
+        "outputs": [f"y[{i}]" for i in range(ny)],
+        "name": "plant",
+        "delay": np.zeros(nu, dtype=int),
+    }
+    return Plant(**{**given, **fields})
+
+
+def as_records(experiments):
+    """Return (u, y, x0) of every experiment, deviations, as prepared records."""
+    unit = Scaling(*(np.zeros(1), np.zeros(1), np.ones(1), np.ones(1)))
+    return [
+        PreparedRecord(
+            slice(0, len(u)), u, y, unit.scale_u(u), unit.scale_y(y), x0, 0, unit
+        )
+        for u, y, x0 in experiments
+    ]

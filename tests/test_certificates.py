@@ -1,6 +1,7 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import cvxpy as cp
 import numpy as np
@@ -9,20 +10,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 
+from alssnn import LinearStateSpace
 from alssnn.certificates import (
+    certify_gain,
+    certify_iss,
     data_bound,
     gain_certificate,
     global_bound,
     hinf_norm,
     iss_certificate,
     iss_margin,
+    linearized_loop,
     state_feedback,
 )
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contraction
 from alssnn.structures import state_space_structure
-from helpers import random_theta, simulate_linear
+from helpers import as_records, plant_of, random_theta, simulate_linear
 from models import al_ssnn
 
 METHODS = ["lyapunov", "sdp"]
@@ -237,6 +242,12 @@ def test_repr():
         (([[0.5]], [[0]]), {}, "`C` must not be zero"),
         (([[0.5]],), {"eps": -1}, "`eps` must be at least 0, got -1"),
         (([[0.5]],), {"eps": np.nan}, "`eps` must be at least 0, got nan"),
+        (([[0.5]],), {"eta": -1}, "`eta` must be at least 0, one number"),
+        (
+            ([[0.5]],),
+            {"eta": [1, 2]},
+            "`eta` must be at least 0, one number",
+        ),
         (([[0.5]],), {"phi": 1.5}, "`phi` must be between 0 and 1, got 1.5"),
         (([[0.5]],), {"objective": "x"}, "`objective` must be one of"),
         (([[0.5]],), {"method": "x"}, "`method` must be one of"),
@@ -251,7 +262,7 @@ def test_wrong_arguments(args, kwargs, match):
 
 
 def plain_g(rng, n_g):
-    """Return a Lur'e form without h, g = G (tanh(v) - tanh(b)), and G, b."""
+    """Return a plant y = x without h, g = G (tanh(v) - tanh(b)), and G, b."""
     nx, nu = 3, 2
     A, B, G = stable(rng, nx, 0.7), rng.standard_normal((nx, nu)), np.zeros((nx, n_g))
     G[:] = rng.standard_normal((nx, n_g))
@@ -259,34 +270,36 @@ def plain_g(rng, n_g):
     Theta = np.block(
         [
             [A, B, G, -(G @ np.tanh(b))[:, None]],
+            [np.eye(nx, nx + nu + n_g + 1)],
             [V, np.zeros((n_g, n_g)), b[:, None]],
         ]
     )
-    return Lure(Theta, nx, nu, n_g), B, G, b
+    return plant_of(Lure(Theta, nx, nu, n_g)), G, b
 
 
 @pytest.mark.parametrize("n_g", [0, 5, 18])
 def test_global_bound(rng, n_g):
-    lure, B, G, b = plain_g(rng, n_g)
-    none = np.zeros((2, n_g)), np.zeros(2)
-    eps = global_bound(lure, B, none)
+    plant, G, b = plain_g(rng, n_g)
+    eps, eta = global_bound(plant)
     signs = np.sign(rng.standard_normal((4000, n_g)))
     seen = np.linalg.norm((signs - np.tanh(b)) @ G.T, axis=1).max()
     crude = np.linalg.norm(G, axis=0) @ (1 + np.abs(np.tanh(b)))
     assert seen - 1e-12 <= eps <= crude + 1e-12
     if n_g == 5:
         assert eps == pytest.approx(seen)
-    u, x0 = rng.standard_normal((50, 2)), rng.standard_normal(3)
-    assert data_bound(lure, B, none, [(u, x0)]) <= eps
+    records = as_records([(rng.standard_normal((50, 2)),) * 2 + (np.ones(3),)])
+    assert data_bound(plant, records)[0] <= eps
+    assert not np.any(eta) and not np.any(data_bound(plant, records)[1])
 
 
 def test_divergence_on_the_data_is_infinite(rng):
-    lure, B, *_ = plain_g(rng, 2)
-    lure.Theta[:3, :3] = 30 * np.eye(3)
-    none = np.zeros((2, 2)), np.zeros(2)
-    assert data_bound(lure, B, none, [(np.ones((50, 2)), np.ones(3))]) == np.inf
+    plant, *_ = plain_g(rng, 2)
+    plant.form.Theta[:3, :3] = 30 * np.eye(3)
+    ones = np.ones((50, 2))
+    eps, eta = data_bound(plant, as_records([(ones, ones, np.ones(3))]))
+    assert eps == np.inf and np.isposinf(eta).all()
     c = iss_certificate([[0.5]], eps=np.inf)
-    assert c.holds and c.output_bound == np.inf and "diverges" in repr(c)
+    assert not c.holds and c.output_bound == np.inf and "eps is infinite" in repr(c)
 
 
 def test_model_certificate(fitted):
@@ -304,10 +317,9 @@ def test_model_certificate(fitted):
     assert anywhere.eps <= crude + 1e-12
 
     # the bound on the output, in the loop that is simulated
-    lure, feedback = model._plant()
-    loop = lure.close(*feedback)
+    loop = linearized_loop(model)
     v = 5 * np.random.default_rng(0).standard_normal((200, 1))
-    y_loop = channels(loop, simulate(loop, v, np.zeros(2)), v)
+    y_loop = channels(loop, simulate(loop, v, np.zeros(2)), v)[:, :1]
     e = y_loop - simulate_linear(model.A_, model.B_, model.C_, v)
     assert np.abs(e).max() <= anywhere.output_bound
 
@@ -317,10 +329,223 @@ def test_model_certificate_with_state_feedback(fitted):
     K = 0.1 * np.linalg.pinv(model.B_) @ model.A_
     c = model.iss_certificate(u, y, K=K)
     np.testing.assert_allclose(c.A, model.A_ - model.B_ @ K)
-    lure, feedback = model._plant()
-    loop = state_feedback(lure.close(*feedback), K)
+    loop = state_feedback(model.plant_.close(), K)
     np.testing.assert_allclose(loop.M[:2, :2], c.A, atol=1e-12)
     assert model.gain_certificate(K=K).lure.nw == loop.nw
+
+
+# -- loops as they are -----------------------------------------------------------------
+
+
+def feedthrough_record(n=1500):
+    """Return u, y of x+ = 0.7 x + u - 1.2 tanh(x), y = x + 0.5 u."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-2, 2, n // 5), 5)[:, None]
+    x, y = 0.0, np.zeros((n, 1))
+    for k in range(n):
+        y[k] = x + 0.5 * u[k, 0]
+        x = 0.7 * x + u[k, 0] - 1.2 * np.tanh(x)
+    return u, y + 0.01 * rng.standard_normal(y.shape)
+
+
+def test_the_output_bound_knows_the_feedthrough():
+    u, y = feedthrough_record()
+    model = al_ssnn(
+        nx=1,
+        n_h=4,
+        n_g=2,
+        feedback="state",
+        penalty="output",
+        gamma=0.01,
+        feedthrough=True,
+        operating_point="zero",
+        max_iter=100,
+        gamma_h=1e-4,
+        random_state=0,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(u, y)
+    K = np.array([[0.3]])
+    e = np.abs(model.linearizability(u, y).e).max()
+    assert e > 0.1
+    for eps in ("data", "global"):
+        c = model.iss_certificate(u, y, eps=eps)
+        assert c.holds and e <= c.output_bound, eps
+        assert eps == "global" or c.output_bound < 3 * e
+        assert c.output_bound == pytest.approx(c.output_bounds[0])
+        assert f"|eta| <= {c.eta[0]:.4g}" in repr(c)
+    # the loop that is certified, with a gain: y - y_lin of (A - BK, C - DK)
+    c = model.iss_certificate(eps="global", K=K)
+    np.testing.assert_allclose(c.C, model.C_ - model.D_ @ K)
+    loop = linearized_loop(model, K)
+    r = 2 * np.sign(np.random.default_rng(1).standard_normal((500, 1)))
+    y_loop = channels(loop, simulate(loop, r, np.zeros(1)), r)[:, :1]
+    A = model.A_ - model.B_ @ K
+    y_linear = simulate_linear(A, model.B_, c.C, r) + r @ model.D_.T
+    worst = np.abs(y_loop - y_linear).max()
+    assert 0.1 < worst <= c.output_bound
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), with_gain=st.booleans())
+def test_the_output_bound_of_random_loops_holds(seed, with_gain):
+    """Nonlinear output, feedthrough, state feedback; the worst of random inputs."""
+    rng = np.random.default_rng(seed)
+    structure = state_space_structure(
+        2,
+        2,
+        2,
+        n_h=3,
+        n_g=2,
+        n_k=3,
+        feedback="state",
+        feedthrough=True,
+        C=rng.standard_normal((2, 2)),
+    )
+    theta = random_theta(structure, rng, radius=0.6)
+    p = {**structure.split(theta), **structure.constants}
+    weights = np.zeros((2, structure.nw))
+    weights[:, :3] = p["W_h"]
+    plant = plant_of(structure.lure(theta), weights, p["b_h"], feedback="state")
+    K = 0.1 * rng.standard_normal((2, 2)) if with_gain else None
+    A, B, C, D = plant.linear()
+    if with_gain:
+        A, C = A - B @ K, C - D @ K
+    loop = linearized_loop(plant, K)
+    size = rng.choice([0.3, 3.0])
+    r = size * rng.standard_normal((200, 2))
+    record = as_records([(r, r, np.zeros(2))])
+    e = channels(loop, simulate(loop, r, np.zeros(2)), r)[:, :2]
+    e -= simulate_linear(A, B, C, r) + r @ D.T
+    assert np.abs(D).max() > 0 and np.abs(e).max() > 0
+    for c in (
+        certify_iss(plant, record, K=K),
+        certify_iss(plant, K=K, eps="global"),
+    ):
+        assert not c.holds or np.linalg.norm(e, axis=1).max() <= c.output_bound
+        assert not c.holds or np.all(np.abs(e).max(axis=0) <= c.output_bounds)
+
+
+def late_plant(h=0.0, n=3):
+    """Return x+ = 1.2 x + u(k - n) + B h tanh(2 x) + 1e-3 tanh(x), y = x."""
+    Theta = np.array(
+        [
+            [1.2, 1.0, h, 1e-3, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0],
+            [2.0, 0.0, 0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0],
+        ]
+    )
+    K = np.array([[h, 0.0]])
+    return plant_of(Lure(Theta, 1, 1, 2), K, delay=np.array([n]))
+
+
+def test_a_gain_that_forgets_the_delay_has_no_certificate():
+    plant, forgets = late_plant(), np.ones((1, 1))
+    radius = np.abs(np.roots([1, -1.2, 0, 0, 1])).max()
+    assert radius > 1.2
+    iss = certify_iss(plant, eps="global", K=forgets)
+    gain = certify_gain(plant, forgets)
+    for c in (iss, gain):
+        assert not c.holds and f"radius of A is {radius:.6g}" in c.reason
+    # one that knows it: the poles are at 0 and 0.6
+    A = np.block([[np.array([[1.2, 1, 0, 0]])], [np.eye(3, 4, 2)]])
+    A[3] = 0
+    knows = 0.6 * np.array([[1.2**3, 1.2**2, 1.2, 1.0]])  # of x three samples ahead
+    np.testing.assert_allclose(
+        np.abs(np.linalg.eigvals(A - np.eye(4)[:, 3:] @ knows)).max(), 0.6, rtol=1e-6
+    )
+    c = certify_iss(plant, eps="global", K=knows)
+    assert c.holds and c.A.shape == (4, 4)
+    loop = linearized_loop(plant, knows)
+    r = np.sign(np.random.default_rng(0).standard_normal((300, 1)))
+    y = channels(loop, simulate(loop, r, np.zeros(4)), r)[:, :1]
+    y_linear = simulate_linear(c.A, np.eye(4)[:, 3:], c.C, r)
+    assert 0 < np.abs(y - y_linear).max() <= c.output_bound
+    assert certify_gain(plant, knows).holds
+
+
+def test_data_bound_of_a_late_plant_against_a_plain_loop(rng):
+    K = 0.6 * np.array([[1.2**3, 1.2**2, 1.2, 1.0]])
+    u, x0 = rng.standard_normal((40, 1)), np.array([0.4])
+    omega = []
+    for closed in (False, True):
+        x, past = x0[0], [0.0, 0.0, 0.0]
+        for k in range(40):
+            now = u[k, 0] - closed * float(K[0] @ [x, *past])
+            omega.append(1e-3 * abs(np.tanh(x)))
+            x = 1.2 * x + past[0] + 1e-3 * np.tanh(x)
+            past = [*past[1:], now]
+    eps, _ = data_bound(late_plant(), as_records([(u, u, x0)]), K)
+    assert eps == pytest.approx(max(omega), rel=1e-12)
+
+
+def test_models_with_late_inputs_are_certified_with_them():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 1))
+    late = np.vstack([np.zeros((3, 1)), u[:-3]])
+    y = simulate_linear(np.array([[0.9]]), np.eye(1), np.eye(1), late)
+    y += 0.01 * rng.standard_normal(y.shape)
+    model = LinearStateSpace(nx=1, input_delay=3).fit(u, y)
+    K = 0.95 / model.B_  # stable, was there no delay
+    assert model.iss_certificate(u, y).holds
+    assert not model.iss_certificate(u, y, K=K).holds
+    assert not model.gain_certificate(K).holds
+    with pytest.raises(ValueError, match=r"\(1, 1\) or \(1, 4\), past inputs included"):
+        model.gain_certificate(np.ones((1, 2)))
+
+
+@pytest.mark.parametrize("eps", ["data", "global", 0.1])
+def test_loops_that_the_law_refuses_have_no_certificate(eps):
+    u, y = feedthrough_record(400)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        options = {"nx": 1, "n_h": 2, "n_g": 2, "max_iter": 5, "random_state": 0}
+        algebraic = al_ssnn(**options, feedthrough=True).fit(u, y)
+        ahead = al_ssnn(**options, input_delay=2).fit(u, y)
+    for model, why in ((algebraic, "algebraic loop"), (ahead, "2 samples ahead")):
+        with pytest.raises(ValueError, match=why):
+            model.linearizing_law()
+        with pytest.raises(ValueError, match=why):
+            model.iss_certificate(u, y, eps=eps)
+        with pytest.raises(ValueError, match=why):
+            model.gain_certificate()
+
+
+@pytest.mark.parametrize("network", ["g", "k"])
+def test_an_unbounded_activation_has_no_global_bound(network, rng):
+    structure = state_space_structure(
+        2, 1, 1, n_g=2, n_k=2, C=np.ones((1, 2)), activation={network: "relu"}
+    )
+    plant = plant_of(structure.lure(random_theta(structure, rng)))
+    c = certify_iss(plant, eps="global")
+    assert c.output_bound == np.inf and np.isposinf(c.output_bounds).all()
+    if network == "g":
+        assert not c.holds and "in g is unbounded" in c.reason
+        assert "data" in c.reason and "diverges" not in c.reason
+    else:  # the states stay in their set all the same
+        assert c.holds and np.isfinite(c.level) and "Nothing bounds eta" in repr(c)
+
+
+def test_rounding_is_charged_to_a_margin():
+    # exact numbers: what is missing to 1/2 and to 1 is the charge
+    eps = np.finfo(float).eps
+    assert iss_margin([[0.0]], [[1.0]], phi=0.5, psi=4.0) == 0.5 - 8 * eps
+    lure = linear_lure(np.zeros((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
+    c = replace(
+        gain_certificate(linear_lure(*(np.full((1, 1), z) for z in (0.5, 1.0, 1.0)))),
+        lure=Lure(np.zeros_like(lure.Theta), 1, 1, 0),
+        P=np.eye(1),
+        Lam=np.zeros(0),
+        gamma=1.0,
+    )
+    assert c.verify() == 1.0 - 16 * eps
+    # P is so ill-conditioned that its inequality says nothing
+    P = np.diag([1.0, 1e-30])
+    assert iss_margin(np.zeros((2, 2)), P, phi=0.5, psi=4.0) < 0
+    lure = Lure(np.zeros((3, 4)), 2, 1, 0)
+    assert replace(c, lure=lure, P=P).verify() < 0
 
 
 def test_model_messages(fitted):

@@ -333,7 +333,7 @@ def linear_share(model, u, y):
     """Return the size of the linear part of h over a record, relative to that of h."""
     law = model.linearizing_law()
     x0 = model.estimate_x0(u, y)[0]
-    X = simulate(model._plant()[0], u - model.u_offset_, x0)[:-1]
+    X = simulate(model.plant_.lure, u - model.u_offset_, x0)[:-1]
     s = X if law.feedback == "state" else X @ model.C_.T
     h = -law(np.zeros_like(u), s if law.feedback == "state" else s + model.y_offset_)
     L = np.linalg.lstsq(s, h, rcond=None)[0]

@@ -30,9 +30,8 @@ def test_h_sees_the_outputs_that_are_listed():
 
 def test_what_h_does_not_see_does_not_move_its_law():
     model = fit(fl_ssnn(n_h=3, h_inputs="flow", **QUICK))
-    h = model._h()
     y = np.array([[0.0, 0.3], [7.0, 0.3]])
-    assert np.ptp(h(y), axis=0).max() == 0
+    assert np.ptp(model.plant_.cancelled(y), axis=0).max() == 0
 
 
 def test_h_sees_the_states_that_are_listed():
@@ -118,16 +117,14 @@ def test_held_weights_are_certain_and_not_counted():
     variance = np.diag(covariance.covariance)[where].reshape(2, 2)
     assert not variance[:, 0].any()
     assert variance[:, 1].all()
-    assert covariance.rank <= model.free_entries(len(model._theta)).sum() + 6
+    assert covariance.rank <= model.fitted_.free.sum() + 6
     refits = model.sample_models(covariance, 2, 0, data=(u, y, experiment), max_iter=3)
     assert not any(refit.params_["W_y"][:, 0].any() for refit in refits)
 
 
-def test_the_ladder_counts_what_is_trained():
-    from alssnn.ladder._fit import _count_parameters
-
+def test_what_is_held_is_not_free():
     every, one = (fit(fl_ssnn(n_h=2, h_inputs=h, **QUICK)) for h in (None, [0]))
-    assert _count_parameters(every) - _count_parameters(one) == 2
+    assert every.fitted_.free.sum() - one.fitted_.free.sum() == 2
 
 
 def test_choices_survive_a_file(tmp_path):
@@ -137,10 +134,7 @@ def test_choices_survive_a_file(tmp_path):
     loaded = alssnn.load(tmp_path / "model.npz")
     assert {k: loaded.get_params()[k] for k in choices} == choices
     assert clone(loaded).get_params()["g_inputs"] == choices["g_inputs"]
-    np.testing.assert_array_equal(
-        loaded.free_entries(len(loaded._theta)),
-        model.free_entries(len(model._theta)),
-    )
+    np.testing.assert_array_equal(loaded.fitted_.free, model.fitted_.free)
 
 
 @pytest.mark.parametrize(

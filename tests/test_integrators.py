@@ -200,7 +200,7 @@ def test_a_linear_start_keeps_its_states(name):
     np.testing.assert_allclose(model.A_[1], [DT, 1], rtol=1e-12)
     np.testing.assert_array_equal(model.A_[:, 1], [0, 1])
     assert model.A_[0, 0] != 0.97
-    free = model.free_entries(model._structure.n_params)[:4]
+    free = model.fitted_.free[:4]
     np.testing.assert_array_equal(free, [True, False, False, False])
 
 

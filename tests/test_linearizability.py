@@ -1,6 +1,7 @@
 import builtins
 import pickle
 import warnings
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,14 +19,14 @@ from alssnn.linearizability import (
 from alssnn.linearizability._measure import h2_gain, peak_gain
 from alssnn.lure import Lure
 from alssnn.structures import state_space_structure
-from helpers import random_theta, simulate_linear
+from helpers import as_records, plant_of, random_theta, simulate_linear
 from models import fl_ssnn
 
 DT = 0.01
 
 
 def make_model(rng, *, n_h=3, n_g=4, radius=0.7, **options):
-    """Return a random model, what `measure` takes, and its equations by name."""
+    """Return a random model, its records and its equations by name."""
     structure = state_space_structure(
         3, 2, 2, n_h=n_h, n_g=n_g, C=rng.standard_normal((2, 3)), **options
     )
@@ -38,15 +39,19 @@ def make_model(rng, *, n_h=3, n_g=4, radius=0.7, **options):
         (rng.standard_normal((n, 2)), rng.standard_normal((n, 2)), x0)
         for n, x0 in ((60, np.zeros(3)), (83, rng.standard_normal(3)))
     ]
-    linear = p["A"], p["B"], p["C"], np.zeros((2, 2))
-    return SimpleNamespace(
-        p=p, args=(structure.lure(theta), linear, (K, k), experiments)
-    )
+    plant = plant_of(structure.lure(theta), K, k, dt=DT)
+    return SimpleNamespace(p=p, plant=plant, experiments=experiments)
 
 
 @pytest.fixture
 def model(rng):
     return make_model(rng)
+
+
+def measured(model, experiments=None, **fields):
+    """Return the measures of a model, of which fields are replaced."""
+    plant = replace(model.plant, **fields)
+    return measure(plant, as_records(experiments or model.experiments))
 
 
 def replay(p, u, x0, *, closed):
@@ -78,7 +83,7 @@ def replay(p, u, x0, *, closed):
 
 
 def replay_all(model, *, closed):
-    runs = [replay(model.p, u, x0, closed=closed) for u, _, x0 in model.args[3]]
+    runs = [replay(model.p, u, x0, closed=closed) for u, _, x0 in model.experiments]
     return {name: np.vstack([run[name] for run in runs]) for name in runs[0]}
 
 
@@ -104,10 +109,10 @@ VARIANTS = {
 @pytest.mark.parametrize("options", VARIANTS.values(), ids=VARIANTS)
 def test_measures_against_a_plain_loop(rng, options):
     model = make_model(rng, **options)
-    record = measure(*model.args, dt=DT)
+    record = measured(model)
     run, y = (
         replay_all(model, closed=False),
-        np.vstack([y for _, y, _ in model.args[3]]),
+        np.vstack([y for _, y, _ in model.experiments]),
     )
     np.testing.assert_allclose(record.e, run["e"], atol=1e-13)
     np.testing.assert_allclose(
@@ -140,23 +145,22 @@ def test_output_residual_is_the_response_to_g(model, rng):
 
 
 def test_without_h_the_closed_loop_is_the_open_one(rng):
-    record = measure(*make_model(rng, n_h=0).args)
+    record = measured(make_model(rng, n_h=0))
     assert record.closed_ratio_mean == record.ratio_g_mean
     assert record.closed_ratio_max == record.ratio_g_max
     assert record.ratio_h_max == 0
 
 
 def test_without_g_nothing_is_left(rng):
-    record = measure(*make_model(rng, n_g=0).args)
+    record = measured(make_model(rng, n_g=0))
     np.testing.assert_allclose(record.linearization_error, 0, atol=1e-13)
     np.testing.assert_allclose(record.closed_linearization_error, 0, atol=1e-13)
 
 
 def test_silence_has_no_error():
     lure = Lure(np.array([[0.5, 1.0, 0.0], [1.0, 0.0, 0.0]]), 1, 1, 0)
-    linear = tuple(np.array([[value]]) for value in (0.5, 1.0, 1.0, 0.0))
-    feedback, zero = (np.zeros((1, 0)), np.zeros(1)), np.zeros((9, 1))
-    record = measure(lure, linear, feedback, [(zero, zero, np.zeros(1))])
+    zero = np.zeros((9, 1))
+    record = measure(plant_of(lure), as_records([(zero, zero, np.zeros(1))]))
     assert record.linearization_error == record.closed_linearization_error == 0
     assert record.ratio_g_max == record.closed_ratio_mean == 0
     np.testing.assert_array_equal(record.bands.output, 0)
@@ -166,7 +170,7 @@ def test_silence_has_no_error():
 
 
 def test_bands_add_up_to_the_whole(model):
-    record = measure(*model.args, dt=DT)
+    record = measured(model)
     bands = record.bands
     np.testing.assert_allclose(
         np.sum(bands.error**2, axis=0), record.linearization_error**2, rtol=1e-12
@@ -177,10 +181,10 @@ def test_bands_add_up_to_the_whole(model):
 
 
 def test_bands_against_projections_on_sinusoids(model):
-    record = measure(*model.args, dt=DT)
-    total = np.sum([np.sum(y**2, axis=0) for _, y, _ in model.args[3]], axis=0)
+    record = measured(model)
+    total = np.sum([np.sum(y**2, axis=0) for _, y, _ in model.experiments], axis=0)
     squares, start = np.zeros((6, 2)), 0
-    for u, _, _ in model.args[3]:
+    for u, _, _ in model.experiments:
         n = len(u)
         e, start = record.e[start : start + n], start + n
         for k in range(n):  # two-sided discrete Fourier transform
@@ -193,9 +197,8 @@ def test_bands_against_projections_on_sinusoids(model):
 
 @pytest.mark.parametrize(("cycles", "band"), [(0, 0), (1, 1), (5, 3), (31, 5), (32, 5)])
 def test_a_tone_is_in_its_band(model, cycles, band):
-    lure, linear, feedback, _ = model.args
     y = np.cos(2 * np.pi * cycles * np.arange(64) / 64)[:, None] * [1.0, 3.0]
-    record = measure(lure, linear, feedback, [(np.zeros((64, 2)), y, np.zeros(3))])
+    record = measured(model, [(np.zeros((64, 2)), y, np.zeros(3))])
     expected = np.zeros((6, 2))
     expected[band] = 1
     np.testing.assert_allclose(record.bands.output, expected, atol=1e-12)
@@ -206,36 +209,32 @@ def test_a_tone_is_in_its_band(model, cycles, band):
 
 def transform(model, T):
     """Return the same model with the state T x."""
-    lure, (A, B, C, D), feedback, experiments = model.args
-    T_inv = np.linalg.inv(T)
-    Theta, nx = lure.Theta.copy(), lure.nx
+    lure, nx = model.plant.form, model.plant.nx
+    Theta = lure.Theta.copy()
     Theta[:nx] = T @ Theta[:nx]
-    Theta[:, :nx] = Theta[:, :nx] @ T_inv
-    return (
-        Lure(Theta, nx, lure.nu, lure.nw),
-        (T @ A @ T_inv, T @ B, C @ T_inv, D),
-        feedback,
-        [(u, y, T @ x0) for u, y, x0 in experiments],
+    Theta[:, :nx] = Theta[:, :nx] @ np.linalg.inv(T)
+    form = Lure(Theta, nx, lure.nu, lure.nw)
+    return SimpleNamespace(
+        plant=replace(model.plant, form=form),
+        experiments=[(u, y, T @ x0) for u, y, x0 in model.experiments],
     )
 
 
-def region_of(lure, linear, experiments):
+def region_of(model):
     """Return the region of the linear response to the first experiment."""
-    u, _, x0 = experiments[0]
-    X = np.zeros((len(u), lure.nx))
+    A, B, C, _ = model.plant.linear()
+    u, _, x0 = model.experiments[0]
+    X = np.zeros((len(u), len(A)))
     X[0] = x0
     for k in range(len(u) - 1):
-        X[k + 1] = linear[0] @ X[k] + linear[1] @ u[k]
-    return Region.of(X, u, X @ linear[2].T)
+        X[k + 1] = A @ X[k] + B @ u[k]
+    return Region.of(X, u, X @ C.T)
 
 
 def test_what_depends_on_the_state_basis_and_what_does_not(model, rng):
     T = rng.standard_normal((3, 3))
     other = transform(model, T)
-    here, there = (
-        measure(*args, region=region_of(args[0], args[1], args[3]))
-        for args in (model.args, other)
-    )
+    here, there = (measured(m, region=region_of(m)) for m in (model, other))
     for name in ("linearization_error", "closed_linearization_error", "e"):
         np.testing.assert_allclose(
             getattr(there, name), getattr(here, name), rtol=1e-8, atol=1e-11
@@ -257,7 +256,7 @@ def test_what_depends_on_the_state_basis_and_what_does_not(model, rng):
 
 
 def test_the_gain_grows_as_the_basis_shrinks_g(model):
-    here, there = measure(*model.args), measure(*transform(model, 1e-3 * np.eye(3)))
+    here, there = measured(model), measured(transform(model, 1e-3 * np.eye(3)))
     assert there.closed_omega_mean == pytest.approx(1e-3 * here.closed_omega_mean)
     np.testing.assert_allclose(there.h2_gain, 1e3 * here.h2_gain)
 
@@ -266,7 +265,7 @@ def test_the_gain_grows_as_the_basis_shrinks_g(model):
 
 
 def test_h2_gain_is_the_energy_of_the_impulse_responses(model):
-    A, _, C, _ = model.args[1]
+    A, _, C, _ = model.plant.linear()
     energy, power = np.zeros(2), np.eye(3)
     for _ in range(300):
         energy += np.sum((C @ power) ** 2, axis=1)
@@ -304,12 +303,8 @@ def test_gain_of_a_numerically_singular_equation_is_infinite():
 # Divergence
 
 
-def longer(args, n=40):
-    *model, experiments = args
-    experiments = [
-        (np.tile(u, (n, 1)), np.tile(y, (n, 1)), x) for u, y, x in experiments
-    ]
-    return (*model, experiments)
+def longer(experiments, n=40):
+    return [(np.tile(u, (n, 1)), np.tile(y, (n, 1)), x) for u, y, x in experiments]
 
 
 def numbers(record):
@@ -318,7 +313,8 @@ def numbers(record):
 
 
 def test_a_diverging_model_is_infinitely_nonlinear(rng):
-    record = measure(*longer(make_model(rng, radius=1.3).args), region=None)
+    model = make_model(rng, radius=1.3)
+    record = measured(model, longer(model.experiments))
     values = numbers(record)
     assert not np.isnan([v for k, v in values.items() if "outside" not in k]).any()
     assert np.isposinf(record.linearization_error).all()
@@ -344,23 +340,44 @@ def test_a_bounded_model_with_unstable_A_has_infinite_errors(rng):
         [[1.2, 1.0, -5.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.0]]
     )
     lure = Lure(Theta, 1, 1, 1)
-    linear = tuple(np.array([[value]]) for value in (1.2, 1.0, 1.0, 0.0))
     u = 0.1 * rng.standard_normal((3000, 1))
-    experiments = [(u, u, np.zeros(1))]
-    feedback = np.array([[-5.0]]), np.zeros(1)
+    records = as_records([(u, u, np.zeros(1))])
     region = Region.of(10 * u, u, 10 * u)
-    record = measure(lure, linear, feedback, experiments, region=region)
+    record = measure(plant_of(lure, K=-5.0, region=region), records)
     assert np.isfinite(record.ratio_h_mean) and record.outside < 0.01
     assert np.isposinf(record.closed_linearization_error).all()
     assert record.closed_ratio_mean == record.closed_linear_mean == np.inf
     assert record.closed_outside > 0.9
     # the same with g instead of h: a bounded residual with an unbounded effect
-    nothing = np.zeros((1, 1)), np.zeros(1)
-    record = measure(lure, linear, nothing, experiments)
+    record = measure(plant_of(lure), records)
     assert np.isfinite(record.ratio_g_mean)
     assert np.isposinf(record.linearization_error).all()
     assert np.isposinf(record.bands.error).all()
     assert np.isposinf(record.closed_linearization_error).all()
+
+
+# Plants without a law
+
+
+@pytest.mark.parametrize("why", ["feedthrough", "delay"])
+def test_where_there_is_no_law_there_is_no_closed_loop(model, why):
+    region = region_of(model)
+    fields = {"delay": np.array([0, 3])}
+    if why == "feedthrough":
+        Theta = model.plant.form.Theta.copy()
+        Theta[3:5, 3:5] = np.eye(2)
+        fields = {"form": Lure(Theta, 3, 2, model.plant.form.nw)}
+    record = measured(model, region=region, **fields)
+    reason = {"feedthrough": "algebraic loop", "delay": "3 samples ahead"}[why]
+    assert reason in record.no_law
+    table = str(record)
+    assert "There is no closed loop to measure." in table and "nan" not in table
+    assert reason in " ".join(table.split())
+    assert max(map(len, table.splitlines())) <= 79
+    closed = {k: v for k, v in numbers(record).items() if k.startswith("closed_")}
+    assert len(closed) == 8 and np.isnan(list(closed.values())).all()
+    # the open loop is what it is
+    assert record.outside is not None and np.isfinite(record.linearization_error).all()
 
 
 # Region
@@ -434,13 +451,12 @@ def test_over_the_top_is_outside_the_training_region():
 
 
 def test_shares_outside_against_a_plain_loop(model):
-    lure, linear, _, experiments = model.args
-    region = region_of(lure, linear, experiments)
-    record = measure(*model.args, region=region)
-    measured = np.vstack([y for _, y, _ in experiments])
+    region = region_of(model)
+    record = measured(model, region=region)
+    y_measured = np.vstack([y for _, y, _ in model.experiments])
     for share, closed in ((record.outside, False), (record.closed_outside, True)):
         run = replay_all(model, closed=closed)
-        y = None if closed else measured
+        y = None if closed else y_measured
         assert share == region.outside(run["x"], run["u"], run["y"], y).mean()
     assert record.outside != record.closed_outside
 
@@ -449,8 +465,9 @@ def test_shares_outside_against_a_plain_loop(model):
 
 
 def test_table_is_aligned_and_has_units(model):
-    region = region_of(model.args[0], model.args[1], model.args[3])
-    record = measure(*model.args, dt=DT, region=region, output_names=["level", "flow"])
+    plant = replace(model.plant, region=region_of(model))
+    names = ["level", "flow"]
+    record = measure(plant, as_records(model.experiments), output_names=names)
     assert repr(record) == str(record)
     lines = str(record).splitlines()
     assert max(map(len, lines)) <= 79
@@ -473,14 +490,14 @@ def test_table_of_one_output_does_not_name_it():
 
 
 def test_frame_has_every_number(model):
-    record = measure(*model.args, dt=DT)
+    record = measured(model)
     frame = record.to_frame()
     assert list(frame.columns) == ["quantity", "output", "f_min", "f_max", "value"]
     by_name = frame.groupby("quantity")["value"].apply(list)
     assert by_name["linearization_error"] == list(record.linearization_error)
     assert by_name["peak_gain"] == [record.peak_gain]
     assert by_name["bands.error"] == list(record.bands.error.ravel())
-    assert set(by_name.index) | {"bands", "e", "output_names"} == (
+    assert set(by_name.index) | {"bands", "e", "output_names", "no_law"} == (
         set(vars(record)) | {"bands.error", "bands.output", "bands"}
     )
     band = frame[(frame["quantity"] == "bands.output") & (frame["output"] == "y1")]
@@ -497,4 +514,4 @@ def test_frame_without_pandas(model, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(ImportError, match=r"needs pandas.* Install it by pip install"):
-        measure(*model.args).to_frame()
+        measured(model).to_frame()

@@ -213,6 +213,7 @@ def test_k_step_says_what_it_cannot_score(record):
     with pytest.raises(ValueError, match="Take fewer `steps` or a longer record"):
         scorers.k_step(300)(model, record.u[:300], record.y[:300])
     model._theta = model._theta * 1e3
+    model._publish_parameters()
     with np.errstate(all="ignore"):
         assert scorers.k_step(200)(model, record.u, record.y) == -np.inf
 

@@ -25,6 +25,7 @@ the result is recomputed, in the basis where P = I.
 import time
 import warnings
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.linalg import (
@@ -60,6 +61,9 @@ class IssCertificate:
         Rate per sample, and gain from ``|omega|^2``; nan if there is no P.
     eps : float
         Bound on ``|omega|``, in the units of the states.
+    eta : ndarray of shape (ny,)
+        Bound on every ``|eta_i|``, what a nonlinear output adds to y at once, in the
+        units of y (eq. eta).
     status : str
         "exact" (Lyapunov equation), the status of the solver, or "not solved".
     solve_time : float
@@ -71,7 +75,7 @@ class IssCertificate:
     A : ndarray of shape (nx, nx)
         State matrix.
     C : ndarray of shape (ny, nx)
-        Output matrix.
+        Output matrix of the loop, from the deviation of the states to y - eta.
 
     Examples
     --------
@@ -87,6 +91,7 @@ class IssCertificate:
     phi: float
     psi: float
     eps: float
+    eta: np.ndarray
     status: str
     solve_time: float
     n_solves: int
@@ -113,7 +118,8 @@ class IssCertificate:
         if not np.isfinite(self.level):
             return np.inf
         CQC = self.C @ np.linalg.solve(self.P, self.C.T)
-        return float(np.sqrt(self.level * np.linalg.eigvalsh(CQC)[-1]))
+        by_states = np.sqrt(self.level * np.linalg.eigvalsh(CQC)[-1])
+        return float(by_states + np.linalg.norm(self.eta))
 
     @property
     def output_bounds(self):
@@ -121,7 +127,7 @@ class IssCertificate:
         if not np.isfinite(self.level):
             return np.full(len(self.C), np.inf)
         CQC = self.C @ np.linalg.solve(self.P, self.C.T)
-        return np.sqrt(self.level * np.diag(CQC))
+        return np.sqrt(self.level * np.diag(CQC)) + self.eta
 
     def contains(self, x):
         """Tell which states lie in the invariant set.
@@ -205,11 +211,14 @@ class IssCertificate:
         if not self.holds:
             return f"IssCertificate: does not hold. {self.reason}"
         low, high = self.eigenvalue_range
+        at_once = ""
+        if np.any(self.eta):
+            at_once = f", |eta| <= {np.linalg.norm(self.eta):.4g}"
         lines = [
             f"IssCertificate: holds, margin {self.margin:.2g} ({self.status})",
             f"  phi {self.phi:.4g}, psi {self.psi:.4g}, "
             f"eigenvalues of P {low:.3g} to {high:.3g}",
-            f"  |omega| <= {self.eps:.4g}  =>  x'Px <= {self.level:.4g}, "
+            f"  |omega| <= {self.eps:.4g}{at_once}  =>  x'Px <= {self.level:.4g}, "
             f"|y - y_lin| <= {self.output_bound:.4g}",
         ]
         return "\n".join(lines + ([f"  {self.reason}"] if self.reason else []))
@@ -262,9 +271,9 @@ def iss_margin(A, P, phi, psi):
 
 
 def iss_certificate(
-    A, C=None, *, eps=1.0, phi=None, objective="peak", method="lyapunov"
+    A, C=None, *, eps=1.0, eta=0.0, phi=None, objective="peak", method="lyapunov"
 ):
-    """Certify input-to-state stability of x+ = A x + omega (eq. lmi).
+    """Certify input-to-state stability of x+ = A x + omega, y = C x + eta (eq. lmi).
 
     Parameters
     ----------
@@ -273,7 +282,10 @@ def iss_certificate(
     C : array_like of shape (ny, nx) or None, default=None
         Output matrix; None means y = x.
     eps : float, default=1.0
-        Bound on ``|omega|``, in the units of the states.
+        Bound on ``|omega|``, in the units of the states. Nothing is certified if it is
+        infinite.
+    eta : float or array_like of shape (ny,), default=0.0
+        Bound on every ``|eta_i|``, in the units of y.
     phi : float or None, default=None
         Rate, between 0 and 1; None searches it (`objective`).
     objective : {"peak", "feasible", "volume"}, default="peak"
@@ -307,18 +319,21 @@ def iss_certificate(
     >>> certificate.holds, round(certificate.output_bound, 3)
     (True, 0.2)
     """
-    A, C = _check(A, C, eps, phi, objective, method)
+    A, C, eta = _check(A, C, eps, eta, phi, objective, method)
+    none = partial(_none, A, C, eps, eta)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     limit = 1.0 - radius**2
     if radius >= 1:
         reason = f"The spectral radius of A is {radius:.6g}, not below one."
-        return _none(A, C, eps, "not solved", reason)
+        return none("not solved", reason)
     if phi is not None and phi >= limit:
         reason = (
             f"phi = {phi:.6g} is not below 1 - rho^2 = {limit:.6g}, where rho is the "
             "spectral radius of A."
         )
-        return _none(A, C, eps, "not solved", reason)
+        return none("not solved", reason)
+    if np.isinf(eps):
+        return none("not solved", "eps is infinite: nothing bounds omega.")
     if phi is None and objective == "feasible":
         phi = limit / 2
 
@@ -338,7 +353,7 @@ def iss_certificate(
         reason = "No phi gave a P that passes the recomputation of the inequality."
         if method == "sdp":
             reason += " Use `method='lyapunov'`."
-        return _none(A, C, eps, search.status, reason, seconds, search.n_solves)
+        return none(search.status, reason, seconds, search.n_solves)
     _, phi, P, status = search.best
 
     psi = 1.0 + STRICT
@@ -347,7 +362,7 @@ def iss_certificate(
     else:
         scale = len(A) / np.trace(P)
     P, psi = scale * P, scale * psi
-    reason = "" if np.isfinite(eps) else "The simulated loop diverges on the data."
+    reason = "" if np.isfinite(eta).all() else "Nothing bounds eta, nor the output."
     return IssCertificate(
         holds=True,
         margin=iss_margin(A, P, phi, psi),
@@ -355,6 +370,7 @@ def iss_certificate(
         phi=float(phi),
         psi=float(psi),
         eps=float(eps),
+        eta=eta,
         status=status,
         solve_time=seconds,
         n_solves=search.n_solves,
@@ -405,7 +421,7 @@ class _Search:
         return (P + P.T) / 2, "exact"
 
 
-def _none(A, C, eps, status, reason, seconds=0.0, n_solves=0):
+def _none(A, C, eps, eta, status, reason, seconds=0.0, n_solves=0):
     """Return the certificate that does not hold."""
     return IssCertificate(
         holds=False,
@@ -414,6 +430,7 @@ def _none(A, C, eps, status, reason, seconds=0.0, n_solves=0):
         phi=np.nan,
         psi=np.nan,
         eps=float(eps),
+        eta=eta,
         status=status,
         solve_time=seconds,
         n_solves=n_solves,
@@ -423,8 +440,8 @@ def _none(A, C, eps, status, reason, seconds=0.0, n_solves=0):
     )
 
 
-def _check(A, C, eps, phi, objective, method):
-    """Return A and C as arrays, or say what is wrong with the arguments."""
+def _check(A, C, eps, eta, phi, objective, method):
+    """Return A, C and eta as arrays, or say what is wrong with the arguments."""
     A = np.asarray(A, dtype=float)
     if A.ndim != 2 or A.shape[0] != A.shape[1] or not np.isfinite(A).all():
         raise ValueError(
@@ -440,6 +457,11 @@ def _check(A, C, eps, phi, objective, method):
         raise ValueError("`C` must not be zero, got zeros. Pass None for y = x.")
     if not eps >= 0:
         raise ValueError(f"`eps` must be at least 0, got {eps}. Pass a bound on |g|.")
+    eta = np.asarray(eta, dtype=float)
+    if eta.shape not in ((), (len(C),)) or not np.all(eta >= 0):
+        raise ValueError(
+            f"`eta` must be at least 0, one number or one per output, got {eta}."
+        )
     if phi is not None and not 0 < phi < 1:
         raise ValueError(
             f"`phi` must be between 0 and 1, got {phi}. Pass None to search it."
@@ -452,4 +474,4 @@ def _check(A, C, eps, phi, objective, method):
             raise ValueError(
                 f"`{name}` must be one of {options}, got {value!r}. Choose one."
             )
-    return A, C
+    return A, C, np.broadcast_to(eta, len(C))

@@ -16,6 +16,14 @@ from ._fl_ssnn import FlSsnn
 from ._gr_ssnn import GrSsnn
 from ._linear import LinearStateSpace
 from ._load import load
-from ._ssnn import Ssnn
+from ._ssnn import LEFT_LINEAR, Ssnn
 
-__all__ = ["AlSsnn", "FlSsnn", "GrSsnn", "LinearStateSpace", "Ssnn", "load"]
+__all__ = [
+    "LEFT_LINEAR",
+    "AlSsnn",
+    "FlSsnn",
+    "GrSsnn",
+    "LinearStateSpace",
+    "Ssnn",
+    "load",
+]

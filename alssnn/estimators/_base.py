@@ -183,7 +183,6 @@ class StateSpaceModel(
     aic = deferred("estimators._uncertainty", "aic")
     bic = deferred("estimators._uncertainty", "bic")
     sample_models = deferred("estimators._uncertainty", "sample_models")
-    free_entries = deferred("estimators._uncertainty", "free_entries")
     fit_remote = deferred("estimators._remote", "fit_remote")
     validate = deferred("validation", "validate")
     save = deferred("persistence", "save")

@@ -1,6 +1,5 @@
 """What a fitted model hands to control: systems, law, observer, certificates."""
 
-import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ._fitted import Fitted
@@ -9,8 +8,8 @@ from ._fitted import Fitted
 class ControlMixin(Fitted):
     """Share the way from a fitted model to a closed loop.
 
-    All methods take the fitted attributes and `_plant`; what does the work is imported
-    when it is called, so that identification needs no package for control.
+    All methods take `plant_`; what does the work is imported when it is called, so
+    that identification needs no package for control.
     """
 
     def to_statespace(self, which="linear", x=None, u=None):
@@ -54,8 +53,12 @@ class ControlMixin(Fitted):
                 "everywhere, got values. Use which='local'."
             )
         plant = self.plant_.late()
+        A, B, C, D = plant.linear()
         return to_statespace(
-            *plant.linear(),
+            A,
+            B,
+            C,
+            D,
             plant.dt,
             inputs=plant.inputs,
             outputs=plant.outputs,
@@ -163,19 +166,21 @@ class ControlMixin(Fitted):
     ):
         """Certify input-to-state stability of the linearized loop (eq. lmi).
 
-        The loop is u = v - h, with v = r - K x if `K` is given. Its states obey
-        x+ = (A - B K) x + B r + omega, omega = g(x, u).
+        The loop is u = v - h, with v = r - K x if `K` is given,
+        x+ = (A - B K) x + B r + omega, y = (C - D K) x + D r + eta (eq. eta). Past
+        values of late inputs are states behind those of `A_`.
 
         Parameters
         ----------
         u : array_like of shape (N, nu) or None, default=None
-            Inputs of the records that bound omega; needed for eps="data".
+            Inputs of the records that bound omega and eta; needed for eps="data".
         y : array_like of shape (N,) or (N, ny) or None, default=None
             Outputs; they set the initial states.
         experiment : array_like of shape (N,) or None, default=None
             Label of the experiment of every sample.
         K : array_like of shape (nu, nx) or None, default=None
-            State feedback, in the basis of `A_` and the units of u.
+            State feedback, in the basis of `A_` and the units of u; with late inputs
+            also of shape (nu, nx + n_late), else it does not act on past inputs.
         phi : float or None, default=None
             Rate, between 0 and 1; None searches it.
         objective : {"peak", "feasible", "volume"}, default="peak"
@@ -183,7 +188,8 @@ class ControlMixin(Fitted):
         eps : {"data", "global"} or float, default="data"
             Bound on ``|omega|``: the largest value along the records, in the open loop
             and in the closed one with the recorded input as r; the supremum over all
-            states and inputs, which tanh bounds; or a number.
+            states and inputs, which tanh bounds; or a number. eta is bounded in the
+            same way, with a number by its supremum.
         method : {"lyapunov", "sdp"}, default="lyapunov"
             How P is found for each phi.
 
@@ -195,30 +201,18 @@ class ControlMixin(Fitted):
         Raises
         ------
         ValueError
-            If an argument is out of range or the records are missing.
+            If an argument is out of range, the records are missing, or u = v - h is no
+            law of this model (`plant_.no_law`).
         RuntimeError
             If the solver of the semidefinite program breaks down.
         """
-        from ..certificates import data_bound, global_bound, iss_certificate
+        from ..certificates import certify_iss
 
-        check_is_fitted(self)
-        K = self._check_gain(K)
-        A = self.A_ if K is None else self.A_ - self.B_ @ K
-        if isinstance(eps, str):
-            lure, feedback = self._plant()
-            if eps == "global":
-                eps = global_bound(lure, self.B_, feedback)
-            elif eps == "data":
-                records = self._records(u, y, experiment)
-                eps = data_bound(lure, self.B_, feedback, records, K)
-            else:
-                raise ValueError(
-                    f"`eps` must be 'data', 'global' or a number, got {eps!r}. "
-                    "Choose one."
-                )
-        return iss_certificate(
-            A, self.C_, eps=eps, phi=phi, objective=objective, method=method
-        )
+        records = None
+        if u is not None and y is not None:
+            records = self.prepare_records(u, y, experiment)
+        options = {"phi": phi, "objective": objective, "method": method}
+        return certify_iss(self.plant_, records, K=K, eps=eps, **options)
 
     def gain_certificate(self, K=None):
         """Certify the incremental l2 gain of the linearized loop (eq. slopes).
@@ -229,7 +223,8 @@ class ControlMixin(Fitted):
         Parameters
         ----------
         K : array_like of shape (nu, nx) or None, default=None
-            State feedback, in the basis of `A_` and the units of u.
+            State feedback, in the basis of `A_` and the units of u; with late inputs
+            also of shape (nu, nx + n_late), else it does not act on past inputs.
 
         Returns
         -------
@@ -240,39 +235,8 @@ class ControlMixin(Fitted):
         Raises
         ------
         ValueError
-            If `K` has the wrong shape.
+            If `K` has the wrong shape, or u = v - h is no law of this model.
         """
-        from ..certificates import gain_certificate, state_feedback
+        from ..certificates import certify_gain
 
-        check_is_fitted(self)
-        K = self._check_gain(K)
-        lure, feedback = self._plant()
-        loop = lure.close(*feedback)
-        return gain_certificate(loop if K is None else state_feedback(loop, K))
-
-    def _check_gain(self, K):
-        if K is None:
-            return None
-        K = np.asarray(K, dtype=float)
-        if K.shape != self.B_.T.shape or not np.isfinite(K).all():
-            raise ValueError(
-                f"`K` must be a finite matrix of shape {self.B_.T.shape}, got shape "
-                f"{K.shape}. It acts on the states of `A_`."
-            )
-        return K
-
-    def _records(self, u, y, experiment):
-        """Return (u, x0) of every experiment, in the user's units."""
-        if u is None or y is None:
-            raise ValueError(
-                "`u` and `y` must be given for eps='data', got None. Pass records, or "
-                "eps='global'."
-            )
-        u, y, parts = self._test_data(u, y, experiment)
-        return [
-            (
-                u_s[:] * self._scaling.u_scale,
-                self._initial_state(u_s, y_s, self._window(u_s)),
-            )
-            for u_s, y_s in self._experiments(u, y, parts)
-        ]
+        return certify_gain(self.plant_, K)

@@ -1,9 +1,11 @@
 """What a fitted model has: the contract between `StateSpaceModel` and its mixins."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.utils import Bunch
+from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container
 from ..orders import Orders
@@ -12,6 +14,43 @@ from ..region import Region
 from ..scaling import Scaling
 from ..structures import Structure
 from ..watch import Step
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """Hold what a fit found, as training knows it: in scaled deviations.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Parameters.
+    free : ndarray of bool of shape (n_params,)
+        Which parameters nothing held.
+    scaling : Scaling
+        The user's units of u and y.
+    x_scale : ndarray of shape (nx,)
+        States of the user over states of the fit.
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states of the training.
+    cost : float
+        Mean squared error of the fit, relative to the variance of y.
+    at_rest : bool
+        Whether the training experiments began at the operating point.
+    for_control : bool
+        Whether (A, B, C) is meant for the design of a controller.
+    """
+
+    structure: Structure
+    theta: np.ndarray
+    free: np.ndarray
+    scaling: Scaling
+    x_scale: np.ndarray
+    x0: np.ndarray
+    cost: float
+    at_rest: bool
+    for_control: bool
 
 
 class Fitted:
@@ -34,6 +73,7 @@ class Fitted:
     _x_scale: np.ndarray  # states of the user over states of the fit
 
     _made: Plant | None = None  # of `plant_`, made when it is asked for
+    _make_plant: Callable
     params_: Bunch
     A_: np.ndarray
     B_: np.ndarray
@@ -55,20 +95,44 @@ class Fitted:
     u_offset_: np.ndarray
     y_offset_: np.ndarray
 
-    _plant: Callable  # Lur'e form in the user's units, and (K, k) of h = K w + k
-    _h: Callable  # the network h in the user's units
     _test_data: Callable  # checked (u, y) and the samples of every experiment
     _labeled_data: Callable  # the same, and the labels of the experiments
     _check_x0: Callable  # one initial state per experiment, in the user's units
     _simulate: Callable  # outputs of one experiment, in the user's units
     _experiments: Callable  # scaled deviations of every experiment
     _initial_state: Callable  # of one scaled experiment, in the user's units
-    _window: Callable  # samples of an experiment spent on its initial state
+    _free_entries: Callable  # which entries of (theta, x0) nothing holds
+    _for_control: bool
+    prepare_records: Callable
     _units: Callable  # the user's units over those of the fit, by axis
     _scaled_bounds: Callable  # bounds of parameters, scaled
     _publish_parameters: Callable  # what follows from structure, theta and scales
     _criterion_terms: Callable  # structure with its penalties, and all weights
     _publish: Callable  # sets the public attributes from theta and a result
+
+    @property
+    def plant_(self):
+        """Return the fitted model as an immutable value, in the user's units."""
+        check_is_fitted(self)
+        if self._made is None:
+            self._made = self._make_plant()
+        return self._made
+
+    @property
+    def fitted_(self):
+        """Return what the fit found, an immutable value in scaled deviations."""
+        check_is_fitted(self)
+        return FittedModel(
+            structure=self._structure,
+            theta=self._theta,
+            free=self._free_entries(self._structure.n_params),
+            scaling=self._scaling,
+            x_scale=np.broadcast_to(self._x_scale, self.nx_),
+            x0=self.x0_ / self._x_scale,
+            cost=self.cost_,
+            at_rest=self._at_rest,
+            for_control=self._for_control,
+        )
 
     @property
     def _at_rest(self):

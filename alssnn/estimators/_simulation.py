@@ -15,6 +15,7 @@ from ..experiments import (
     split_experiments,
     stack_experiments,
 )
+from ..records import PreparedRecord
 from ..simulation import regressors, trajectory
 from ..training import estimate_x0
 from ._fitted import Fitted
@@ -181,9 +182,41 @@ class SimulationMixin(Fitted):
         )[0]
         return x0 * self._x_scale
 
-    def _window(self, u_s):
-        """Return how many samples of an experiment are spent on its initial state."""
-        return min(self.n_init_samples, len(u_s) // 4)
+    def prepare_records(self, u, y, experiment=None):
+        """Return records as all that judges a model takes them.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs.
+        y : array_like of shape (N,) or (N, ny), or list of them
+            Outputs; nan where not measured.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        records : list of PreparedRecord
+            One per experiment: signals in all units, and the initial state that its
+            first `n_init_samples` samples, at most a quarter of it, tell.
+
+        Raises
+        ------
+        NotFittedError
+            If the model is not fitted.
+        ValueError
+            If the data do not fit the model.
+        """
+        check_is_fitted(self)
+        u, y, parts = self._test_data(u, y, experiment)
+        y = np.asarray(y.reshape(len(y), -1), dtype=float)
+        records = []
+        for part, (u_s, y_s) in zip(parts, self._experiments(u, y, parts), strict=True):
+            start = min(self.n_init_samples, len(u_s) // 4)
+            x0 = self._initial_state(u_s, y_s, start)
+            raw = part, u[part], y[part]
+            records.append(PreparedRecord(*raw, u_s, y_s, x0, start, self._scaling))
+        return records
 
     def score(self, u, y, experiment=None):
         """Return R2 of the free-run simulation.
@@ -245,27 +278,24 @@ class SimulationMixin(Fitted):
         y_pred : ndarray of shape (n_scored, ny)
             Simulated outputs at the same samples.
         """
-        check_is_fitted(self)
-        u, y, parts = self._test_data(u, y, experiment)
+        records = self.prepare_records(u, y, experiment)
         lure = self._structure.lure(self._theta)
         y_true, y_pred = [], []
-        for u_s, y_s in self._experiments(u, y, parts):
-            window = self._window(u_s)
-            x0 = self._initial_state(u_s, y_s, window)
-            y_hat = _outputs(lure, u_s, x0 / self._x_scale)
-            y_true.append(y_s[window : len(y_s)])
-            y_pred.append(y_hat[window:])
-        scale, offset = self._scaling.y_scale, self._scaling.y_offset
-        return tuple(np.vstack(z) * scale + offset for z in (y_true, y_pred))
+        for record in records:
+            y_hat = _outputs(lure, record.u_s, record.x0 / self._x_scale)
+            y_true.append(record.y[record.scored])
+            y_pred.append(y_hat[record.scored])
+        scaling = self._scaling
+        y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
+        return np.vstack(y_true), y_pred
 
 
 def _outputs(lure, u_s, x0):
     """Return scaled outputs of a simulation; not finite where it diverges."""
     y = np.full((len(u_s), lure.nz), np.inf)
-    Theta_y = lure.Theta[lure.nx : lure.nx + lure.nz].T
     with np.errstate(over="ignore", invalid="ignore"):
         for part, u, X in trajectory(lure, u_s, x0):
-            y[part] = regressors(lure, X[:-1], u) @ Theta_y
+            y[part] = regressors(lure, X[:-1], u) @ lure.rows_z.T
     return y
 
 

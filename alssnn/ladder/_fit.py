@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils import _safe_indexing
 
 from ..estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from ..experiments import split_experiments
@@ -163,14 +162,16 @@ def model_ladder(
     train, test = _train_and_test(u, y, experiment, test, test_size)
     rows = []
     for name, model in estimators.items():
-        y_test, row = _climb(name, model, train, test)
+        row, records = _climb(name, model, train, test)
         rows.append(row)
         if callback is not None:
             callback(row)
+    scored = [record.y[record.scored] for record in records]
+    stops = np.cumsum([0, *map(len, scored)]).tolist()
     return Ladder(
         rows=tuple(rows),
-        y_test=y_test,
-        parts=_scored_parts(test),
+        y_test=np.vstack(scored),
+        parts=tuple(map(slice, stops[:-1], stops[1:])),
         dt=float(dt),
         output_names=rows[0].model.output_names_,
     )
@@ -273,7 +274,8 @@ def _take(data, rows):
     """Return rows of data, with the names of its columns if it has any."""
     if data is None:
         return None
-    return _safe_indexing(data if hasattr(data, "shape") else np.asarray(data), rows)
+    data = data if hasattr(data, "shape") else np.asarray(data)
+    return data.iloc[rows] if hasattr(data, "iloc") else data[rows]
 
 
 def _test_data(test):
@@ -287,25 +289,11 @@ def _test_data(test):
     return u, y, experiment
 
 
-def _windows(test):
-    """Return every test experiment and the first samples of it that set its state."""
-    u, _, experiment = test
-    parts, _ = split_experiments(np.shape(u)[0], experiment)
-    return [(p, min(N_INIT_SAMPLES, (p.stop - p.start) // 4)) for p in parts]
-
-
-def _scored_parts(test):
-    """Return the rows of every experiment among the scored samples."""
-    lengths = [part.stop - part.start - window for part, window in _windows(test)]
-    stops = np.cumsum(lengths).tolist()
-    return tuple(slice(b - n, b) for b, n in zip(stops, lengths, strict=True))
-
-
 # -- one model -------------------------------------------------------------------------
 
 
 def _climb(name, model, train, test):
-    """Return the scored test output and the row of one model."""
+    """Return the row of one model, and the test data as it judges them."""
     start = time.perf_counter()
     with warnings.catch_warnings():
         # the table marks the row instead
@@ -316,11 +304,11 @@ def _climb(name, model, train, test):
     y_test, y_hat = model.simulate_test(*test)
     rmse_test, fit = _errors(y_test, y_hat)
     record = model.linearizability(*test)
-    scored = [record.e[part.start + n : part.stop] for part, n in _windows(test)]
-    return y_test, Rung(
+    records = model.prepare_records(*test)
+    row = Rung(
         name=name,
         model=model,
-        n_params=_count_parameters(model),
+        n_params=int(model.fitted_.free.sum()),
         rmse_train=rmse_train,
         rmse_test=rmse_test,
         fit_percent=fit,
@@ -328,8 +316,9 @@ def _climb(name, model, train, test):
         spectral_radius=record.spectral_radius,
         seconds=seconds,
         y_hat=y_hat,
-        e=np.vstack(scored),
+        e=np.vstack([record.e[r.part][r.scored] for r in records]),
     )
+    return row, records
 
 
 def _errors(y_true, y_pred):
@@ -341,8 +330,3 @@ def _errors(y_true, y_pred):
         rmse(y_true, y_pred, multioutput="raw_values"),
         fit_percent(y_true, y_pred, multioutput="raw_values"),
     )
-
-
-def _count_parameters(model):
-    """Return the number of trained parameters: those that nothing holds."""
-    return int(model.free_entries(model._structure.n_params).sum())

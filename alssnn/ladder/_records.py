@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..estimators._ssnn import LEFT_LINEAR
+from ..estimators import LEFT_LINEAR
 from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain
 

@@ -12,50 +12,43 @@ non-normal A amplifies again on the way to the output.  The output-referred resi
     zeta+ = A zeta + g(x, u),   e = C zeta,     linearization error = rms(e) / rms(y)
 
 does not: e is what g adds to the output, exactly, in any basis; with a feedthrough D
-and a nonlinear output k it is e = C zeta + k(x, u) - D h(s).  The same holds for its
+and a nonlinear output k it is e = C zeta + eta (eq. eta).  The same holds for its
 parts in frequency bands (eq. bands).  How much the basis hides is told by the
 growth of the powers of A and by the H2 norm from g to y (eq. gains).
 
-Everything is computed along simulated trajectories of a Lur'e form with the states
-of the plant alone, in the units of its matrices.  Here h is K w + k, whatever it is a
-function of, and g is what remains of x+: the code knows neither by name.
+Everything is computed along simulated trajectories of a plant whose inputs have
+arrived.  Here g is omega = x+ - A x - B v, and h is v - u, rows of its matrix: the code
+knows no network by name.
 """
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
 from ..lure import Lure
+from ..plant import as_plant
 from ..simulation import channels, simulate
 from ._record import Bands, Linearizability
 
 N_BANDS = 6  # octaves below the Nyquist frequency; the lowest one reaches down to zero
 POWERS = 256  # powers of A whose norms are computed at a time
 MAX_BLOCKS = 400  # blocks of powers; about 100,000 samples, longer than any transient
+CLOSED_ERROR = "closed_linearization_error"
+MEASURED = ("linear", "omega", "ratio")  # sizes of the closed loop
 
 
-def measure(
-    lure, linear, feedback, experiments, *, dt=1.0, region=None, output_names=None
-):
+def measure(plant, records, *, output_names=None):
     """Measure linearizability along one or several experiments.
 
     Parameters
     ----------
-    lure : Lure
-        Model with the states x alone and the input u, both deviations.
-    linear : tuple of ndarray
-        Matrices A, B, C, D of its linear part, D of shape (ny, nu).
-    feedback : tuple of ndarray
-        Gain K and constant k of h = K w + k, shapes (nu, nw), (nu,).
-    experiments : sequence of tuple of ndarray
-        Tuples (u, y, x0) of shapes (N, nu), (N, ny), (nx,): deviations of inputs and
-        measured outputs, and the initial state.
-    dt : float, default=1.0
-        Sampling time, in seconds.
-    region : Region or None, default=None
-        Region of the training data; None leaves `outside` out.
+    plant : estimator or Plant
+        Fitted model.
+    records : sequence of PreparedRecord
+        Experiments, of which `du`, `dy` and `x0` count: deviations of the inputs that
+        have arrived and of the measured outputs, and the initial state.
     output_names : list of str or None, default=None
         Names of the outputs, for the table.
 
@@ -63,43 +56,28 @@ def measure(
     -------
     record : Linearizability
         The measures over all samples of all experiments; inf where a simulation
-        diverges.
+        diverges, nan in the closed loop of a plant without a law.
 
     Notes
     -----
     Costs four simulations: the model, the closed loop, and the residual of each.
     """
-    A, _, C, _ = linear
-    opened = [_run(lure, linear, feedback, u, x0) for u, _, x0 in experiments]
-    # the closed loop has no h left (eq. loop)
-    none = tuple(np.zeros_like(z) for z in feedback)
-    try:
-        loop = lure.close(*feedback)
-    except ValueError:  # an algebraic loop: y depends on u through D or k
-        closed = [run.without_solution() for run in opened]
-    else:
-        closed = [_run(loop, linear, none, v, x0) for v, _, x0 in experiments]
+    plant = as_plant(plant).arrived()
+    A, _, C, _ = plant.linear()
+    opened = [_run(plant, record) for record in records]
+    closed = opened
+    if plant.cancels and not plant.no_law:
+        closed = [_run(plant, record, plant.close()) for record in records]
     # what was not measured is taken from the model
     y = [
-        np.where(np.isnan(y), run.y, y)
-        for (_, y, _), run in zip(experiments, opened, strict=True)
+        np.where(np.isnan(record.dy), run.y, record.dy)
+        for record, run in zip(records, opened, strict=True)
     ]
     e = [run.e for run in opened]
-
     part = _sizes([run.linear for run in opened])
     ratio_g = _ratios(_sizes([run.g for run in opened]), part)
     ratio_h = _ratios(_sizes([run.h for run in opened]), part)
-    closed_part = _sizes([run.linear for run in closed])
-    omega = _sizes([run.g for run in closed])
-    closed_ratio = _ratios(omega, closed_part)
-    with np.errstate(invalid="ignore"):
-        y_linear = [run.y - run.e for run in closed]
     radius = float(np.abs(np.linalg.eigvals(A)).max())
-    outside = closed_outside = None
-    if region is not None:
-        outside = _share_outside(region, opened, y)
-        unmeasured = [None] * len(closed)
-        closed_outside = _share_outside(region, closed, unmeasured, feedback)
     return Linearizability(
         linearization_error=_relative(_squares(e), _squares(y)),
         ratio_g_mean=float(ratio_g.mean()),
@@ -107,23 +85,35 @@ def measure(
         ratio_h_mean=float(ratio_h.mean()),
         ratio_h_max=float(ratio_h.max()),
         spectral_radius=radius,
-        closed_linearization_error=_relative(
-            _squares([run.e for run in closed]), _squares(y_linear)
-        ),
-        closed_linear_mean=float(closed_part.mean()),
-        closed_linear_max=float(closed_part.max()),
-        closed_omega_mean=float(omega.mean()),
-        closed_omega_max=float(omega.max()),
-        closed_ratio_mean=float(closed_ratio.mean()),
-        closed_ratio_max=float(closed_ratio.max()),
+        **_closed_measures(plant, closed),
         peak_gain=peak_gain(A) if radius < 1 else np.inf,
         h2_gain=h2_gain(A, C) if radius < 1 else np.full(len(C), np.inf),
-        outside=outside,
-        closed_outside=closed_outside,
-        bands=_bands(e, y, dt),
+        outside=_share_outside(plant.region, opened, y),
+        bands=_bands(e, y, plant.dt),
         e=np.vstack(e),
         output_names=output_names,
+        no_law=plant.no_law,
     )
+
+
+def _closed_measures(plant, runs):
+    """Return the measures of the loop u = v - h, nan if there is none."""
+    names = [f"closed_{z}_{of}" for z in MEASURED for of in ("mean", "max")]
+    if plant.no_law:
+        unknown = np.full(plant.ny, np.nan)
+        rest = dict.fromkeys(names, np.nan)
+        return {CLOSED_ERROR: unknown, **rest, "closed_outside": None}
+    part, omega = _sizes([run.linear for run in runs]), _sizes([run.g for run in runs])
+    sizes = (part, omega, _ratios(omega, part))
+    numbers = [float(of(z)) for z in sizes for of in (np.mean, np.max)]
+    with np.errstate(invalid="ignore"):
+        y_linear = [run.y - run.e for run in runs]
+    error = _relative(_squares([run.e for run in runs]), _squares(y_linear))
+    return {
+        CLOSED_ERROR: error,
+        **dict(zip(names, numbers, strict=True)),
+        "closed_outside": _share_outside(plant.region, runs, [None] * len(runs)),
+    }
 
 
 # -- trajectories ----------------------------------------------------------------------
@@ -134,44 +124,28 @@ class _Run:
     """Signals along one simulation; not finite where it diverges, e is inf there."""
 
     X: np.ndarray  # (N, nx)
-    u: np.ndarray  # (N, nu): v in the closed loop
-    w: np.ndarray  # (N, nw)
+    u: np.ndarray  # (N, nu)
     y: np.ndarray  # (N, ny)
-    linear: np.ndarray  # (N, nx): A x + B u
+    linear: np.ndarray  # (N, nx): A x + B u, of the closed loop A x + B v
     h: np.ndarray  # (N, nu)
     g: np.ndarray  # (N, nx)
     e: np.ndarray  # (N, ny)
 
-    def without_solution(self):
-        """Return the run of a loop that has no solution."""
-        signals = ("X", "w", "y", "linear", "h", "g", "e")
-        infinite = {z: np.full_like(getattr(self, z), np.inf) for z in signals}
-        return replace(self, **infinite)
 
-
-def _run(lure, linear, feedback, u, x0):
-    """Simulate and observe [w; y; A x + B u; h; g; k - D h] as channels."""
-    (A, B, C, D), (K, k) = linear, feedback
-    nx, nu, nw, ny = lure.nx, lure.nu, lure.nw, len(C)
-    sizes = [nw, ny, nx, nu, nx, ny]
-    Theta = np.zeros((nx + sum(sizes) + nw, nx + nu + nw + 1))
-    plus, w_, y_, linear_, h_, g_, k_, v_ = np.split(Theta, np.cumsum([nx, *sizes]))
-    plus[:], y_[:], v_[:] = np.split(lure.Theta, [nx, nx + ny])
-    w_[:, nx + nu : -1] = np.eye(nw)
-    linear_[:, : nx + nu] = np.hstack([A, B])
-    h_[:, nx + nu :] = np.column_stack([K, k])
-    g_[:] = plus - linear_ - B @ h_
-    k_[:] = y_ - D @ h_
-    k_[:, : nx + nu] -= np.hstack([C, D])
-    observed = Lure(Theta, nx, nu, nw, lure.sigma)
-    X = simulate(observed, u, x0)[:-1]
+def _run(plant, record, loop=None):
+    """Simulate the plant, or its loop with the recorded input as v, and observe it."""
+    A, B, C, _ = plant.linear()
+    driven = u = record.du
+    form, ny, nu = plant.observed, plant.ny, plant.nu
+    X = simulate(form if loop is None else loop, u, record.x0)[:-1]
     with np.errstate(over="ignore", invalid="ignore"):
-        Z = channels(observed, X, u)
-    w, y, part, h, g, k_out = np.split(Z, np.cumsum(sizes[:-1]), axis=1)
-    with np.errstate(invalid="ignore"):
-        e = output_residual(A, C, g) + k_out
-    e = np.where(np.isfinite(e), e, np.inf)
-    return _Run(X, u, w, y, part, h, g, e)
+        if loop is not None:
+            u = channels(loop, X, driven)[:, ny:]
+        Z = channels(form, X, u)
+        y, v, g, eta = np.split(Z, np.cumsum([ny, nu, plant.nx]), axis=1)
+        e = output_residual(A, C, g) + eta
+        linear, h = X @ A.T + driven @ B.T, v - u
+    return _Run(X, u, y, linear, h, g, np.where(np.isfinite(e), e, np.inf))
 
 
 def output_residual(A, C, g):
@@ -199,17 +173,15 @@ def output_residual(A, C, g):
         return np.where(np.isfinite(zeta).all(axis=1)[:, None], zeta @ C.T, np.inf)
 
 
-def _share_outside(region, runs, measured, feedback=None):
-    """Return the share of samples that leave the region; feedback turns v into u."""
-    count = total = 0
-    for run, y in zip(runs, measured, strict=True):
-        u = run.u
-        if feedback is not None:
-            with np.errstate(invalid="ignore"):
-                u = u - (run.w @ feedback[0].T + feedback[1])
-        count += int(region.outside(run.X, u, run.y, y).sum())
-        total += len(u)
-    return count / total
+def _share_outside(region, runs, measured):
+    """Return the share of samples that leave the region, None if it is not known."""
+    if region is None:
+        return None
+    outside = [
+        region.outside(run.X, run.u, run.y, y)
+        for run, y in zip(runs, measured, strict=True)
+    ]
+    return float(np.concatenate(outside).mean())
 
 
 # -- sizes -----------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """What is reported on linearity: fields, a table, a data frame."""
 
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,12 +101,13 @@ class Linearizability:
         units of y; inf where it diverges.
     output_names : list of str or None
         Names of the outputs.
+    no_law : str, default=""
+        Why u = v - h(s) is no law of this model; empty if it is one.
 
     Notes
     -----
-    A quantity that a diverging simulation makes meaningless is inf, and so are those
-    of a closed loop that is algebraic: an output law where y depends on u of the same
-    sample, through D or k.
+    A quantity that a diverging simulation makes meaningless is inf. Where there is no
+    law there is no closed loop: its quantities are nan, and `closed_outside` None.
 
     Examples
     --------
@@ -136,6 +138,7 @@ class Linearizability:
     bands: Bands
     e: np.ndarray
     output_names: list[str] | None = None
+    no_law: str = ""
 
     def __repr__(self):
         """Return a table."""
@@ -184,11 +187,7 @@ class Linearizability:
                     limits, bands.error[:, i], bands.output[:, i], strict=True
                 )
             ]
-        rows += [
-            (),
-            ("closed loop: u = v - h, where v is the recorded input; its",),
-            ("linearization error is relative to the linear response to v",),
-        ]
+        rows += [(), *((line,) for line in self._closed_words())]
         if self.outside is not None and self.outside > OUTSIDE:
             rows += [
                 (),
@@ -197,6 +196,16 @@ class Linearizability:
                 ("Train on records that go there, or keep the plant inside.",),
             ]
         return "\n".join(_line(row) for row in rows)
+
+    def _closed_words(self):
+        """Return what the closed loop is, as lines of the table."""
+        if self.no_law:
+            words = f"There is no closed loop to measure. {self.no_law}"
+            return textwrap.wrap(words, sum(WIDTHS))
+        return (
+            "closed loop: u = v - h, where v is the recorded input; its",
+            "linearization error is relative to the linear response to v",
+        )
 
     def to_frame(self):
         """Return all quantities but `e` as a tidy pandas DataFrame.
@@ -256,12 +265,13 @@ class Linearizability:
 
 
 def _percent(value):
-    return "-" if value is None else f"{100 * value:.3g} %"
+    return "-" if value is None or np.isnan(value) else f"{100 * value:.3g} %"
 
 
 def _pair(name, *values):
-    """Return a row of plain numbers; None leaves a cell empty."""
-    return (name, *("" if value is None else f"{value:.3g}" for value in values))
+    """Return a row of plain numbers; None leaves a cell empty, nan is a dash."""
+    cells = (None if value is None else f"{value:.3g}" for value in values)
+    return (name, *({None: "", "nan": "-"}.get(cell, cell) for cell in cells))
 
 
 def _line(row):

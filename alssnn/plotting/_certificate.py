@@ -96,7 +96,8 @@ class CertificateDisplay:
         pair : tuple of int, default=(0, 1)
             Two states or outputs.
         of : {"states", "outputs"}, default="states"
-            What `pair` counts.
+            What `pair` counts: states, past inputs behind those of `A_`; or outputs,
+            of which C zeta is drawn.
         K : array_like of shape (nu, nx) or None, default=None
             State feedback v = r - K x.
         ax : matplotlib.axes.Axes or None, default=None
@@ -117,17 +118,18 @@ class CertificateDisplay:
         """
         if of not in ("states", "outputs"):
             raise ValueError(f"`of` must be 'states' or 'outputs', got {of!r}.")
-        rows = np.eye(model.nx_) if of == "states" else model.C_
+        names = [f"x{i}" for i in range(len(certificate.A))]
+        rows, through = np.eye(len(names)), ""
+        if of == "outputs":
+            rows, names = certificate.C, column_names(model)[1]
+            through = " by the states" if np.any(certificate.eta) else ""
         pair = tuple(pair)
         if len(set(pair)) != 2 or not all(0 <= i < len(rows) for i in pair):
             raise ValueError(
                 f"`pair` must be two different {of} below {len(rows)}, got {pair}."
             )
-        names = [f"x{i}" for i in range(model.nx_)]
-        if of == "outputs":
-            names = column_names(model)[1]
         runs = loop_deviation(model, u, y, experiment, K=K)
-        labels = [f"deviation of {names[i]}" for i in pair]
+        labels = [f"deviation of {names[i]}{through}" for i in pair]
         trajectories = [run.Z for run in runs]
         display = cls(certificate, rows[list(pair)], labels, trajectories)
         return display.plot(ax, **kwargs)

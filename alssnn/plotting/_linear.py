@@ -4,6 +4,8 @@ import numpy as np
 from matplotlib.patches import Circle
 from sklearn.utils.validation import check_is_fitted
 
+from ..certificates import full_gain
+from ..plant import as_plant
 from ._axes import color, finish, grid_of_axes
 
 
@@ -154,8 +156,9 @@ class PoleDisplay:
             "model at its operating point": model.to_statespace("local").poles(),
         }
         if K is not None:
-            K = model._check_gain(K)
-            poles["A - B K"] = np.linalg.eigvals(model.A_ - model.B_ @ K)
+            plant = as_plant(model).late()
+            A, B, _, _ = plant.linear()
+            poles["A - B K"] = np.linalg.eigvals(A - B @ full_gain(plant, K))
         return cls(poles).plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..plant import as_plant
 from ..validation import column_names
 from ._axes import color, finish, grid_of_axes, time_axis
 
@@ -184,7 +185,7 @@ class LoopDisplay:
         nu, ny = len(inputs), len(outputs)
         y, v, u = labels[:ny], labels[ny : ny + nu], labels[ny + nu :]
         names = [*outputs, *inputs, *(f"v, in units of {name}" for name in inputs)]
-        step = model._scaling.y_scale if step is None else np.asarray(step, dtype=float)
+        step = as_plant(model).y_scale if step is None else np.asarray(step)
         return cls.from_responses(
             responses,
             outputs=[*y, *u, *v],

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..plant import as_plant
 from ..simulation import simulate
-from ..validation import column_names, deviations, scored_experiments
+from ..validation import column_names, scored_experiments
 from ._axes import MEASURED, color, few_ticks, finish, frequency_axis, grid_of_axes
 from ._spectrum import amplitude_spectrum
 
@@ -77,24 +78,21 @@ class NonlinearityDisplay:
         ValueError
             If the model has no h, or the number of axes is wrong.
         """
-        experiments = deviations(model, u, y, experiment)
-        net = model._h()
-        if net is None:
+        plant, records = as_plant(model), model.prepare_records(u, y, experiment)
+        if not plant.cancels:
             raise ValueError(
                 f"`model` must have a network h, got {type(model).__name__} without "
                 "one. Fit AlSsnn or FlSsnn with n_h > 0."
             )
-        inputs, outputs = column_names(model)
-        if "W_s" in model.params_:
-            lure, _ = model._plant()
-            runs = [simulate(lure, u_k, x0)[:-1] for u_k, _, x0 in experiments]
-            offset, names = np.zeros(model.nx_), [f"x{i}" for i in range(model.nx_)]
+        inputs, names = column_names(model)
+        if plant.feedback == "state":
+            form, names = plant.arrived().lure, [f"x{i}" for i in range(plant.nx)]
+            runs = [simulate(form, record.du, record.x0)[:-1] for record in records]
         else:
-            runs = [y_k + model.y_offset_ for _, y_k, _ in experiments]
-            offset, names = model.y_offset_, outputs
+            runs = [record.y for record in records]
         s = np.vstack(runs)
         s = s[np.isfinite(s).all(axis=1)]
-        display = cls(lambda s: net(s - offset), s, names, inputs)
+        display = cls(plant.cancelled, s, names, inputs)
         return display.plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..plant import as_plant
 from ..validation import column_names
 from ._page import attempt, figure, heading, matrix, paragraph, python_code, table
 
@@ -133,14 +134,19 @@ def _iss(model, test):
     certificate = model.iss_certificate(*test)
     if not certificate.holds:
         return paragraph(f"Does not hold. {certificate.reason}", "fail")
+    _, outputs = column_names(model)
     rows = [
         ("margin, recomputed", certificate.verify()),
         ("rate phi", certificate.phi),
         ("gain psi", certificate.psi),
-        ("largest |g| on the record, eps", certificate.eps),
+        ("largest |omega| on the record, eps", certificate.eps),
+        *(
+            (f"largest |eta| of {name} on the record", eta)
+            for name, eta in zip(outputs, certificate.eta, strict=True)
+            if eta > 0
+        ),
         ("level of the invariant set", certificate.level),
     ]
-    _, outputs = column_names(model)
     rows += [
         (f"bound of the distance of {name} from its linear response", bound)
         for name, bound in zip(outputs, certificate.output_bounds, strict=True)
@@ -157,10 +163,10 @@ def _iss(model, test):
 
 
 def _gain(model):
-    lure, _ = model._plant()
-    if lure.nw > MAX_NEURONS:
+    nw = as_plant(model).form.nw
+    if nw > MAX_NEURONS:
         return paragraph(
-            f"Left out: the program of {lure.nw} neurons takes long. Call "
+            f"Left out: the program of {nw} neurons takes long. Call "
             "model.gain_certificate() for it.",
             "note",
         )

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..metrics import fit_percent, nrmse, rmse
 from ..networks import Perceptron
-from ..validation import column_names, deviations
+from ..validation import column_names
 from ._page import (
     attempt,
     figure,
@@ -24,8 +24,8 @@ def summary(model, data, validation):
     ----------
     model : estimator
         Fitted model.
-    data : list of tuple of ndarray
-        Tuples (u, y, x0) of every experiment.
+    data : list of PreparedRecord
+        The experiments.
     validation : Validation or None
         Checks on the record; None if there are none.
 
@@ -35,14 +35,14 @@ def summary(model, data, validation):
         HTML.
     """
     inputs, outputs = column_names(model)
-    y = np.vstack([y for _, y, _ in data])
+    y = np.vstack([record.y for record in data])
     rows = [
         ("model", type(model).__name__),
         ("inputs", ", ".join(inputs)),
         ("outputs", ", ".join(outputs)),
         ("states", str(model.nx_)),
         ("sampling time", f"{model.dt:.10g} s"),
-        ("trained parameters", str(model.free_entries(len(model._theta)).sum())),
+        ("trained parameters", str(model.fitted_.free.sum())),
         ("end of the training", f"{model.n_iter_} trial steps: {model.message_}"),
         ("samples of this record", str(len(y))),
         ("experiments of this record", str(len(data))),
@@ -119,7 +119,7 @@ def equations(model):
         if name != "D" or np.any(values)
     ]
     for net in (name for name, there in nets.items() if there):
-        sigma = model._structure.activations[f"w_{net}"]
+        sigma = model.fitted_.structure.activations[f"w_{net}"]
         network = Perceptron.of(net, p, sigma)
         size = len(network.layers)
         see = f"s = {s}" if net == "h" else "[x; du]"
@@ -199,9 +199,9 @@ def _simulation(model, test):
 
     drawn = SimulationDisplay.from_estimator(model, *test).figure_
     caption = "Measured and simulated output, and their difference"
-    lengths = [len(y) for _, y, _ in deviations(model, *test)]
-    if len(lengths) > 1:
-        caption += f", in the first of {len(lengths)} experiments alone"
+    n = len(model.prepare_records(*test))
+    if n > 1:
+        caption += f", in the first of {n} experiments alone"
     return figure(drawn, f"{caption}.")
 
 

@@ -2,7 +2,6 @@
 
 from sklearn.utils.validation import check_is_fitted
 
-from ..validation import deviations
 from ..whole_files import replace_file
 from . import _control, _sections
 from ._page import REFUSED, attempt, page
@@ -49,7 +48,7 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
                 "`train` must be a Record, (u, y) or (u, y, experiment), got "
                 f"{len(train)} items. Use None to leave training data out."
             )
-    data = deviations(model, *test)  # a wrong record ends here, not in a section
+    data = model.prepare_records(*test)  # a wrong one ends here, not in a section
     validation, reason = None, ""
     try:
         validation = model.validate(*test)

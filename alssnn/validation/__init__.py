@@ -18,7 +18,6 @@ from ._residuals import ResidualTests, residual_tests
 from ._scored import (
     check_names,
     column_names,
-    deviations,
     scored_experiments,
     scored_sensitivities,
 )
@@ -33,7 +32,6 @@ __all__ = [
     "ahead_fit",
     "check_names",
     "column_names",
-    "deviations",
     "frequency_response",
     "loop_deviation",
     "residual_tests",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..metrics import fit_percent
-from ._scored import deviations
+from ..plant import as_plant
 
 OBSERVED = 20_000  # samples on which predictions are compared: the observer is slow
 
@@ -121,17 +121,15 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
 
 def _first(model, u, y, experiment):
     """Return (u, y, x0) of the first samples of all experiments together."""
-    starts = [x0 for _, _, x0 in deviations(model, u, y, experiment)]
-    u, y, parts = model._test_data(u, y, experiment)
-    y = y.reshape(len(y), -1)
     # the observer delays late inputs itself; before the first sample they rested
-    late = np.zeros(int(np.sum(model.input_delay_)))
+    late = np.zeros(int(np.sum(as_plant(model).delay)))
     out, left = [], OBSERVED
-    for part, x0 in zip(parts, starts, strict=True):
+    for record in model.prepare_records(u, y, experiment):
         if left <= 0:
             break
-        out.append((u[part][:left], y[part][:left], np.concatenate([x0, late])))
-        left -= part.stop - part.start
+        x0 = np.concatenate([record.x0, late])
+        out.append((record.u[:left], record.y[:left], x0))
+        left -= len(record.y)
     return out
 
 

@@ -8,13 +8,11 @@ the curves of several amplitudes lie on that of (A, B, C) the loop is linear.
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
-from ..certificates import state_feedback
+from ..certificates import linearized_loop
 from ..lure import Lure
 from ..plant import as_plant
 from ..simulation import simulate
-from ._scored import deviations
 
 SETTLED = 1e-4  # what is left of the transient when the response is measured
 MAX_PERIODS = 8  # of the common period, spent on the transient
@@ -73,7 +71,7 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
     NotFittedError
         If the model is not fitted.
     ValueError
-        If an argument is out of range, or the law is ill-posed.
+        If an argument is out of range, or u = v - h is no law of this model.
 
     Notes
     -----
@@ -93,34 +91,32 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
         raise ValueError(
             f"`amplitude` must be positive, got {amplitude}. Give it in the units of u."
         )
-    check_is_fitted(model)
-    nu = model.B_.shape[1]
-    if not 0 <= input < nu:
-        raise ValueError(
-            f"`input` must be between 0 and {nu - 1}, got {input}. Columns of the "
-            "input count from 0."
-        )
     plant = _loop(model, loop)
+    if not 0 <= input < plant.nu:
+        raise ValueError(
+            f"`input` must be between 0 and {plant.nu - 1}, got {input}. Columns of "
+            "the input count from 0."
+        )
     harmonics = _harmonics(period, n_frequencies)
-    radius = np.abs(np.linalg.eigvals(model.A_)).max()
+    radius = np.abs(np.linalg.eigvals(plant.linear()[0])).max()
     settle = MAX_PERIODS
     if radius < 1:
         samples = np.log(SETTLED) / np.log(max(radius, SETTLED))
         settle = min(int(np.ceil(samples / period)), MAX_PERIODS)
     X = np.zeros((len(harmonics), plant.nx))
-    U = np.tile(model.u_offset_, (len(harmonics), 1))
+    U = np.tile(plant.u_offset, (len(harmonics), 1))
     G = np.zeros((len(harmonics), plant.ny), dtype=complex)
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range((settle + 1) * period):
             turn = 2 * np.pi * harmonics * (k % period) / period
-            U[:, input] = model.u_offset_[input] + amplitude * np.sin(turn)
+            U[:, input] = plant.u_offset[input] + amplitude * np.sin(turn)
             if k >= settle * period:  # y = Im(amplitude G exp(j turn))
                 y = plant.output(X, U) - plant.y_offset
                 G += y * np.exp(-1j * turn)[:, None]
             X = plant.step(X, U)
         G *= 2j / (period * amplitude)
     G[~np.isfinite(G).all(axis=1)] = np.nan
-    return harmonics / (period * model.dt), G
+    return harmonics / (period * plant.dt), G
 
 
 def _loop(model, loop):
@@ -153,7 +149,8 @@ class LoopDeviation:
     Parameters
     ----------
     X : ndarray of shape (N, nx)
-        States of the loop x+ = (A - B K) x + B r + omega; inf where it diverges.
+        States of the loop x+ = (A - B K) x + B r + omega, past values of late inputs
+        behind those of `A_`; inf where it diverges.
     Z : ndarray of shape (N, nx)
         Their deviation zeta from the linear loop with the same r and x0, which obeys
         zeta+ = (A - B K) zeta + omega from zeta = 0: it stays in the invariant set.
@@ -199,8 +196,8 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     NotFittedError
         If the model is not fitted.
     ValueError
-        If `K` has the wrong shape, the data do not fit the model, or the law is
-        ill-posed.
+        If `K` has the wrong shape, the data do not fit the model, or u = v - h is no
+        law of this model.
 
     Examples
     --------
@@ -211,18 +208,15 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     >>> bool(abs(run.Z).max() < 1e-12)  # linear: nothing deviates
     True
     """
-    plant = as_plant(model)
-    K = model._check_gain(K)
-    loop = plant.late().close()
-    A, B, _, _ = plant.linear()
-    if K is not None:
-        loop, A = state_feedback(loop, K), A - B @ K
-    nx, nu = B.shape
-    linear = Lure(np.hstack([A, B, np.zeros((nx, 1))]), nx, nu, 0)
+    plant = as_plant(model).late()
+    loop, (nx, nu) = linearized_loop(plant, K), (plant.nx, plant.nu)
+    linear = Lure(np.hstack([loop.M[:nx], np.zeros((nx, 1))]), nx, nu, 0)
     runs = []
-    for u_k, _, x0 in deviations(model, u, y, experiment):
-        X = simulate(loop, u_k, x0)[:-1]
+    for record in model.prepare_records(u, y, experiment):
+        r = record.u - plant.u_offset
+        x0 = np.pad(record.x0, (0, nx - len(record.x0)))  # late inputs rested
+        X = simulate(loop, r, x0)[:-1]
         with np.errstate(invalid="ignore"):
-            Z = X - simulate(linear, u_k, x0)[:-1]
+            Z = X - simulate(linear, r, x0)[:-1]
         runs.append(LoopDeviation(X, Z))
     return runs

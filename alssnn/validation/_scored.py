@@ -1,14 +1,14 @@
 """What a fitted model says about records: the samples that count, one by one.
 
 The initial state of every experiment is estimated from its first samples, as `score`
-does, and these samples are left out.
+does, and these samples are left out (`prepare_records`).
 """
 
 from functools import partial
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from ..plant import as_plant
 from ..simulation import channels, sensitivities, simulate
 
 
@@ -41,20 +41,35 @@ def scored_experiments(model, u, y, experiment=None):
     ValueError
         If the data do not fit the model.
     """
-    experiments, starts = [], []
-    parts = deviations(model, u, y, experiment)
-    lure, _ = model._plant()
-    for u_k, y_k, x0 in parts:
-        X = simulate(lure, u_k, x0)[:-1]
-        with np.errstate(over="ignore", invalid="ignore"):
-            y_hat = channels(lure, X, u_k)
-        y_hat = np.where(np.isfinite(y_hat), y_hat, np.inf)
-        start = model._window(u_k)
-        u_k, y_k, y_hat = (z[start:] for z in (u_k, y_k, y_hat))
-        offset = model.y_offset_
-        experiments.append((u_k + model.u_offset_, y_k + offset, y_hat + offset))
-        starts.append(start)
-    return experiments, starts
+    plant = as_plant(model).arrived()
+    records = model.prepare_records(u, y, experiment)
+    experiments = []
+    for record in records:
+        pieces = (record.du + plant.u_offset, record.y, simulated(plant, record))
+        experiments.append(tuple(z[record.scored] for z in pieces))
+    return experiments, [record.start for record in records]
+
+
+def simulated(plant, record):
+    """Return the outputs of a free run along a prepared record.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model of inputs that have arrived.
+    record : PreparedRecord
+        Experiment.
+
+    Returns
+    -------
+    y_hat : ndarray of shape (N, ny)
+        Outputs, in the user's units; inf where the simulation diverges.
+    """
+    du = record.du
+    X = simulate(plant.lure, du, record.x0)[:-1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        y_hat = channels(plant.lure, X, du)[:, : plant.ny] + plant.y_offset
+    return np.where(np.isfinite(y_hat), y_hat, np.inf)
 
 
 def scored_sensitivities(model, u, y, experiment=None):
@@ -86,24 +101,17 @@ def scored_sensitivities(model, u, y, experiment=None):
     ValueError
         If the data do not fit the model.
     """
-    check_is_fitted(model)
-    structure = model._structure
-    free = model.free_entries(structure.n_params)
-    u, y, parts = model._test_data(u, y, experiment)
+    records, fit = model.prepare_records(u, y, experiment), model.fitted_
+    structure, n = fit.structure, fit.structure.n_params
 
-    def one(u_s, y_s):
-        start = model._window(u_s)
-        x0 = model._initial_state(u_s, y_s, start) / model._x_scale
-        ones = np.ones(structure.nz)
-        for part, _, J in sensitivities(structure, model._theta, x0, u_s, ones):
-            J = J[max(start - part.start, 0) :]
+    def one(record):
+        x0, ones = record.x0 / fit.x_scale, np.ones(structure.nz)
+        for part, _, J in sensitivities(structure, fit.theta, x0, record.u_s, ones):
+            J = J[max(record.start - part.start, 0) :]
             if len(J):
-                yield (
-                    J[..., : structure.n_params][..., free],
-                    J[..., structure.n_params :],
-                )
+                yield J[..., :n][..., fit.free], J[..., n:]
 
-    return [partial(one, u_s, y_s) for u_s, y_s in model._experiments(u, y, parts)]
+    return [partial(one, record) for record in records]
 
 
 def check_names(name, names, letter, size):
@@ -160,42 +168,3 @@ def column_names(model):
         check_names("feature_names_in_", inputs, "u", nu),
         check_names("output_names_", model.output_names_, "y", ny),
     )
-
-
-def deviations(model, u, y, experiment=None):
-    """Return deviations from the operating point and initial states.
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model.
-    u : array_like of shape (N, nu), or list of them
-        Inputs.
-    y : array_like of shape (N,) or (N, ny), or list of them
-        Outputs; nan where not measured.
-    experiment : array_like of shape (N,) or None, default=None
-        Label of the experiment of every sample.
-
-    Returns
-    -------
-    experiments : list of tuple of ndarray
-        Tuples (u, y, x0), in the user's units; late inputs are late.
-
-    Raises
-    ------
-    NotFittedError
-        If the model is not fitted.
-    ValueError
-        If the data do not fit the model.
-    """
-    check_is_fitted(model)
-    u, y, parts = model._test_data(u, y, experiment)
-    scaling = model._scaling
-    return [
-        (
-            u_s[:] * scaling.u_scale,
-            np.asarray(y_s[:]) * scaling.y_scale,
-            model._initial_state(u_s, y_s, model._window(u_s)),
-        )
-        for u_s, y_s in model._experiments(u, y, parts)
-    ]

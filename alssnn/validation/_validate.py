@@ -126,7 +126,7 @@ def validate(
         _free_run(experiments, outputs),
         _ahead(ahead, problem, outputs),
         _extrapolation(linear),
-        _linear(model, linear, linear_within),
+        _linear(linear, linear_within, model.fitted_.for_control),
     )
     return Validation(checks, residuals, ahead, linear, type(model).__name__)
 
@@ -221,11 +221,13 @@ def _extrapolation(linear):
     return Check("extrapolation", passed, outside, "share", True, sentence)
 
 
-def _linear(model, linear, within):
+def _linear(linear, within, decides):
     error = float(np.max(linear.linearization_error))
-    passed = bool(error <= within and linear.spectral_radius < 1)
+    passed = bool(error <= within and linear.spectral_radius < 1 and not linear.no_law)
     share = f"{100 * error:.2g} % of the output"
-    if linear.spectral_radius >= 1:
+    if linear.no_law:
+        sentence = f"There is no loop to judge. {linear.no_law}"
+    elif linear.spectral_radius >= 1:
         sentence = (
             f"A has the spectral radius {linear.spectral_radius:.4g}: the linear part "
             "needs a controller that stabilizes it."
@@ -237,13 +239,6 @@ def _linear(model, linear, within):
             f"{share} is not the response of (A, B, C) once h is cancelled: a linear "
             "design takes it for a disturbance."
         )
-    if not model._for_control:
+    if not decides:
         sentence += " This model was not made for control: reported only."
-    return Check(
-        "linearizability",
-        passed,
-        error,
-        "rms(e) / rms(y)",
-        model._for_control,
-        sentence,
-    )
+    return Check("linearizability", passed, error, "rms(e) / rms(y)", decides, sentence)

@@ -1,0 +1,105 @@
+"""Certificates of a fitted model: which loop they are of, and what they rest on.
+
+The loop is that of `Plant.close`, u = v - h(s) with v = r - K x: past values of late
+inputs are states, and a plant whose law is none has no certificate.  It obeys
+
+    x+ = (A - B K) x + B r + omega,    y = (C - D K) x + D r + eta        (eq. eta)
+
+so that y - y_lin is the response of A - B K, C - D K to omega, plus eta at once.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..lure import Lure
+from ..plant import as_plant
+from ._disturbance import data_bound, global_bound
+from ._gain import gain_certificate
+from ._iss import iss_certificate
+from ._state_feedback import linearized_loop
+
+UNBOUNDED = {
+    "data": "The simulated loop diverges on the data.",
+    "global": "A neuron in g is unbounded: take eps='data', or a number.",
+}
+
+
+def certify_iss(model, records=None, *, K=None, eps="data", **options):
+    """Certify input-to-state stability of a model under its law (eq. lmi).
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model.
+    records : sequence of PreparedRecord or None, default=None
+        Records that bound omega and eta; needed for eps="data".
+    K : array_like of shape (nu, nx) or None, default=None
+        State feedback v = r - K x, see `full_gain`.
+    eps : {"data", "global"} or float, default="data"
+        Bound on ``|omega|``: that of `data_bound` or of `global_bound`, or a number;
+        with a number eta has its global bound.
+    **options : dict
+        Options of `iss_certificate`.
+
+    Returns
+    -------
+    certificate : IssCertificate
+        The certificate; one that does not hold says why.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, the records are missing, or the plant has no
+        law.
+    """
+    plant = as_plant(model).late()
+    loop = linearized_loop(plant, K)
+    if isinstance(eps, str) and eps == "data":
+        if records is None:
+            raise ValueError(
+                "`u` and `y` must be given for eps='data', got None. Pass records, or "
+                "eps='global'."
+            )
+        bounds = data_bound(plant, records, K)
+    elif isinstance(eps, str) and eps != "global":
+        raise ValueError(
+            f"`eps` must be 'data', 'global' or a number, got {eps!r}. Choose one."
+        )
+    else:
+        bounds = global_bound(plant)
+    omega, eta = bounds if isinstance(eps, str) else (eps, bounds[1])
+    nx = plant.nx
+    A, C = loop.M[:nx, :nx], loop.M[nx : nx + plant.ny, :nx]
+    certificate = iss_certificate(A, C, eps=omega, eta=eta, **options)
+    if isinstance(eps, str) and np.isinf(omega):
+        reason = f"{certificate.reason} {UNBOUNDED[eps]}"
+        certificate = replace(certificate, reason=reason)
+    return certificate
+
+
+def certify_gain(model, K=None):
+    """Certify the incremental l2 gain of a model under its law (eq. slopes).
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model.
+    K : array_like of shape (nu, nx) or None, default=None
+        State feedback v = r - K x, see `full_gain`.
+
+    Returns
+    -------
+    certificate : GainCertificate
+        The gain from v, or r, to y; one that does not hold says why.
+
+    Raises
+    ------
+    ValueError
+        If `K` has the wrong shape, or the plant has no law.
+    """
+    plant = as_plant(model).late()
+    loop = linearized_loop(plant, K)
+    u = np.arange(plant.nx + plant.ny, plant.nx + loop.nz)
+    Theta = np.delete(loop.Theta, u, axis=0)
+    return gain_certificate(Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma))
