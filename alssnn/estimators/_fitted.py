@@ -14,6 +14,7 @@ from ..region import Region
 from ..scaling import Scaling
 from ..structures import Structure
 from ..watch import Step
+from ._uncertainty import free_entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,6 @@ class Fitted:
     _simulate: Callable  # outputs of one experiment, in the user's units
     _experiments: Callable  # scaled deviations of every experiment
     _initial_state: Callable  # of one scaled experiment, in the user's units
-    _free_entries: Callable  # which entries of (theta, x0) nothing holds
     _for_control: bool
     prepare_records: Callable
     _units: Callable  # the user's units over those of the fit, by axis
@@ -125,7 +125,7 @@ class Fitted:
         return FittedModel(
             structure=self._structure,
             theta=self._theta,
-            free=self._free_entries(self._structure.n_params),
+            free=free_entries(self, self._structure.n_params),
             scaling=self._scaling,
             x_scale=np.broadcast_to(self._x_scale, self.nx_),
             x0=self.x0_ / self._x_scale,
