@@ -19,9 +19,10 @@ from scipy.linalg import qr
 from scipy.stats import chi2
 
 from .experiments import stretch
+from .linear_model import simulation_error
 from .orders import compare_orders
 from .regression import Triangle, lagged
-from .subspace import identify_linear, simulation_error
+from .subspace import identify_linear
 
 PAST = 10  # samples of every output in the regression
 TAIL = 20  # lags of every input beyond the largest delay

@@ -23,6 +23,7 @@ from scipy.linalg import block_diag, lstsq, schur, solve_sylvester
 
 from .criterion import Criterion, Restricted
 from .experiments import stretch
+from .linear_model import LinearModel, normalize, stabilize
 from .optimizers import minimize, single_threaded
 from .subspace import (
     HORIZONS,
@@ -30,14 +31,11 @@ from .subspace import (
     REFINED_MARGIN,
     TRIAL_SAMPLES,
     Filled,
-    LinearModel,
     fit_input,
     hankel_triangle,
     identify_linear,
-    normalize,
     past_to_future,
     shift_structure,
-    stabilize,
 )
 
 LABEL = "linear, integrators"  # of the search, for those who watch

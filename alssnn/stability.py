@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov, svd
 
 from .criterion import LeastSquares
-from .subspace import stabilize
+from .linear_model import stabilize
 
 MARGIN = 0.98  # of the start inside the set that Q can reach: Q stays finite
 NEAREST = 1e-7  # distance of a start to a limit of one

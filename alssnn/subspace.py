@@ -17,86 +17,31 @@ entry by entry where A has no basis for that.  All arrays here are scaled deviat
 (see `experiments`).
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import LinAlgError, eigh, lstsq, qr, solve_discrete_lyapunov, svd
-from scipy.optimize import OptimizeResult
+from scipy.linalg import LinAlgError, lstsq, qr, svd
 
-from .criterion import Criterion, Restricted
 from .experiments import chunks, stretch
+from .linear_model import (
+    AllEntries,
+    LinearModel,
+    decorrelate,
+    simulation_error,
+    stabilize,
+)
 from .optimizers import minimize, single_threaded
 from .sections import Sections
-from .simulation import trajectory
-from .structures import state_space_structure
 
 QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
-LEAST_VARIANCE = 1e-12  # of a state, relative to the largest, that counts as moving
 GAP = 2 * 40  # samples without any output behind which a record starts anew
-RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
 REFINED_MARGIN = 1e-6  # of a refined model: integrators stay what they are
 HORIZONS = (15, 40)  # candidate horizons: fast and slow sampling
 SUBSPACE_SAMPLES = 100_000  # of the subspace step: a start needs no more
 TRIAL_SAMPLES = 20_000  # samples of the first, thorough refinement
 TRIAL_TOLERANCE = 1e-4  # of it: the rest is for all samples
 POLISH_STEPS = 10  # trial steps on all samples after it
-
-
-@dataclass(frozen=True, eq=False)
-class LinearModel:
-    """Hold a linear model of scaled deviations.
-
-    Parameters
-    ----------
-    A : ndarray of shape (nx, nx)
-        State matrix.
-    B : ndarray of shape (nx, nu)
-        Input matrix.
-    C : ndarray of shape (ny, nx)
-        Output matrix.
-    D : ndarray of shape (ny, nu)
-        Feedthrough matrix.
-    x0 : ndarray of shape (n_experiments, nx)
-        Initial states.
-    feedthrough : bool
-        Whether D is free; else it is zero.
-    singular_values : ndarray
-        Singular values behind the choice of the order, descending.
-    result : OptimizeResult or None
-        Outcome of the refinement.
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    x0: np.ndarray
-    feedthrough: bool = False
-    singular_values: np.ndarray = field(default_factory=lambda: np.empty(0))
-    result: OptimizeResult | None = None
-
-    @property
-    def structure(self):
-        """Return the linear structure with free C."""
-        nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
-        return state_space_structure(nx, nu, ny, feedthrough=self.feedthrough)
-
-    def as_fit(self):
-        """Return the model as a fitted structure.
-
-        Returns
-        -------
-        structure : Structure
-            Linear structure with free C.
-        theta : ndarray of shape (n_params,)
-            Its parameters.
-        result : OptimizeResult
-            Outcome of the refinement, with `x0` in the basis of this model.
-        """
-        structure = self.structure
-        result = OptimizeResult({**(self.result or {}), "x0": self.x0})
-        return structure, structure.join(vars(self)), result
 
 
 def _past_future(u, y, horizon):
@@ -142,33 +87,6 @@ def hankel_triangle(experiments, horizon):
             H_t = _past_future(u[start:stop], y[start:stop], horizon)
             R = qr(np.vstack([R, H_t]), mode="r", overwrite_a=True)[0][:n_rows]
     return np.vstack([R, np.zeros((n_rows - len(R), n_rows))])
-
-
-def stabilize(A, limit=RADIUS_LIMIT):
-    """Move eigenvalues of a matrix into a disc.
-
-    Parameters
-    ----------
-    A : ndarray of shape (nx, nx)
-        State matrix.
-    limit : float, default=0.999
-        Largest modulus allowed.
-
-    Returns
-    -------
-    A : ndarray of shape (nx, nx)
-        The matrix itself if its spectral radius is at most `limit`; else one with
-        eigenvalues reflected at the unit circle and cut to the limit.
-    """
-    eigenvalues, vectors = np.linalg.eig(A)
-    modulus = np.abs(eigenvalues)
-    if modulus.max() <= limit:
-        return A
-    if np.linalg.cond(vectors) > 1e8:  # nearly defective: shrink the matrix
-        return A * (limit / modulus.max())
-    safe = np.maximum(modulus, 1e-300)
-    target = np.minimum(np.where(modulus > 1, 1 / safe, modulus), limit)
-    return np.real(vectors * (eigenvalues * target / safe) @ np.linalg.inv(vectors))
 
 
 def past_to_future(R, experiments, horizon):
@@ -250,62 +168,6 @@ def fit_input(experiments, A, C, feedthrough=False, n_jobs=None):
     with single_threaded():
         found = _search(experiments, model, n_jobs).solved()
     return replace(model, **{**found, "A": A, "C": C})
-
-
-class AllEntries(Criterion):
-    """Evaluate |r|, J'r and J'J of a linear model by the entries of its matrices.
-
-    Parameters
-    ----------
-    experiments : sequence of tuple of array, or Held
-        Pairs (u, y) of scaled deviations.
-    model : LinearModel
-        Where the search starts.
-    n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib.
-
-    Attributes
-    ----------
-    start : ndarray of shape (n,)
-        Free vector of the model.
-    """
-
-    def __init__(self, experiments, model, n_jobs=None):
-        structure = model.structure
-        super().__init__(structure, experiments, n_jobs=n_jobs)
-        self.start = self.join(structure.join(vars(model)), model.x0)
-
-    def matrices(self, free):
-        """Return the model of a free vector.
-
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            Free vector.
-
-        Returns
-        -------
-        matrices : dict of str to ndarray
-            A, B, C, D (if it is free) and x0.
-        """
-        theta, x0 = self.split(free)
-        return {**self.structure.split(theta), "x0": x0}
-
-    def solved(self):
-        """Return the model of the start with the best B, D and x0.
-
-        Returns
-        -------
-        matrices : dict of str to ndarray
-            A, B, C, D (if it is free) and x0.
-        """
-        is_linear = np.ones(self.n, dtype=bool)
-        for name in ("A", "C"):
-            is_linear[self.structure.slices[name]] = False
-        part = Restricted(self, self.start, is_linear)
-        # the residual is linear in (B, D, x0): one Gauss-Newton step solves
-        JJ, Jr, _ = part.normal_equations(self.start[is_linear])
-        return self.matrices(part.complete(self.start[is_linear] - lstsq(JJ, Jr)[0]))
 
 
 def _search(experiments, model, n_jobs):
@@ -491,111 +353,6 @@ def identify_linear(
         model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, **options)
     model = decorrelate(model, experiments)
     return replace(model, singular_values=singular_values)
-
-
-def simulation_error(experiments, model):
-    """Return the simulation error of a linear model.
-
-    Parameters
-    ----------
-    experiments : sequence of tuple of array
-        Pairs (u, y) of scaled deviations.
-    model : LinearModel
-        Model, with an initial state for every experiment.
-
-    Returns
-    -------
-    error : float
-        Norm of the residual over the measured outputs (eq. cost).
-    """
-    problem = AllEntries(experiments, model)
-    return problem.norm(problem.start)
-
-
-def normalize(model, experiments):
-    """Scale the states to unit variance over the record.
-
-    Parameters
-    ----------
-    model : LinearModel
-        Model.
-    experiments : sequence of tuple of array
-        Pairs (u, y) of scaled deviations.
-
-    Returns
-    -------
-    model : LinearModel
-        The model with scaled states.
-    std : ndarray of shape (nx,)
-        States before over states after.
-    """
-    std = np.sqrt(np.diag(_state_covariance(model, experiments)))
-    std = np.where((std > 0) & np.isfinite(std), std, 1.0)
-    scaled = replace(
-        model,
-        A=model.A * std / std[:, None],
-        B=model.B / std[:, None],
-        C=model.C * std,
-        x0=model.x0 / std,
-    )
-    return scaled, std
-
-
-def decorrelate(model, experiments):
-    """Bring a model into the basis of uncorrelated states of unit variance.
-
-    Among these bases, the one whose states contribute to later outputs one by one and
-    in falling order: a balanced realization for the spectrum of the record. States of
-    two poles close to each other would else be nearly the same, and a network that
-    sees them would see one; a white input makes A a contraction.
-
-    Parameters
-    ----------
-    model : LinearModel
-        Stable model.
-    experiments : sequence of tuple of array
-        Pairs (u, y) of scaled deviations.
-
-    Returns
-    -------
-    model : LinearModel
-        The model in this basis; as it is where a state does not move.
-    """
-    model, _ = normalize(model, experiments)
-    variance, V = eigh(_state_covariance(model, experiments))
-    radius = np.abs(np.linalg.eigvals(model.A)).max()
-    if not variance[0] > LEAST_VARIANCE * variance[-1] or not radius < 1:
-        return model
-    T = (V / np.sqrt(variance)).T  # T cov T' = I
-    T_inv = V * np.sqrt(variance)
-    A, C = T @ model.A @ T_inv, model.C @ T_inv
-    energy, U = eigh(solve_discrete_lyapunov(A.T, C.T @ C))
-    U = U[:, np.argsort(-energy)]
-    # an eigenvector has no sign of its own: rounding is not to choose the basis
-    seen = C @ U
-    U = U * np.where(seen[np.abs(seen).argmax(axis=0), range(len(A))] < 0, -1.0, 1.0)
-    T, T_inv = U.T @ T, T_inv @ U
-    return replace(
-        model,
-        A=T @ model.A @ T_inv,
-        B=T @ model.B,
-        C=model.C @ T_inv,
-        x0=model.x0 @ T.T,
-    )
-
-
-def _state_covariance(model, experiments):
-    """Return the covariance of the simulated states."""
-    structure = model.structure
-    lure = structure.lure(structure.join(vars(model)))
-    count, total, square = 0, 0.0, 0.0
-    for (u, _), x0 in zip(experiments, model.x0, strict=True):
-        for _, _, X in trajectory(lure, u, x0):
-            count += len(X) - 1
-            total = total + X[:-1].sum(axis=0)
-            square = square + X[:-1].T @ X[:-1]
-    mean = total / count
-    return square / count - np.outer(mean, mean)
 
 
 class Filled:

@@ -22,11 +22,11 @@ from joblib import Parallel, delayed
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, Criterion, Restricted
+from .linear_model import stabilize
 from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
 from .stability import Contractive
-from .subspace import stabilize
 from .watch import INTERRUPTED, Patience, Watch
 
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record

@@ -23,10 +23,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from alssnn.criterion import Criterion, compress
+from alssnn.linear_model import LinearModel
 from alssnn.optimizers import single_threaded
 from alssnn.sections import Sections
 from alssnn.structures import state_space_structure
-from alssnn.subspace import LinearModel
 
 COLUMNS = ("simulation", "pass", "compression", "algebra", "step")
 TOLERANCE = 0.05

@@ -12,9 +12,10 @@ from alssnn import LinearStateSpace
 from alssnn.criterion import Criterion
 from alssnn.feedback import designed_loop, lqr
 from alssnn.integrators import count_integrators, decouple, integrator_entries
+from alssnn.linear_model import LinearModel
 from alssnn.stability import Contractive, contractive_basis
 from alssnn.structures import state_space_structure
-from alssnn.subspace import LinearModel, identify_linear
+from alssnn.subspace import identify_linear
 from alssnn.training import Limits
 from helpers import assert_jacobian
 from models import al_ssnn, fl_ssnn, gr_ssnn

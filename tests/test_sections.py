@@ -7,8 +7,9 @@ from scipy.optimize import approx_fprime
 
 from alssnn import kernels
 from alssnn.criterion import DIVERGED_NORM
+from alssnn.linear_model import AllEntries, LinearModel
 from alssnn.sections import Sections, section_basis
-from alssnn.subspace import AllEntries, LinearModel, identify_linear
+from alssnn.subspace import identify_linear
 from helpers import simulate_linear
 
 # nx, nu, ny and whether D is free; odd orders have a section of one pole

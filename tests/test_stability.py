@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from alssnn.criterion import Criterion
+from alssnn.linear_model import LinearModel
 from alssnn.stability import (
     Contractive,
     contraction,
@@ -10,7 +11,6 @@ from alssnn.stability import (
     contractive_basis,
 )
 from alssnn.structures import state_space_structure
-from alssnn.subspace import LinearModel
 from helpers import random_theta, simulate_linear
 
 

@@ -3,13 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alssnn.subspace import (
-    LinearModel,
-    decorrelate,
-    hankel_triangle,
-    identify_linear,
-    stabilize,
-)
+from alssnn.linear_model import LinearModel, decorrelate, stabilize
+from alssnn.subspace import hankel_triangle, identify_linear
 from helpers import simulate_linear
 
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from alssnn.criterion import Criterion
+from alssnn.linear_model import LinearModel
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contractive_basis
 from alssnn.structures import state_space_structure
-from alssnn.subspace import LinearModel
 from alssnn.training import estimate_x0, initial_theta, train
 from alssnn.watch import Watch
 from helpers import random_theta

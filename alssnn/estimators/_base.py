@@ -258,8 +258,8 @@ class StateSpaceModel(
             yield
         except BaseException:
             if not watch.has_result:
-                vars(self).clear()
-                vars(self).update(before)
+                self.__dict__.clear()
+                self.__dict__.update(before)
             raise
 
     def _fit_checked(self, u, y, experiment, validation, container, watch):
@@ -538,7 +538,7 @@ class StateSpaceModel(
         return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
 
     def _validate(self, u, y, reset):
-        shape = getattr(u, "shape", ())
+        shape: tuple = getattr(u, "shape", ())
         if len(shape) == 2 and shape[0] < shape[1] == len(y):
             raise ValueError(
                 f"`u` must have one row per sample, got shape {shape} for {len(y)} "

@@ -11,8 +11,9 @@ from ..integrators import (
     identify_integrating,
     integrator_entries,
 )
+from ..linear_model import simulation_error
 from ..mapping import Held
-from ..subspace import identify_linear, simulation_error
+from ..subspace import identify_linear
 
 AUTO = "auto"
 

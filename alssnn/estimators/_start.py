@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from ..given_system import LINEAR, GivenSystem
-from ..subspace import LinearModel, normalize
+from ..linear_model import LinearModel, normalize
 
 
 def portable(start):
