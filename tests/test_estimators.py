@@ -579,7 +579,6 @@ def test_states_that_only_the_cost_needs_change_no_measure(mimo):
         (lambda u, y: (u, np.where(y > 80, np.inf, y)), "Input y contains infinity"),
         (lambda u, y: (0 * u + 1, y), "constant column 0, 1"),
         (lambda u, y: (u[:9], y[:9]), "at least 10 samples .*got 9"),
-        (lambda u, y: (u[:, 0], y), "Expected 2D array, got 1D array"),
         (
             lambda u, y: (u.astype(object) + "V", y),
             "could not convert|dtype|unsupported",

@@ -16,8 +16,6 @@ from sklearn.utils.validation import (
 )
 
 from ..containers import Container, as_columns
-from ..criterion import Criterion
-from ..delays import estimate_delays
 from ..experiments import check_inputs, split_experiments
 from ..mapping import Held
 from ..optimizers import single_threaded
@@ -25,9 +23,9 @@ from ..orders import SAMPLES as ORDER_SAMPLES
 from ..orders import compare_orders
 from ..scaling import Scaling
 from ..subspace import TRIAL_SAMPLES
-from ..training import Validation
-from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch, late_fall
+from ..watch import BY_OBSERVER, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
+from ._checks import input_delays, order_choices, output_weights
 from ._control import ControlMixin
 from ._deferred import deferred
 from ._integrators import (
@@ -35,9 +33,9 @@ from ._integrators import (
     find_integrators,
     identified_linear,
     note,
-    regular,
     with_integrators,
 )
+from ._judge import training_score, warn_if_unsettled, warn_if_unstable
 from ._linearity import LinearityMixin
 from ._options import estimator, option
 from ._progress import Progress
@@ -45,14 +43,10 @@ from ._remote import training_region
 from ._simulation import DATA, SimulationMixin, join_records
 from ._sklearn import ScikitLearnMixin
 from ._start import check_bounds, given_model, portable
-from ._warn import warn_of_training
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
-TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
-NOTABLE = 0.1  # relative to the output, from which that is worth a warning
-DELAY_SAMPLES = 20_000  # of experiments on a cluster, that tell of their delays
 
 
 @estimator
@@ -234,7 +228,7 @@ class StateSpaceModel(
     def _fit(self, u, y, experiment, validation=None):
         """Check and scale the data, then fit."""
         watch = self._watch()
-        self._nx_choices()
+        order_choices(self.nx)
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -273,7 +267,7 @@ class StateSpaceModel(
             self.__dict__.pop("_decay", None)
         parts, self.experiments_ = split_experiments(len(u), experiment)
         self.input_delay_ = np.zeros(u.shape[1], dtype=int)
-        self._set_delay(Held(self._experiments(u, y, parts)), u.shape[1])
+        self.input_delay_ = self._delays(Held(self._experiments(u, y, parts)))
         self._y_ndim = y.ndim
         self._container = container
         self.output_names_ = container.output_names
@@ -309,89 +303,26 @@ class StateSpaceModel(
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
         self._region, self._made = training_region(self, experiments), None
-        self._score_training(experiments)
+        x0 = self.x0_ / self._x_scale
+        fit = self._structure, self._theta, x0
+        self.train_score_ = training_score(self, experiments, *fit)
         if watch.interrupt is not None:
             raise watch.interrupt
-        self._warn_if_unstable()
-        if not self.converged_ and watch.reason != BY_OBSERVER:
-            reason = f"before the cost settled to tol={self.tol}. Increase `max_iter`"
-            if watch.reason == OUT_OF_TIME:
-                reason = "because max_time is over. Increase `max_time`"
-            fall, n_steps = late_fall(self.history_)
-            settled = (
-                f" Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
-            )
-            warn_of_training(
-                f"{type(self).__name__} stopped after {self.n_iter_} trial steps "
-                f"{reason} or `tol`, or continue with `warm_start=True`."
-                f"{settled if np.isfinite(fall) else ''}",
-            )
+        if self._for_control:
+            warn_if_unstable(self)
+        if watch.reason != BY_OBSERVER:
+            warn_if_unsettled(self, watch)
 
-    def _own_judge(self, experiments):
-        """Return what judges a model on its own record, by the policy of `score`."""
-        ny = len(self._scaling.y_offset)
-        return Validation(experiments, np.ones(ny), self.n_init_samples)
-
-    def _score_training(self, experiments):
-        """Set `train_score_`; warn of a model that needs one exact initial state."""
-        self.train_score_ = float("nan")
-        if not experiments.is_here:
-            return
-        structure, theta = self._structure, self._theta
-        noise = min(self.cost_, 1.0)
-        rmse = self._own_judge(experiments).rmse(structure, theta, noise)
-        self.train_score_ = float(1.0 - rmse**2)
-        criterion = Criterion(structure, experiments)
-        ny = structure.sizes["y"]
-        fitted = criterion.norm(criterion.join(theta, self.x0_ / self._x_scale))
-        if rmse > TOO_FAR * fitted / np.sqrt(ny) and rmse > NOTABLE:
-            warn_of_training(
-                f"{type(self).__name__} simulates its own training record with a "
-                f"relative error of {rmse:.2g} from an estimated initial state, and of "
-                f"{fitted / np.sqrt(ny):.2g} from the fitted one: it hangs on an exact "
-                "initial state. Take stability='contractive', a smaller `nx`, or a "
-                "longer record.",
-            )
-
-    def _set_delay(self, experiments, nu):
-        """Set `input_delay_`, the delay of every input in samples."""
-        if isinstance(self.input_delay, str):
-            self.input_delay_ = estimate_delays(
-                list(experiments)
-                if experiments.is_here
-                else experiments.stretch(DELAY_SAMPLES),
-                self._nx_choices() or "auto",
-                feedthrough=getattr(self, "feedthrough", False),
-            )
-            return
-        delay = np.asarray(self.input_delay)
-        shortest = min(experiments.lengths)
-        if (
-            delay.shape not in [(), (nu,)]
-            or not np.issubdtype(delay.dtype, np.integer)
-            or delay.min() < 0
-            or delay.max() >= shortest
-        ):
-            raise ValueError(
-                f"`input_delay` must be 'auto' or one integer per input ({nu}) between "
-                f"0 and the length of the shortest experiment ({shortest}), got "
-                f"{self.input_delay!r}. It counts samples."
-            )
-        self.input_delay_ = np.broadcast_to(delay, nu).copy()
+    def _delays(self, experiments):
+        """Return the delay of every input in samples."""
+        feedthrough = getattr(self, "feedthrough", False)
+        options = {"nx": self.nx, "feedthrough": feedthrough}
+        nu = self.n_features_in_
+        return input_delays(self.input_delay, experiments, nu, **options)
 
     def _output_weight(self, ny):
         """Return the weight of every output."""
-        if self.output_weight is None:
-            return np.ones(ny)
-        weight = np.asarray(self.output_weight, dtype=float)
-        valid = np.isfinite(weight) & (weight >= 0)
-        if weight.shape != (ny,) or not valid.all() or not weight.any():
-            raise ValueError(
-                f"`output_weight` must be one nonnegative number per output ({ny}), "
-                f"not all zero, got {self.output_weight!r}. Errors are weighed "
-                "relative to the standard deviation of their output."
-            )
-        return weight
+        return output_weights(self.output_weight, ny)
 
     def _near(self, experiments):
         """Return experiments from which a linear start is made in this process."""
@@ -419,29 +350,16 @@ class StateSpaceModel(
         self.singular_values_ = model.singular_values
         return model
 
-    def _nx_choices(self):
-        """Return the orders that the user allows; None where all are."""
-        if isinstance(self.nx, str):
-            return None
-        orders = np.atleast_1d(self.nx)
-        valid = orders.ndim == 1 and np.issubdtype(orders.dtype, np.integer)
-        if not valid or orders.size == 0 or orders.min() < 1:
-            raise ValueError(
-                "`nx` must be 'auto', a positive integer or several of them, got "
-                f"{self.nx!r}. Give the orders to compare, such as range(1, 5)."
-            )
-        return sorted({int(nx) for nx in orders})
-
     def _allows(self, nx):
         """Tell whether a model may have an order."""
-        choices = self._nx_choices()
+        choices = order_choices(self.nx)
         return choices is None or nx in choices
 
     def _choose_order(self, experiments, watch):
         """Return the order of the linear model; keep how others compare."""
         self._orders = compare_orders(
             Held.of(experiments).stretch(ORDER_SAMPLES),
-            self._nx_choices(),
+            order_choices(self.nx),
             feedthrough=getattr(self, "feedthrough", False),
             watch=watch,
         )
@@ -462,18 +380,6 @@ class StateSpaceModel(
             contractive=contractive,
         )
         return with_integrators(self, bounds, structure)
-
-    def _warn_if_unstable(self):
-        radius = np.abs(np.linalg.eigvals(regular(self, self.A_))).max(initial=0.0)
-        if radius < 1 or not self._for_control:
-            return
-        # a kind of failed training: filtered with its other warnings
-        warn_of_training(
-            f"The linear part of {type(self).__name__} is unstable, spectral radius "
-            f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
-            "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
-            "another `nx`, or `AlSsnn` with stability='contractive'.",
-        )
 
     def _refinement(self):
         """Return the options of the search for the linear model."""

@@ -6,6 +6,7 @@ from ..containers import Container
 from ..region import Region
 from ..scaling import Scaling
 from ..simulation import regressors, trajectory
+from ._checks import order_choices
 from ._integrators import find_integrators
 
 
@@ -26,7 +27,7 @@ def fit_remote(model, experiments):
     """
     watch = model._watch()
     model._validate_params()
-    model._nx_choices()
+    order_choices(model.nx)
     if getattr(model, "validation_fraction", None) is not None:
         raise ValueError(
             "`validation_fraction` must be None for experiments on a cluster, got "
@@ -53,7 +54,7 @@ def _fit_checked(model, experiments, watch):
     model.output_names_ = None
     model._y_ndim = 1 if experiments.y_ndim == 1 else 2
     at_once = experiments.scaled(model._scaling, np.zeros(nu, dtype=int))
-    model._set_delay(at_once, nu)
+    model.input_delay_ = model._delays(at_once)
     scaled = experiments.scaled(model._scaling, model.input_delay_)
     if not warm and find_integrators(model, scaled, watch):
         scaled = experiments.scaled(model._scaling, model.input_delay_)

@@ -29,8 +29,10 @@ from ..training import (
 from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
+from ._checks import output_weights
 from ._inputs import ALL, check_choice, held_columns, seen_columns
 from ._integrators import keeps_start, regular, with_integrators
+from ._judge import own_judge
 from ._options import estimator, option
 from ._warn import warn_of_training
 
@@ -366,7 +368,7 @@ class Ssnn(StateSpaceModel):
         """Tell whether a fit simulates its own record worse than the linear model."""
         if self.alpha != "auto" or not experiments.is_here:
             return False
-        judge = self._own_judge(experiments)
+        judge = own_judge(self, experiments)
         structure, theta, fit = linear.as_fit()
         start = Criterion(structure, experiments)
         noise = start.norm(start.join(theta, fit.x0)) ** 2
@@ -444,7 +446,9 @@ class Ssnn(StateSpaceModel):
                 max_iter=self.max_iter,
                 method=self.method,
                 n_jobs=self.n_jobs,
-                output_weight=self._output_weight(experiments[0][1].shape[1]),
+                output_weight=output_weights(
+                    self.output_weight, experiments[0][1].shape[1]
+                ),
                 watch=watch,
             )
         except KeyboardInterrupt as interrupt:  # between two stages, or in a worker

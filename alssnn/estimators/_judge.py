@@ -1,0 +1,113 @@
+"""What a fit says of its own outcome: the score on its record, and its doubts."""
+
+import numpy as np
+
+from ..criterion import Criterion
+from ..training import Validation
+from ..watch import OUT_OF_TIME, late_fall
+from ._integrators import regular
+from ._warn import warn_of_training
+
+TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
+NOTABLE = 0.1  # relative to the output, from which that is worth a warning
+
+
+def own_judge(estimator, experiments):
+    """Return what judges a model on its own record, by the policy of `score`.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    experiments : Held or sequence of tuple of array
+        Scaled experiments.
+
+    Returns
+    -------
+    judge : Validation
+        Its error is relative to the standard deviations of the outputs.
+    """
+    ny = experiments[0][1].shape[1]
+    return Validation(experiments, np.ones(ny), estimator.n_init_samples)
+
+
+def training_score(estimator, experiments, structure, theta, x0):
+    """Return the score on the training record; warn if it needs an exact start.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator, with `cost_`.
+    experiments : Held or Remote
+        Scaled experiments.
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (n_experiments, nx)
+        Scaled initial states of the training.
+
+    Returns
+    -------
+    score : float
+        R2 of the simulation; nan if the record stays on a cluster.
+    """
+    if not experiments.is_here:
+        return float("nan")
+    noise = min(estimator.cost_, 1.0)
+    rmse = own_judge(estimator, experiments).rmse(structure, theta, noise)
+    criterion = Criterion(structure, experiments)
+    fitted = criterion.norm(criterion.join(theta, x0)) / np.sqrt(structure.sizes["y"])
+    if rmse > TOO_FAR * fitted and rmse > NOTABLE:
+        warn_of_training(
+            f"{type(estimator).__name__} simulates its own training record with a "
+            f"relative error of {rmse:.2g} from an estimated initial state, and of "
+            f"{fitted:.2g} from the fitted one: it hangs on an exact initial state. "
+            "Take stability='contractive', a smaller `nx`, or a longer record.",
+        )
+    return float(1.0 - rmse**2)
+
+
+def warn_if_unstable(estimator):
+    """Warn of an unstable linear part in a model for control.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Fitted estimator.
+    """
+    A = regular(estimator, estimator.A_)
+    radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+    if radius < 1:
+        return
+    # a kind of failed training: filtered with its other warnings
+    warn_of_training(
+        f"The linear part of {type(estimator).__name__} is unstable, spectral radius "
+        f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
+        "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
+        "another `nx`, or `AlSsnn` with stability='contractive'.",
+    )
+
+
+def warn_if_unsettled(estimator, watch):
+    """Warn of a training that ended before its cost had settled.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Fitted estimator.
+    watch : Watch
+        What followed the fit.
+    """
+    if estimator.converged_:
+        return
+    reason = f"before the cost settled to tol={estimator.tol}. Increase `max_iter`"
+    if watch.reason == OUT_OF_TIME:
+        reason = "because max_time is over. Increase `max_time`"
+    fall, n_steps = late_fall(estimator.history_)
+    settled = f" Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
+    warn_of_training(
+        f"{type(estimator).__name__} stopped after {estimator.n_iter_} trial steps "
+        f"{reason} or `tol`, or continue with `warm_start=True`."
+        f"{settled if np.isfinite(fall) else ''}",
+    )
