@@ -47,9 +47,9 @@ class FilesMixin(Fitted):
     def to_mat(self, path, *, law=None, observer=None, gain=None):
         """Write the model, its law, observer and controller for MATLAB.
 
-        The file has one struct ``model``: matrices, networks h, g and k as arrays of
-        layers (W, b), operating point, scales, names, limits of the law, gains. All
-        is in the units of the data, with vectors as columns.
+        The file has one struct ``model``: the linear part, the model and its law as
+        Lur'e forms, operating point, scales, names, limits of the law, gains. All is
+        in the units of the data, with vectors as columns.
 
         Parameters
         ----------
@@ -72,7 +72,8 @@ class FilesMixin(Fitted):
         TypeError
             If `law` or `observer` is of another type.
         ValueError
-            If an argument does not fit the model, or an activation is your own.
+            If an argument does not fit the model, or an activation has no expression
+            for MATLAB.
         """
         from ..persistence import to_mat
 
@@ -126,8 +127,8 @@ class FilesMixin(Fitted):
             If `law` or `observer` is of another type.
         ValueError
             If an argument does not fit the model, a value is beyond the range of
-            `dtype`, an activation is your own, or a controller is asked for where the
-            law is ill-posed or y depends on u of the same sample.
+            `dtype`, an activation has no expression in C, or a controller is asked for
+            where the law is ill-posed or y depends on u of the same sample.
 
         See Also
         --------
@@ -180,8 +181,8 @@ class FilesMixin(Fitted):
         TypeError
             If `law` is of another type.
         ValueError
-            If the law is of another model, `prefix` is no name, or an activation is
-            your own.
+            If the law is of another model, `prefix` is no name, or an activation has
+            no operator of ONNX.
         """
         from ..persistence import to_onnx
 

@@ -18,6 +18,7 @@ from numbers import Real
 
 import numpy as np
 
+from ..activations import shipped_name
 from ..containers import Container
 from ..given_system import GivenSystem
 from ..region import Region
@@ -25,7 +26,6 @@ from ..scaling import Scaling
 from ..structures import state_space_structure
 from ..watch import Step
 from ._archive import decode, encode, read, release, write
-from ._parts import shipped_name
 
 PARAMETER = "parameter."
 CENTER = "center."
