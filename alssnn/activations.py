@@ -5,12 +5,14 @@ Simulation needs the value, sensitivities the derivative, certificates the bound
     slope[0] <= sigma'(v) <= slope[1]     for all v      (multipliers, eq. slopes)
     |sigma(v)| <= bound                   for all v      (the global bound of g)
 
+Exports need one expression per language (`Activation.expression`).  What stands here
+of an activation is all there is: nothing else in the package knows one by its name.
 The shipped members have a code, by which compiled kernels know them; a user's own
 activation has none and is simulated by the NumPy kernel.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,6 +40,11 @@ class Activation:
         Whether ``value(-v) == -value(v)``.
     code : int, default=OTHER
         Code of a compiled twin; only shipped activations have one.
+    expressions : dict of str to str, default={}
+        The value in the languages of exports, where ``{v}`` stands for the argument.
+        "c" is an expression of C99 with ``math.h``, and ``{f}`` the suffix of functions
+        and numbers in single precision; "matlab" is an elementwise expression; "onnx"
+        is the name of an operator.
 
     Examples
     --------
@@ -48,6 +55,11 @@ class Activation:
     ...     slope=(0, 1),
     ...     bound=1,
     ...     odd=True,
+    ...     expressions={
+    ...         "c": "{v} / (1.0{f} + fabs{f}({v}))",
+    ...         "matlab": "{v} ./ (1 + abs({v}))",
+    ...         "onnx": "Softsign",
+    ...     },
     ... )
     >>> model = alssnn.FlSsnn(nx=2, n_h=4, activation=softsign)
     """
@@ -59,6 +71,35 @@ class Activation:
     bound: float = np.inf
     odd: bool = False
     code: int = OTHER
+    expressions: dict[str, str] = field(default_factory=dict, compare=False)
+
+    def expression(self, language, **blanks):
+        """Return what computes the value in another language.
+
+        Parameters
+        ----------
+        language : str
+            Key of `expressions`, such as "c".
+        **blanks : str
+            What stands in the place of ``{v}`` and other blanks.
+
+        Returns
+        -------
+        expression : str
+            The expression.
+
+        Raises
+        ------
+        ValueError
+            If there is none in this language.
+        """
+        if language not in self.expressions:
+            raise ValueError(
+                f"`activation` must have an expression in {language!r} for this "
+                f"export, got {self.name!r}, which has {sorted(self.expressions)}. "
+                "Add it to the `expressions` of your Activation."
+            )
+        return self.expressions[language].format(**blanks)
 
     def __reduce__(self):
         """Pickle a shipped activation by its name, for its functions have none."""
@@ -79,7 +120,14 @@ ACTIVATIONS = {
     activation.name: activation
     for activation in (
         Activation(
-            "tanh", np.tanh, lambda v, w: 1.0 - w**2, (0, 1), 1.0, odd=True, code=TANH
+            "tanh",
+            np.tanh,
+            lambda v, w: 1.0 - w**2,
+            (0, 1),
+            1.0,
+            odd=True,
+            code=TANH,
+            expressions={"c": "tanh{f}({v})", "matlab": "tanh({v})", "onnx": "Tanh"},
         ),
         Activation(
             "sigmoid",
@@ -88,6 +136,11 @@ ACTIVATIONS = {
             (0, 0.25),
             1.0,
             code=SIGMOID,
+            expressions={
+                "c": "0.5{f} * (1.0{f} + tanh{f}(0.5{f} * {v}))",
+                "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
+                "onnx": "Sigmoid",
+            },
         ),
         Activation(
             "relu",
@@ -95,6 +148,12 @@ ACTIVATIONS = {
             lambda v, w: 1.0 * (np.real(v) > 0),
             (0, 1),
             code=RELU,
+            # a NaN stays one
+            expressions={
+                "c": "{v} < 0 ? 0 : {v}",
+                "matlab": "max({v}, 0)",
+                "onnx": "Relu",
+            },
         ),
         Activation(
             "identity",
@@ -103,9 +162,17 @@ ACTIVATIONS = {
             (1, 1),
             odd=True,
             code=IDENTITY,
+            expressions={"c": "{v}", "matlab": "{v}", "onnx": "Identity"},
         ),
         Activation(
-            "sin", np.sin, lambda v, w: np.cos(v), (-1, 1), 1.0, odd=True, code=SIN
+            "sin",
+            np.sin,
+            lambda v, w: np.cos(v),
+            (-1, 1),
+            1.0,
+            odd=True,
+            code=SIN,
+            expressions={"c": "sin{f}({v})", "matlab": "sin({v})", "onnx": "Sin"},
         ),
     )
 }
@@ -138,3 +205,31 @@ def as_activation(activation):
         f"`activation` must be one of {names} or an `alssnn.Activation`, got "
         f"{activation!r}."
     )
+
+
+def shipped_name(activation):
+    """Return the name under which a file of `save` refers to an activation.
+
+    Parameters
+    ----------
+    activation : Activation
+        The activation.
+
+    Returns
+    -------
+    name : str
+        Its name.
+
+    Raises
+    ------
+    ValueError
+        If it is not one that is shipped.
+    """
+    if activation not in ACTIVATIONS.values():
+        names = ", ".join(map(repr, ACTIVATIONS))
+        raise ValueError(
+            f"`activation` must be one of {names} for a file, got your own "
+            f"{activation.name!r}: a file holds no code. Pickle the model, or fit it "
+            "with an activation that is shipped."
+        )
+    return activation.name

@@ -3,6 +3,7 @@
 import numpy as np
 
 from alssnn.lure import Lure
+from alssnn.networks import Perceptron
 from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
@@ -88,3 +89,57 @@ def as_records(experiments):
         )
         for u, y, x0 in experiments
     ]
+
+
+def plant_of_structure(structure, theta, rng, delay=0):
+    """Return the plant of a structure, at a random operating point."""
+    p = {**structure.constants, **structure.split(theta)}
+    nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
+    full = structure.lure(theta)
+    rows, cols = structure.rows, structure.cols
+    neurons = slice(full.nx + full.nz, len(full.Theta))
+    wanted = np.r_[rows["x"], rows["y"], neurons]
+    Theta = full.Theta[np.ix_(wanted, np.r_[cols["x"], full.nx : full.Theta.shape[1]])]
+    v = np.eye(nu, Theta.shape[1], nx)
+    net, by_state = None, "W_s" in p
+    if "W_h" in p:
+        axis = structure.parameters["W_h"][1]
+        start = cols[axis].start - full.nx + nx
+        v[:, start : start + p["W_h"].shape[1]] += p["W_h"]
+        v[:, -1] += p.get("b_h", 0.0)
+        net = Perceptron.h(p, structure.activations[axis])
+    return Plant(
+        form=Lure(
+            np.insert(Theta, [nx + ny] * nu, v, axis=0), nx, nu, full.nw, full.sigma
+        ),
+        law_form=law_form(net, nx if by_state else ny, nu),
+        feedback="state" if by_state else "output",
+        u_offset=rng.standard_normal(nu),
+        y_offset=rng.standard_normal(ny),
+        u_scale=np.ones(nu),
+        y_scale=np.ones(ny),
+        x_scale=np.ones(nx),
+        dt=0.5,
+        inputs=[f"u[{i}]" for i in range(nu)],
+        outputs=[f"y[{i}]" for i in range(ny)],
+        name="plant",
+        delay=np.broadcast_to(delay, nu).copy(),
+    )
+
+
+def law_form(net, ns, nu):
+    """Return v = u + net(s) as a static map, layer behind layer."""
+    layers = [] if net is None else net.layers
+    sizes = [len(W) for W, _ in layers[:-1]]
+    Theta = np.zeros((nu + sum(sizes), ns + nu + sum(sizes) + 1))
+    Theta[:nu, ns : ns + nu] = np.eye(nu)
+    row, first = nu, 0
+    for W, b in layers:
+        where = slice(row, row + len(W)) if row < len(Theta) else slice(0, nu)
+        Theta[where, first : first + W.shape[1]] = W
+        Theta[where, -1] = b
+        first = ns + row
+        row += len(W)
+    return Lure(
+        Theta, 0, ns + nu, sum(sizes), (net.activation,) * sum(sizes) if net else ()
+    )

@@ -10,13 +10,15 @@ import control
 import numpy as np
 import pytest
 
-from alssnn import LinearStateSpace
+from alssnn import Activation, LinearStateSpace
 from alssnn.feedback import (
     DisturbanceObserver,
     closed_loop,
     lqi,
     lqr,
 )
+from alssnn.persistence import to_c
+from exported import NAMES, assert_exact, make_plant, signals
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, simulate
 
 if shutil.which("gcc") is None:
@@ -82,7 +84,7 @@ class Compiled:
     """Call the functions of the generated sources with arrays."""
 
     def __init__(self, model, folder, dtype="double", **options):
-        model.to_c(folder, dtype=dtype, **options)
+        to_c(model, folder, dtype=dtype, **options)
         library = folder / "plant.so"
         files = ["-o", library, folder / "plant.c", "-lm"]
         command = ["gcc", "-O2", *STRICT.split(), "-shared", "-fPIC", *files]
@@ -137,6 +139,24 @@ def test_the_model_simulates_as_predict(fitted, name, dtype, tmp_path):
         y[k] = y_k
         plant.step(x, u_k)
     assert_close(y, simulate(model, u, x0=x0), dtype)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_structure_is_what_its_plant_is(name, tmp_path):
+    plant = make_plant(name)
+    late, c = plant.late(), Compiled(plant, tmp_path, observer=False)
+    x, u, s = signals(plant)
+    y, cut, after, sent = np.empty((len(x), plant.ny)), u.copy(), x.copy(), u.copy()
+    for k in range(len(x)):
+        c.output(x[k], u[k], y[k])
+        c.step(after[k], u[k])
+        if not plant.no_law:
+            c.law(u[k], s[k], sent[k], cut[k])
+    assert_exact(y, late.output(x, u))
+    assert_exact(after, late.step(x, u))
+    if not plant.no_law:
+        assert_exact(sent, plant.law(u, s))
+        assert not cut.any()
 
 
 def test_sources_are_short_and_name_their_signals(fitted, tmp_path):
@@ -233,7 +253,7 @@ def reference(model, integrators, n):
 def run_in_c(model, plant, r, x0):
     """Return y and u of a loop of the compiled model and the compiled controller."""
     n, ny = model.nx_ + model.input_delay_.sum(), len(model.C_)
-    state = plant.zeros(n + ny)  # x and z of the controller
+    state = plant.zeros(n + 2 * ny + len(model.u_offset_))  # at least [x; z; r]
     plant.reset(state)
     x, y, u = plant.zeros(n), plant.zeros(ny), plant.zeros(len(model.u_offset_))
     x[: model.nx_] = x0
@@ -311,7 +331,7 @@ def test_a_missing_output_is_taken_from_the_model(fitted, tmp_path):
     states, inputs = [], []
     # after one measurement: nothing, or exactly what the observer expects
     for measured in (False, True):
-        state, u = plant.zeros(n + 1), plant.zeros(1)
+        state, u = plant.zeros(n + 2), plant.zeros(1)  # [x; z; r]
         plant.reset(state)
         plant.control(state, y, y, u)
         expected = plant.zeros(1)
@@ -323,6 +343,31 @@ def test_a_missing_output_is_taken_from_the_model(fitted, tmp_path):
     np.testing.assert_array_equal(*states)
     np.testing.assert_array_equal(*inputs)
     assert np.isfinite(inputs[0]).all()
+
+
+@pytest.mark.parametrize("integrators", [True, False])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_never_reaches_a_state(fitted, wrong, integrators, tmp_path):
+    model = fitted["fl"]
+    plant = Compiled(model, tmp_path, gain=gain_of(model, integrators))
+    x, y, bad = plant.zeros(model.nx_), plant.array(model.y_offset_), np.full(1, wrong)
+    x += 0.1
+    before = x.copy()
+    plant.correct(x, None, bad)
+    np.testing.assert_array_equal(x, before)
+    states, inputs = [], []
+    at_rest = model.y_offset_ if integrators else model.u_offset_
+    r = plant.array(at_rest + 0.01 * model._scaling.y_scale)
+    for references in ([r, r, r], [r, bad, r]):  # the last reference is held
+        state, u = plant.zeros(model.nx_ + 2), plant.zeros(1)
+        plant.reset(state)
+        for r_k, y_k in zip(references, [y, y, bad], strict=True):
+            plant.control(state, r_k, y_k, u)
+        states.append(state)
+        inputs.append(u)
+    np.testing.assert_array_equal(*states)
+    np.testing.assert_array_equal(*inputs)
+    assert np.isfinite(states).all() and inputs[0] != model.u_offset_
 
 
 @pytest.mark.parametrize("name", ["fl", "al, state, deep", "D, k, late"])
@@ -389,6 +434,14 @@ def test_wrong_arguments_are_refused_before_anything_is_written(fitted, tmp_path
         with pytest.raises(error, match=message):
             model.to_c(folder, **options)
     assert not folder.exists()
+
+
+def test_an_activation_without_an_expression_is_refused_by_name(tmp_path):
+    own = Activation("own", np.arctan, lambda v, w: 1 / (1 + v**2), (0, 1), np.pi / 2)
+    model = lively(fit(fl_ssnn(nx=2, n_h=2, activation=own, **SMALL), 1, 1))
+    with pytest.raises(ValueError, match=r"expression in 'c'.*got 'own'"):
+        model.to_c(tmp_path / "c")
+    assert not (tmp_path / "c").exists()
 
 
 def test_numbers_beyond_single_precision_are_refused(tmp_path):

@@ -98,6 +98,11 @@ SOFTSIGN = Activation(
     slope=(0, 1),
     bound=1,
     odd=True,
+    expressions={  # for exports
+        "c": "{v} / (1.0{f} + fabs{f}({v}))",
+        "matlab": "{v} ./ (1 + abs({v}))",
+        "onnx": "Softsign",
+    },
 )
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
-from alssnn.persistence._onnx import OPERATORS
+from alssnn.persistence import to_onnx
+from exported import NAMES, assert_exact, make_plant, signals
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, simulate
 
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
@@ -70,8 +71,18 @@ def signal(model, n, size=1.0, seed=0):
     return model.u_offset_ + size * model._scaling.u_scale * du
 
 
-def test_every_activation_has_an_operator():
-    assert set(OPERATORS) == set(ACTIVATIONS) - {"identity"}
+@pytest.mark.parametrize("name", NAMES)
+def test_every_structure_is_what_its_plant_is(name, tmp_path):
+    plant = make_plant(name)
+    late = plant.late()
+    x, u, s = signals(plant)
+    paths = to_onnx(plant, tmp_path)
+    after, y = read(paths[0])[0](x, u)
+    assert_exact(after, late.step(x, u))
+    assert_exact(y, late.output(x, u))
+    assert len(paths) == 1 + (not plant.no_law)
+    if not plant.no_law:
+        assert_exact(read(paths[1])[0](u, s)[0], plant.law(u, s))
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -147,7 +158,7 @@ def test_wrong_arguments(fitted, tmp_path, monkeypatch):
         model.to_onnx(tmp_path, law=np.eye(2))
     own = Activation("own", np.arctan, lambda v, w: 1 / (1 + v**2), (0, 1), np.pi / 2)
     users = fit(fl_ssnn(nx=2, n_h=2, activation=own, **SMALL))
-    with pytest.raises(ValueError, match=r"got your own 'own'.*activation that is"):
+    with pytest.raises(ValueError, match=r"expression in 'onnx'.*got 'own'"):
         users.to_onnx(tmp_path / "own")
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(ImportError, match=r'pip install "alssnn\[onnx\]"'):

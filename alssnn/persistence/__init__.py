@@ -1,8 +1,8 @@
 """Keep identified models and hand them on: files, MATLAB, embedded C, ONNX.
 
 `_archive` reads and writes archives of arrays, `_file` knows what a fitted model
-consists of. `_parts` states the model by plain equations, which `_mat` writes for
-MATLAB, `_c` as C and `_onnx` as graphs.
+consists of. An export is a plant with its law, observer and gain (`_export`), stated
+layer by layer (`_walk`): `_c` writes C, `_onnx` graphs, and `_mat` a struct for MATLAB.
 """
 
 from ._c import to_c

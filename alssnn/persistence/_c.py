@@ -1,16 +1,31 @@
 """Models in C99: fixed sizes, no allocation, nothing beyond math.h.
 
-The sources state the equations of `Parts` once more.  What is compiled is compared with
-Python in the tests, step by step.
+What is the same for all models stands in `templates`, as C, with two kinds of blanks:
+lines between ``#if FLAG`` and ``#endif`` are written for models that need them, and
+``$name`` is a number or a text.  The maps of a model are functions of their own
+(`_c_map`).  What is compiled is compared with Python in the tests, step by step.
 """
 
 import re
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 
-from ._c_code import header, source
-from ._c_companions import demo, makefile, readme
-from ._c_model import SUFFIX, CModel
-from ._parts import Parts
+import numpy as np
+
+from ..whole_files import replace_file
+from ._archive import release
+from ._c_map import SUFFIX, Function, Numbers
+from ._export import Export
+from ._walk import static_map, walk
+
+TEMPLATES = {
+    "plant.h": "{}.h",
+    "plant.c": "{}.c",
+    "plant_demo.c": "{}_demo.c",
+    "Makefile": "Makefile",
+    "README.md": "README.md",
+}
 
 
 def to_c(
@@ -27,8 +42,8 @@ def to_c(
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     directory : str or path-like
         Folder, made if need be; files of the same names are replaced.
     law : LinearizingLaw or None, default=None
@@ -59,7 +74,7 @@ def to_c(
         If `law` or `observer` is of another type.
     ValueError
         If an argument does not fit the model, a value is beyond the range of `dtype`,
-        or an activation is the user's.
+        or an activation has no expression in C.
     """
     if dtype not in SUFFIX:
         raise ValueError(f"`dtype` must be 'double' or 'float', got {dtype!r}.")
@@ -68,17 +83,145 @@ def to_c(
             "`prefix` must begin with a letter and consist of letters, digits and _, "
             f"got {prefix!r}. It begins names in C."
         )
-    c = CModel(Parts.of(model, law, observer, gain), dtype, prefix, model._scaling)
+    export, numbers = Export.of(model, law, observer, gain), Numbers(dtype)
+    flags = _flags(export)
+    values = {"prefix": prefix, "dtype": dtype, **_values(export, flags, numbers)}
+    texts = {
+        name.format(prefix): _fill(template, prefix, flags, values)
+        for template, name in TEMPLATES.items()
+    }
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    files = {
-        f"{prefix}.h": header(c),
-        f"{prefix}.c": source(c),
-        f"{prefix}_demo.c": demo(c),
-        "Makefile": makefile(c),
-        "README.md": readme(c),
+    for name, content in texts.items():
+        replace_file(directory / name, content)
+    return [directory / name for name in texts]
+
+
+def _fill(template, prefix, flags, values):
+    """Return a template with its blanks filled, and its names begun by the prefix."""
+    text = (files(__package__) / "templates" / template).read_text(encoding="ascii")
+    text = re.sub(r"\bplant(?=[_.])", prefix, text)
+    text = re.sub(r"\bPLANT_", f"{prefix.upper()}_", text)
+    lines, wanted = [], []
+    for line in text.splitlines(keepends=True):
+        word, _, condition = line.strip().partition(" ")
+        if word == "#if":
+            names = condition.split(" && ")
+            wanted.append(all(flags[n.strip("!")] != n.startswith("!") for n in names))
+        elif line == "#else\n":
+            wanted[-1] = not wanted[-1]
+        elif line == "#endif\n":
+            wanted.pop()
+        elif all(wanted):
+            lines.append(line)
+    return Template("".join(lines)).substitute(values)
+
+
+def _flags(export):
+    """Return what decides on the lines of the templates."""
+    plant, law = export.plant, export.law
+    return {
+        "NEURONS": plant.form.nw > 0,
+        "FEEDS": not plant.has_linear_output,
+        "LATE": bool(np.any(plant.delay)),
+        "LAW": law is not None,
+        "CANCELS": plant.cancels,
+        "BY_STATE": plant.feedback == "state",
+        "LIMITED": law is not None and bool(np.isfinite([law.u_min, law.u_max]).any()),
+        "OBSERVER": export.M is not None,
+        "CONTROL": export.K_x is not None,
+        "INTEGRATES": export.integrates,
     }
-    paths = [directory / name for name in files]
-    for path, content in zip(paths, files.values(), strict=True):
-        path.write_text(content, encoding="ascii")
-    return paths
+
+
+def _values(export, flags, numbers):
+    """Return what stands for the blanks of the templates."""
+    plant, by_state = export.plant, flags["BY_STATE"]
+    if flags["INTEGRATES"]:
+        demo = plant.y_offset + 0.5 * plant.y_scale
+    else:
+        demo = plant.u_offset + (0.5 if flags["CONTROL"] else 1) * plant.u_scale
+    what = "a step response of the model"
+    if flags["CONTROL"]:
+        what = "a step of the reference in closed loop"
+    signals = list(_signals(plant))
+    letters = [("y", plant.ny), ("u", plant.nu)]
+    return {
+        "name": _plain(plant.name),
+        "version": release(),
+        "dt": repr(plant.dt),
+        "nx": plant.nx,
+        "nx_all": export.late.nx,
+        "nu": plant.nu,
+        "ny": plant.ny,
+        "ns": plant.law_form.nu - plant.nu,
+        "nr": plant.ny if flags["INTEGRATES"] else plant.nu,
+        "r_units": "y" if flags["INTEGRATES"] else "u",
+        "late": ", then past inputs, oldest first" if flags["LATE"] else "",
+        "unused": "" if flags["FEEDS"] else "; u is not used, may be 0",
+        "u": "u" if flags["FEEDS"] else "0",
+        "s": "x" if by_state else "y",
+        "s_words": "the estimated state" if by_state else "the measured y",
+        "signals": "\n".join(f" * {line}" for line in signals),
+        "units": "\n".join(f"  - {line}" for line in signals),
+        "no_law": _plain(export.no_law),
+        "what": what,
+        "What": what.capitalize(),
+        "values": ", ".join(numbers.literal("r", value) for value in demo),
+        "columns": ",".join(f"{a}[{i}]" for a, n in letters for i in range(n)),
+        "constants": "\n".join(_constants(export, flags, numbers)),
+        "maps": "\n\n".join(_maps(export, numbers)),
+    }
+
+
+def _constants(export, flags, numbers):
+    plant, law = export.plant, export.law
+    arrays = {"u_offset": plant.u_offset}
+    if flags["INTEGRATES"] or (flags["LAW"] and not flags["BY_STATE"]):
+        arrays["y_offset"] = plant.y_offset
+    if flags["LIMITED"]:
+        arrays |= {"u_min": law.u_min, "u_max": law.u_max}
+    if flags["OBSERVER"]:
+        arrays["M"] = export.M
+    if flags["CONTROL"]:
+        arrays["K_x"] = export.K_x
+    if flags["INTEGRATES"]:
+        # what the limits cut off v is taken out of z, as in `feedback.controller`
+        arrays |= {"K_z": export.K_z, "back": np.linalg.pinv(export.K_z)}
+    for name, values in arrays.items():
+        yield numbers.array(name, values)
+    if flags["LATE"]:
+        delay = ", ".join(map(str, plant.delay))
+        yield f"static const int delay[NU] = {{{delay}}}; /* samples */"
+
+
+def _maps(export, numbers):
+    """Yield the functions of next state, output, and what the law cancels."""
+    plant, form = export.plant, export.plant.form
+    output = static_map(form, slice(form.nx, form.nx + plant.ny))
+    output.rows_z[:, -1] += plant.y_offset  # a copy; the plant stays as it is
+    inputs = {"x": plant.nx, "du": plant.nu}
+    maps = {
+        "next": ("x+", static_map(form, slice(0, form.nx)), inputs),
+        "y": ("y", output, inputs),
+    }
+    if export.law is not None:
+        maps["h"] = "what the law takes off v", export.h, {"s": export.h.nu}
+    for value, (comment, lure, signals) in maps.items():
+        function = Function(value, signals, numbers, comment)
+        walk(lure, signals, function, value)
+        yield function.source()
+
+
+def _signals(plant):
+    """Yield a line on every signal: its name in C, that of the data, how late it is."""
+    for i, name in enumerate(plant.inputs):
+        late = f", {plant.delay[i]} samples late" if plant.delay[i] else ""
+        yield f"u[{i}]: {_plain(name)}{late}"
+    for i, name in enumerate(plant.outputs):
+        yield f"y[{i}]: {_plain(name)}"
+
+
+def _plain(words):
+    """Return words that are safe in a comment of C."""
+    return re.sub(r"[^A-Za-z0-9 _.,:;()\[\]'`=+-]", "_", str(words))

@@ -19,6 +19,7 @@ from numbers import Real
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from ..activations import shipped_name
 from ..containers import Container
 from ..given_system import GivenSystem
 from ..region import Region
@@ -26,7 +27,6 @@ from ..scaling import Scaling
 from ..structures import state_space_structure
 from ..watch import Step
 from ._archive import decode, encode, read, release, write
-from ._parts import shipped_name
 
 PARAMETER = "parameter."
 CENTER = "center."

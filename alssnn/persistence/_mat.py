@@ -1,11 +1,15 @@
-"""Models for MATLAB and Simulink: one struct of matrices, networks and names."""
+"""Models for MATLAB and Simulink: one struct of matrices, Lur'e forms and names."""
+
+import io
 
 import numpy as np
 
+from ..whole_files import replace_file
 from ._archive import release
-from ._parts import Parts
+from ._export import Export
 
-LAYER = [("W", object), ("b", object)]  # fields of the struct array of layers
+BLOCKS = ("M", "W", "c", "V", "E", "b")  # of Theta (eq. lure)
+LAYER = [(name, object) for name in ("first", "last", "activation", "value")]
 
 
 def to_mat(model, path, *, law=None, observer=None, gain=None):
@@ -13,8 +17,8 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     path : str or path-like
         File; one that exists is replaced.
     law : LinearizingLaw or None, default=None
@@ -35,46 +39,59 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
     TypeError
         If `law` or `observer` is of another type.
     ValueError
-        If an argument does not fit the model, or an activation is the user's.
+        If an argument does not fit the model, or an activation has no expression for
+        MATLAB.
     """
     from scipy.io import savemat
 
-    parts = Parts.of(model, law, observer, gain)
+    export = Export.of(model, law, observer, gain)
+    plant, law = export.plant, export.law
+    M, x, y = plant.form.M, slice(plant.nx), slice(plant.nx, plant.nx + plant.ny)
     nothing = np.zeros((0, 0))  # isempty() tells
     struct = {
-        "name": parts.name,
+        "name": plant.name,
         "version": f"alssnn {release()}",
-        "dt": parts.dt,
-        **{name: getattr(parts, name) for name in "ABCD"},
-        **{net: _net(parts.nets.get(net), nothing) for net in "hgk"},
-        "feedback": parts.feedback,
-        "input_delay": _column(parts.delay),
-        "u_offset": _column(parts.u_offset),
-        "y_offset": _column(parts.y_offset),
-        "u_scale": _column(model._scaling.u_scale),
-        "y_scale": _column(model._scaling.y_scale),
-        "x0": model.x0_,
-        "inputs": _cell(parts.inputs),
-        "outputs": _cell(parts.outputs),
+        "dt": plant.dt,
+        "A": M[x, x],
+        "B": M[x, plant.nx :],
+        "C": M[y, x],
+        "D": M[y, plant.nx :],
+        "lure": _form(export.late.form),
+        "feedback": plant.feedback,
+        "input_delay": _column(plant.delay),
+        "u_offset": _column(plant.u_offset),
+        "y_offset": _column(plant.y_offset),
+        "u_scale": _column(plant.u_scale),
+        "y_scale": _column(plant.y_scale),
+        "x0": getattr(model, "x0_", nothing),
+        "inputs": _cell(plant.inputs),
+        "outputs": _cell(plant.outputs),
         "law": nothing
-        if parts.law is None
-        else {"u_min": _column(parts.law.u_min), "u_max": _column(parts.law.u_max)},
-        "M": nothing if parts.M is None else parts.M,
-        "K_x": nothing if parts.K_x is None else parts.K_x,
-        "K_z": parts.K_z if parts.integrates else nothing,
+        if law is None
+        else {
+            "h": _form(export.h),
+            "u_min": _column(law.u_min),
+            "u_max": _column(law.u_max),
+        },
+        "M": nothing if export.M is None else export.M,
+        "K_x": nothing if export.K_x is None else export.K_x,
+        "K_z": export.K_z if export.integrates else nothing,
     }
-    with open(path, "wb") as file:
-        savemat(file, {"model": struct})
+    content = io.BytesIO()
+    savemat(content, {"model": struct})
+    replace_file(path, content.getvalue())
 
 
-def _net(perceptron, nothing):
-    """Return a network as a struct of its activation and a struct array of layers."""
-    if perceptron is None:
-        return nothing
-    layers = np.empty((1, len(perceptron.layers)), dtype=LAYER)
-    for i, (W, b) in enumerate(perceptron.layers):
-        layers[0, i] = W, _column(b)
-    return {"activation": perceptron.activation.name, "layers": layers}
+def _form(lure):
+    """Return the blocks of a Lur'e form, and its layers as a struct array."""
+    layers = np.empty((1, len(lure.layers)), dtype=LAYER)
+    for i, layer in enumerate(lure.layers):
+        sigma = lure.sigma[layer.start]
+        expression = sigma.expression("matlab", v="v")
+        layers[0, i] = layer.start + 1, layer.stop, sigma.name, expression
+    blocks = {name: getattr(lure, name) for name in BLOCKS}
+    blocks |= {name: _column(blocks[name]) for name in "cb"}
+    return {"nx": lure.nx, "nu": lure.nu, **blocks, "layers": layers}
 
 
 def _column(vector):

@@ -1,7 +1,7 @@
 """Models as ONNX graphs in double precision: one step, and the law.
 
-The graphs state the equations of `Parts` for rows: every input and output has the
-shape (N, n), where the N rows are as many plants, or samples of a law.  A step is
+The graphs state the maps of a plant for rows: every input and output has the shape
+(N, n), where the N rows are as many plants, or samples of a law.  A step is
 
     x, u -> x_next, y        x deviations, behind them the past of late inputs
 
@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..whole_files import replace_file
 from ._archive import release
-from ._parts import Parts
+from ._export import Export
+from ._walk import static_map, walk
 
 OPSET = 17
 IR_VERSION = 8  # the one of that opset, for runtimes that are not the newest
-# operators of the activations; identity needs none
-OPERATORS = {"tanh": "Tanh", "sigmoid": "Sigmoid", "relu": "Relu", "sin": "Sin"}
 
 
 def to_onnx(model, directory, *, law=None, prefix="plant"):
@@ -28,8 +28,8 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
     directory : str or path-like
         Folder, made if need be; files of the same names are replaced.
     law : LinearizingLaw or None, default=None
@@ -54,8 +54,8 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
     TypeError
         If `law` is of another type.
     ValueError
-        If the law is of another model, `prefix` is no name, or an activation is the
-        user's.
+        If the law is of another model, `prefix` is no name, or an activation has no
+        operator of ONNX.
     """
     if not isinstance(prefix, str) or not re.fullmatch(r"\w[\w.-]*", prefix):
         raise ValueError(
@@ -63,18 +63,18 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
             f"one, got {prefix!r}. It begins the names of files; the folder is "
             "`directory`."
         )
-    parts = Parts.of(model, law, observer=False)
+    export = Export.of(model, law, observer=False)
     onnx = _onnx()
-    graphs = {"step": _step(parts)}
-    if parts.law is not None:
-        graphs["law"] = _law(parts)
+    graphs = {"step": _step(export.late)}
+    if export.law is not None:
+        graphs["law"] = _law(export)
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, graph in graphs.items():
         paths.append(directory / f"{prefix}_{name}.onnx")
-        written = graph.model(onnx, name, _metadata(parts))
-        paths[-1].write_bytes(written.SerializeToString())
+        written = graph.model(onnx, name, _metadata(export))
+        replace_file(paths[-1], written.SerializeToString())
     return paths
 
 
@@ -90,82 +90,61 @@ def _onnx():
     return onnx
 
 
-def _step(parts):
-    """Return the graph of x, u -> x_next, y (eq. model)."""
-    nx, nu = parts.B.shape
+def _step(plant):
+    """Return the graph of x, u -> x_next, y (eq. lure)."""
+    nx, nu, ny = plant.nx, plant.nu, plant.ny
     graph = _Graph()
-    x = graph.input("x", nx + parts.n_late)
-    u = graph.input("u", nu)
-    # columns of [x; past; u - u_offset]: what has arrived, and what is past next
-    arrived, past, oldest = list(range(nx)), [], nx
-    for i, delay in enumerate(map(int, parts.delay)):
-        line = [*range(oldest, oldest + delay), nx + parts.n_late + i]
-        arrived.append(line[0])
-        past += line[1:]
-        oldest += delay
-    signals = graph.node("Concat", x, graph.shift(u, -parts.u_offset), axis=-1)
-    xu = graph.columns(signals, arrived)
-    own, du = graph.columns(xu, range(nx)), graph.columns(xu, range(nx, nx + nu))
-
-    dy = graph.affine(own, parts.C)
-    if np.any(parts.D):
-        dy = graph.node("Add", dy, graph.affine(du, parts.D))
-    if "k" in parts.nets:
-        dy = graph.node("Add", dy, graph.net(xu, parts.nets["k"]))
-    if "h" in parts.nets:
-        s = own if parts.feedback == "state" else dy
-        du = graph.node("Add", du, graph.net(s, parts.nets["h"]))
-    plus = graph.node("Add", graph.affine(own, parts.A), graph.affine(du, parts.B))
-    if "g" in parts.nets:
-        plus = graph.node("Add", plus, graph.net(xu, parts.nets["g"]))
-    if past:
-        plus = graph.node("Concat", plus, graph.columns(signals, past), axis=-1)
-    graph.output("x_next", plus, nx + parts.n_late)
-    graph.output("y", graph.shift(dy, parts.y_offset), len(parts.C))
+    x, u = graph.input("x", nx), graph.input("u", nu)
+    du = graph.shift(u, "u_offset", -plant.u_offset)
+    both = static_map(plant.form, slice(0, nx + ny))
+    both = walk(both, {x: nx, du: nu}, graph, "x_next_dy")
+    graph.output("x_next", graph.columns(both, "states", range(nx)), nx)
+    dy = graph.columns(both, "outputs", range(nx, nx + ny))
+    graph.output("y", graph.shift(dy, "y_offset", plant.y_offset), ny)
     return graph
 
 
-def _law(parts):
+def _law(export):
     """Return the graph of v, s -> u (eq. loop), s the measured y or the state x."""
-    nx, nu = parts.B.shape
-    by_state = parts.feedback == "state"
+    plant, law, h = export.plant, export.law, export.h
+    by_state = plant.feedback == "state"
     graph = _Graph()
-    u = graph.input("v", nu)
-    s = graph.input(*(("x", nx) if by_state else ("y", len(parts.C))))
-    if "h" in parts.nets:
-        ds = s if by_state else graph.shift(s, -parts.y_offset)
-        u = graph.node("Sub", u, graph.net(ds, parts.nets["h"]))
-    for operator, limit in (("Max", parts.law.u_min), ("Min", parts.law.u_max)):
+    u = graph.input("v", plant.nu)
+    s = graph.input("x" if by_state else "y", h.nu)
+    ds = s if by_state else graph.shift(s, "y_offset", -plant.y_offset)
+    u = graph.node("Sub", u, walk(h, {ds: h.nu}, graph, "h"))
+    for operator, name in (("Max", "u_min"), ("Min", "u_max")):
+        limit = getattr(law, name)
         if np.isfinite(limit).any():
-            u = graph.node(operator, u, graph.constant(limit))
-    graph.output("u", u, nu)
+            u = graph.node(operator, u, graph.constant(name, limit))
+    graph.output("u", u, plant.nu)
     return graph
 
 
-def _metadata(parts):
+def _metadata(export):
     """Return what a reader has to know, as texts; lists are JSON."""
+    plant = export.plant
     late = [
         f"{name}, {k} samples ago"
-        for name, delay in zip(parts.inputs, map(int, parts.delay), strict=True)
+        for name, delay in zip(plant.inputs, map(int, plant.delay), strict=True)
         for k in range(delay, 0, -1)
     ]
-    states = [f"x{i}" for i in range(len(parts.A))] + late
     return {
-        "model": parts.name,
-        "dt": repr(parts.dt),
-        "inputs": json.dumps(list(parts.inputs)),
-        "outputs": json.dumps(list(parts.outputs)),
-        "states": json.dumps(states),
-        "feedback": parts.feedback,
-        "no_law": parts.no_law,
+        "model": plant.name,
+        "dt": repr(plant.dt),
+        "inputs": json.dumps(list(plant.inputs)),
+        "outputs": json.dumps(list(plant.outputs)),
+        "states": json.dumps([f"x{i}" for i in range(plant.nx)] + late),
+        "feedback": plant.feedback,
+        "no_law": export.no_law,
     }
 
 
 class _Graph:
-    """Collect nodes and constants; every method returns the name of its value."""
+    """Collect nodes and constants, see `walk`; methods return the names of values."""
 
     def __init__(self):
-        self.nodes, self.constants, self.inputs, self.outputs = [], [], [], []
+        self.nodes, self.constants, self.inputs, self.outputs = [], {}, [], []
 
     def input(self, name, size):
         self.inputs.append((name, size))
@@ -175,33 +154,32 @@ class _Graph:
         self.nodes.append(("Identity", [value], name, {}))
         self.outputs.append((name, size))
 
-    def constant(self, values):
-        self.constants.append(np.asarray(values))
-        return f"constant_{len(self.constants)}"
+    def constant(self, name, values):
+        self.constants[name] = np.ascontiguousarray(values)
+        return name
 
-    def node(self, operator, *values, **attributes):
-        name = f"value_{len(self.nodes)}"
+    def node(self, operator, *values, name="", **attributes):
+        name = name or f"value_{len(self.nodes)}"
         self.nodes.append((operator, list(values), name, attributes))
         return name
 
-    def columns(self, value, indices):
-        indices = self.constant(np.array(indices, dtype=np.int64))
+    def columns(self, value, name, indices):
+        indices = self.constant(name, np.array(indices, dtype=np.int64))
         return self.node("Gather", value, indices, axis=-1)
 
-    def shift(self, value, offset):
-        return self.node("Add", value, self.constant(offset))
+    def shift(self, value, name, offset):
+        shifted = f"{value}_shifted"
+        return self.node("Add", value, self.constant(name, offset), name=shifted)
 
-    def affine(self, value, W, b=None):
-        value = self.node("MatMul", value, self.constant(W.T))
-        return value if b is None else self.shift(value, b)
+    def affine(self, value, terms, constant):
+        value = self.constant(*constant)
+        for name, matrix, signal in terms:
+            product = self.node("MatMul", signal, self.constant(name, matrix.T))
+            value = self.node("Add", product, value)
+        return value
 
-    def net(self, value, perceptron):
-        *hidden, last = perceptron.layers
-        for W, b in hidden:
-            value = self.affine(value, W, b)
-            if perceptron.activation.name in OPERATORS:
-                value = self.node(OPERATORS[perceptron.activation.name], value)
-        return self.affine(value, *last)
+    def activate(self, value, size, sigma):
+        return self.node(sigma.expression("onnx"), value)
 
     def model(self, onnx, name, metadata):
         helper, double = onnx.helper, onnx.TensorProto.DOUBLE
@@ -214,8 +192,8 @@ class _Graph:
             for signals in (self.inputs, self.outputs)
         )
         constants = [
-            onnx.numpy_helper.from_array(np.ascontiguousarray(values), f"constant_{i}")
-            for i, values in enumerate(self.constants, start=1)
+            onnx.numpy_helper.from_array(values, name)
+            for name, values in self.constants.items()
         ]
         graph = helper.make_graph(nodes, name, inputs, outputs, constants)
         model = helper.make_model(

@@ -1,0 +1,175 @@
+"""Numbers and static maps in C: constant arrays, and one function per map."""
+
+import numpy as np
+
+WIDTH = 88  # columns of the sources
+SUFFIX = {"double": "", "float": "f"}
+
+
+class Numbers:
+    """Write numbers of one type.
+
+    Parameters
+    ----------
+    dtype : {"double", "float"}
+        Type of all numbers.
+    """
+
+    def __init__(self, dtype):
+        self.dtype, self.suffix = dtype, SUFFIX[dtype]
+
+    def literal(self, name, value):
+        """Return a literal.
+
+        Parameters
+        ----------
+        name : str
+            What it belongs to.
+        value : float
+            The number; only limits may be infinite.
+
+        Returns
+        -------
+        literal : str
+            The number in C.
+
+        Raises
+        ------
+        ValueError
+            If it is beyond the range of the type.
+        """
+        if np.isinf(value) and name in ("u_min", "u_max"):
+            return "INFINITY" if value > 0 else "-INFINITY"
+        with np.errstate(over="ignore"):
+            literal = np.float32(value) if self.dtype == "float" else float(value)
+        if not np.isfinite(literal):
+            raise ValueError(
+                f"`{name}` must be in the range of `dtype`, {self.dtype!r}, got "
+                f"{value}. Use 'double', or other units."
+            )
+        return f"{literal!s}{self.suffix}"
+
+    def array(self, name, values):
+        """Return the definition of a constant array.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        values : ndarray
+            Its numbers, stored by rows.
+
+        Returns
+        -------
+        definition : str
+            One or more lines of C.
+        """
+        literals = [self.literal(name, value) for value in np.ravel(values)]
+        head = f"static const real {name}[{len(literals)}] = {{"
+        one_line = f"{head}{', '.join(literals)}}};"
+        if len(one_line) <= WIDTH:
+            return one_line
+        lines, line = [head], "   "
+        for literal in literals:
+            if len(line) + len(literal) + 2 > WIDTH:
+                lines.append(line)
+                line = "   "
+            line += f" {literal},"
+        return "\n".join([*lines, line.rstrip(","), "};"])
+
+
+class Function:
+    """Write one static map as a function, see `walk`.
+
+    Parameters
+    ----------
+    value : str
+        What it computes; the function is ``{value}_of``.
+    inputs : sequence of str
+        Its arguments.
+    numbers : Numbers
+        Type of all numbers.
+    comment : str
+        What stands above it.
+    """
+
+    def __init__(self, value, inputs, numbers, comment):
+        self.value, self.numbers, self.comment = value, numbers, comment
+        self.inputs, self.used = list(inputs), set()
+        self.constants, self.locals, self.lines = [], [], []
+
+    def affine(self, value, terms, constant):
+        """State value = sum of matrix @ signal + constant.
+
+        Parameters
+        ----------
+        value : str
+            Name of the value.
+        terms : list of tuple
+            Name of the matrix, matrix and name of the signal.
+        constant : tuple
+            Name and vector.
+
+        Returns
+        -------
+        value : str
+            The same name.
+        """
+        n = len(constant[1])
+        if value != self.value:
+            self.locals.append(f"{value}[{n}]")
+        self.lines.append(f"set({n}, {self._constant(*constant)}, {value});")
+        for name, matrix, signal in terms:
+            W = self._constant(name, matrix)
+            self.lines.append(f"add({n}, {matrix.shape[1]}, {W}, {signal}, {value});")
+            self.used.add(signal)
+        return value
+
+    def activate(self, value, size, sigma):
+        """State value = sigma(value).
+
+        Parameters
+        ----------
+        value : str
+            Name of the value.
+        size : int
+            Its size.
+        sigma : Activation
+            The activation.
+
+        Returns
+        -------
+        value : str
+            The same name.
+        """
+        v, f = f"{value}[i]", self.numbers.suffix
+        self.lines.append(f"for (i = 0; i < {size}; i++)")
+        self.lines.append(f"    {v} = {sigma.expression('c', v=v, f=f)};")
+        return value
+
+    def source(self):
+        """Return the constants and the function.
+
+        Returns
+        -------
+        source : str
+            Source in C.
+        """
+        arguments = "".join(f"const real *{name}, " for name in self.inputs)
+        start = [f"real {', '.join(self.locals)};", "int i;"] if self.locals else []
+        idle = [f"(void){name};" for name in self.inputs if name not in self.used]
+        return "\n".join(
+            [
+                *self.constants,
+                f"/* {self.comment} */",
+                f"static void {self.value}_of({arguments}real *{self.value})",
+                "{",
+                *(f"    {line}" for line in [*start, *idle, *self.lines]),
+                "}",
+            ]
+        )
+
+    def _constant(self, name, values):
+        name = f"{self.value}_{name}"
+        self.constants.append(self.numbers.array(name, values))
+        return name

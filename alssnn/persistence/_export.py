@@ -1,0 +1,154 @@
+"""What an export holds besides the equations of a plant: law, observer and gain."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..plant import Plant, as_plant
+from ._walk import static_map
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """Hold a plant and what closes its loop.
+
+    Parameters
+    ----------
+    plant : Plant
+        The model.
+    law : LinearizingLaw or None
+        Law; None if it is ill-posed.
+    no_law : str
+        Why there is no law.
+    M : ndarray of shape (nx + sum(delay), ny) or None
+        Gain of the observer; None without one.
+    K_x, K_z : ndarray or None
+        Gains of states and integrators; None without a controller.
+    """
+
+    plant: Plant
+    law: Any
+    no_law: str
+    M: np.ndarray | None
+    K_x: np.ndarray | None
+    K_z: np.ndarray | None
+
+    @property
+    def integrates(self):
+        """Return whether the controller has integrators."""
+        return self.K_z is not None and self.K_z.size > 0
+
+    @cached_property
+    def late(self):
+        """Return the plant with the past of late inputs as states."""
+        return self.plant.late()
+
+    @cached_property
+    def h(self):
+        """Return what the law takes off v, as a static map of s as a deviation."""
+        form, nu = self.plant.law_form, self.plant.nu
+        return static_map(form, slice(0, nu), form.nu - nu)
+
+    @classmethod
+    def of(cls, model, law=None, observer=None, gain=None):
+        """Return the export of a fitted model.
+
+        Parameters
+        ----------
+        model : estimator or Plant
+            Fitted model, or its `plant_`.
+        law : LinearizingLaw or None, default=None
+            Law, for example with limits; None takes ``model.linearizing_law()``, or
+            leaves it out where it is ill-posed.
+        observer : Observer, None or False, default=None
+            Observer with constant gain; None takes ``model.observer()``, False leaves
+            it out.
+        gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
+            Gain of a controller, as for `feedback.closed_loop`.
+
+        Returns
+        -------
+        export : Export
+            The export.
+
+        Raises
+        ------
+        NotFittedError
+            If the model is not fitted.
+        TypeError
+            If `law` or `observer` is of another type.
+        ValueError
+            If sizes do not fit, the observer has no constant gain, or a controller
+            lacks its law or observer.
+        """
+        from ..feedback import split_gain
+
+        plant = as_plant(model)
+        law, no_law = _law(plant, law, required=gain is not None)
+        K_x, K_z = (None, None) if gain is None else split_gain(gain, plant.late())
+        M = _observer_gain(plant.late(), observer)
+        if gain is not None and M is None:
+            raise ValueError(
+                "`observer` must not be False with a `gain`, which acts on the "
+                "estimated state. Leave it out for the default one."
+            )
+        if gain is not None and not plant.has_linear_output:
+            raise ValueError(
+                "`gain` must be None for a model whose y depends on u of the same "
+                "sample, through D or k: the estimated state would wait for u, and u "
+                "for the state. Fit without `feedthrough` and `n_k`."
+            )
+        return cls(plant, law, no_law, M, K_x, K_z)
+
+
+def _law(plant, law, required):
+    """Return the law, or None and why there is none."""
+    from ..feedback import LinearizingLaw
+
+    if law is None:
+        if plant.no_law and not required:
+            return None, plant.no_law
+        return LinearizingLaw(plant), ""
+    if not isinstance(law, LinearizingLaw):
+        raise TypeError(
+            f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
+            "`model.linearizing_law`."
+        )
+    if _numbers(law.plant) != _numbers(plant):
+        raise ValueError(
+            "`law` must be one of this model, got one of another model. Use "
+            "`model.linearizing_law`."
+        )
+    return law, ""
+
+
+def _numbers(plant):
+    """Return what tells the laws of plants apart, limits left out."""
+    return plant.feedback, plant.y_offset.tolist(), plant.law_form.Theta.tolist()
+
+
+def _observer_gain(late, observer):
+    """Return the constant gain of an observer, or None."""
+    from ..feedback import Observer
+
+    if observer is False:
+        return None
+    observer = Observer(late) if observer is None else observer
+    if not isinstance(observer, Observer):
+        raise TypeError(
+            f"`observer` must be an Observer, None or False, got "
+            f"{type(observer).__name__}. Use `model.observer`."
+        )
+    if observer.kind != "kalman":
+        raise ValueError(
+            f"`observer` must have a constant gain, kind='kalman', got "
+            f"{observer.kind!r}. Use `model.observer`."
+        )
+    if not np.array_equal(observer.plant.form.Theta, late.form.Theta):
+        raise ValueError(
+            "`observer` must estimate the states of this model alone, got one of "
+            "another model, or of a disturbance. Use `model.observer`."
+        )
+    return observer.gain
