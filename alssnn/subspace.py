@@ -26,10 +26,10 @@ from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
 from .experiments import chunks, stretch
+from .models import state_space
 from .optimizers import minimize, single_threaded
 from .sections import Sections
 from .simulation import trajectory
-from .structures import state_space_structure
 
 QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
 LEAST_VARIANCE = 1e-12  # of a state, relative to the largest, that counts as moving
@@ -80,7 +80,7 @@ class LinearModel:
     def structure(self):
         """Return the linear structure with free C."""
         nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
-        return state_space_structure(nx, nu, ny, feedthrough=self.feedthrough)
+        return state_space(nx, nu, ny, feedthrough=self.feedthrough)
 
     def as_fit(self):
         """Return the model as a fitted structure.

@@ -70,7 +70,14 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
     if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
         X = np.zeros_like(X)
     y_hat = X @ linear.C.T + u @ linear.D.T
-    signals = {"x": X, "u": u, "y": np.where(np.isnan(y), y_hat, y)}
+    signals = {
+        structure.states[0]: X,
+        structure.measured: np.where(np.isnan(y), y_hat, y),
+    }
+    first = structure.nx
+    for axis in structure.inputs:
+        where = structure.cols[axis]
+        signals[axis] = u[:, where.start - first : where.stop - first]
 
     def values(axis, samples):
         # what a layer sees of a signal or of the layer before it
@@ -159,6 +166,8 @@ def train(
     starts,
     *,
     weights=None,
+    alpha=0.0,
+    center=None,
     phi=None,
     bounds=None,
     at_rest=False,
@@ -181,9 +190,12 @@ def train(
         Pairs (u, y) of scaled deviations.
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
-    weights : dict or None, default=None
-        ``gamma``, ``gamma_k``, ``gamma_h``, ``alpha``, ``center`` and
-        ``output_weight`` of `Criterion`.
+    weights : dict of str to float or ndarray, or None, default=None
+        Weights of the channels by name, as of `Criterion`.
+    alpha : float, default=0.0
+        Weight of the squared network parameters.
+    center : ndarray of shape (n_params,) or None, default=None
+        Parameters from which that weight pulls away as little as possible.
     phi : float or None, default=None
         Rate of stability by construction (eq. contract); None leaves A free.
     bounds : dict of str to tuple of ndarray, or None, default=None
@@ -192,7 +204,8 @@ def train(
         Whether the initial states are held at zero; a stretch of a record begins
         anywhere, and its initial states are free in any case.
     continuation : int, default=0
-        Number of larger gammas that come first, each half a decade above the next.
+        Number of searches with larger weights of all channels but the measured one
+        that come first, each half a decade above the next.
     coarse_samples : int or None, default=None
         Samples of the first stages; None trains on all samples at once.
     polish_iter : int, default=20
@@ -217,7 +230,7 @@ def train(
     """
     watch = Watch() if watch is None else watch
     options["validation"] = validation
-    weights = {} if weights is None else weights
+    decay, measured = {"alpha": alpha, "center": center}, structure.measured
     experiments = Held.of(experiments)
     if experiments.is_here:
         experiments = Held(experiments, n_jobs)
@@ -228,16 +241,18 @@ def train(
     first = Held.of(first)
     factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
     criteria = [
-        Criterion(structure, first, **_times(weights, factor)) for factor in factors
+        Criterion(structure, first, weights=_times(weights, factor, measured), **decay)
+        for factor in factors
     ]
-    *labels, last = _stage_labels(weights.get("gamma", 0.0), factors, is_coarse)
+    penalties = [w for c, w in (weights or {}).items() if c != measured]
+    *labels, last = _stage_labels(penalties, factors, is_coarse)
     limits = Limits(structure, phi, bounds, at_rest)
     first_limits = Limits(structure, phi, bounds) if is_coarse else limits
     stages = list(zip(labels if is_coarse else [*labels, last], criteria, strict=True))
     best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
         steps = best.nfev
-        criterion = Criterion(structure, experiments, **weights)
+        criterion = Criterion(structure, experiments, weights=weights, **decay)
         # a short step may still be worth it here: its cost alone ends the last stage
         options = {**options, "max_iter": polish_iter, "xtol": LAST_XTOL}
         best = _stage(
@@ -280,20 +295,22 @@ def _best_start(stages, starts, limits, watch, n_jobs, options):
     return min(results, key=lambda result: result[key])
 
 
-def _times(weights, factor):
-    """Return the weights with all gammas multiplied."""
-    return {
-        name: value * factor if name.startswith("gamma") else value
-        for name, value in weights.items()
+def _times(weights, factor, measured):
+    """Return the weights, those of all channels but the measured one multiplied."""
+    return weights and {
+        channel: weight if channel == measured else factor * weight
+        for channel, weight in weights.items()
     }
 
 
-def _stage_labels(gamma, factors, is_coarse):
+def _stage_labels(penalties, factors, is_coarse):
     """Return what the stages of the training are called, in order."""
     names = [ONLY_STAGE]
     if len(factors) > 1:
         names = [
-            f"gamma {gamma * factor:.3g}" if gamma > 0 else f"gammas x {factor:.3g}"
+            f"gamma {factor * penalties[0]:.3g}"
+            if len(penalties) == 1
+            else f"gammas x {factor:.3g}"
             for factor in factors
         ]
     if is_coarse:
@@ -378,8 +395,9 @@ def _start_of_stage(criterion, theta, limits, x0):
     if limits.at_rest:
         x0 = zero
     elif x0 is None:
-        noise = Criterion(structure, experiments).norm(criterion.join(theta, zero)) ** 2
-        x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
+        plain = structure.observe(structure.measured)
+        noise = Criterion(plain, experiments).norm(criterion.join(theta, zero)) ** 2
+        x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
     free = criterion.join(theta, x0)
     if not criterion.norm(free) < DIVERGED_NORM:
         # a short stretch did not show that A is unstable, a long record does
@@ -480,7 +498,9 @@ class Validation:
         rmse : float
             Root mean square error, outputs of unit variance; inf where it diverges.
         """
-        error = Criterion(structure, self.scored, output_weight=self.output_weight)
+        structure = structure.observe(structure.measured)
+        weights = {structure.measured: self.output_weight}
+        error = Criterion(structure, self.scored, weights=weights)
         x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise)
         norm = error.norm(error.join(theta, x0))
         return norm if norm < DIVERGED_NORM else np.inf

@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from alssnn.kernels import differentiate
+from alssnn.simulation import neuron_gains, regressors
+
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
 
 
@@ -21,6 +24,36 @@ def assert_jacobian(function, jacobian, x, rtol=1e-11):
     assert jacobian.shape == expected.shape
     atol = rtol * max(1.0, np.abs(expected).max())
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=atol)
+
+
+def assert_direct(structure, theta, rng):
+    """Check the direct derivative of one step against the complex step."""
+    L = 5
+    X, u = (
+        rng.standard_normal((L, structure.nx)),
+        rng.standard_normal((L, structure.nu)),
+    )
+    n_rows = structure.nx + structure.nz
+    scale = rng.uniform(0.5, 2.0, n_rows)
+
+    def step(theta):
+        lure = structure.lure(theta)
+        return regressors(lure, X, u) @ lure.Theta[:n_rows].T * scale
+
+    lure = structure.lure(theta)
+    Phi = regressors(lure, X, u)
+    WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
+    direct = structure.direct(structure.split(theta), scale)
+    gains, signals = direct.factors(Phi, WR)
+    for kernel in (differentiate, differentiate.plain):
+        out = np.zeros((L, n_rows, structure.n_params))
+        for k in range(L):  # one step each, from S = 0
+            FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
+            S, J = np.split(out[k].copy(), [structure.nx])
+            factors = direct.constants, gains[one], signals[one]
+            kernel(FH, direct.table, *factors, S, J[None])
+            out[k] = np.vstack([S, J])
+        assert_jacobian(step, out, theta)
 
 
 def random_theta(structure, rng, radius=0.7):

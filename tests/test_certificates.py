@@ -19,9 +19,9 @@ from alssnn.certificates import (
     state_feedback,
 )
 from alssnn.lure import Lure
+from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contraction
-from alssnn.structures import state_space_structure
 from helpers import random_theta, simulate_linear
 from models import al_ssnn
 
@@ -406,7 +406,7 @@ def empirical_gain(lure, rng):
 @pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu", "identity", "sin"])
 def test_gain_bounds_two_layers(seed, activation):
     rng = np.random.default_rng(seed)
-    structure = state_space_structure(
+    structure = state_space(
         3,
         2,
         1,

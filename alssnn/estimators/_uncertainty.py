@@ -215,7 +215,7 @@ class UncertaintyMixin(Fitted):
         scale = self._scaling.y_scale
         values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
         root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
-        structure, weights = self._criterion_terms(self._structure)
+        structure, terms = self._criterion_terms(self._structure)
         contractive = getattr(self, "stability", None) == "contractive"
         random_state = check_random_state(random_state)
         for _ in range(n_models):
@@ -227,7 +227,7 @@ class UncertaintyMixin(Fitted):
                 structure,
                 noisy,
                 [self._theta],
-                weights=weights,
+                **terms,
                 phi=getattr(self, "phi", None) if contractive else None,
                 bounds=self._scaled_bounds(structure, contractive=contractive),
                 at_rest=self._at_rest,
@@ -241,7 +241,8 @@ class UncertaintyMixin(Fitted):
         u, y, parts = self._test_data(u, y, experiment)
         experiments = self._experiments(u, y, parts)
         structure, theta = self._structure, self._theta
-        penalized, weights = self._criterion_terms(structure)
+        penalized, terms = self._criterion_terms(structure)
+        weights = {"y": terms["weights"]["y"]}
         longest = max(len(u_s) for u_s, _ in experiments)
         with single_threaded():
             if self._at_rest:
@@ -254,12 +255,8 @@ class UncertaintyMixin(Fitted):
                 JJ = [
                     criterion.normal_equations(criterion.join(theta, x0))[0]
                     for criterion in (
-                        Criterion(penalized, experiments, **weights),
-                        Criterion(
-                            structure,
-                            experiments,
-                            output_weight=weights["output_weight"],
-                        ),
+                        Criterion(penalized, experiments, **terms),
+                        Criterion(structure, experiments, weights=weights),
                     )
                 ]
             except FloatingPointError:
@@ -280,7 +277,7 @@ class UncertaintyMixin(Fitted):
             n_effective=float(np.sum(inverse * JJ[1])),
             EE=EE,
             count=count,
-            output_weight=weights["output_weight"],
+            output_weight=weights["y"],
             n_samples=sum(len(u_s) for u_s, _ in experiments),
             n_measured=sum(count_measured(y_s) for _, y_s in experiments) / len(EE),
         )
