@@ -259,7 +259,7 @@ class Equations:
             offsets = [Signal((layer,), (self._size(layer),)) for layer in layers]
         else:
             offsets = [weights(*each) for each in zip(names, layers, strict=True)]
-        w = self.neurons(layers[0], sum(seen, start=offsets[0]), sigma)
+        w = self.neurons(layers[0], sum(seen[1:], start=seen[0]) + offsets[0], sigma)
         for layer, W, b in zip(layers[1:], inner, offsets[1:], strict=True):
             w = self.neurons(layer, W @ w + b, sigma)
         if biases == "tied":

@@ -81,18 +81,20 @@ def state_space(
     if feedthrough:
         y += e.parameter("D", "y", "u") @ u
 
-    def network(net, axis, inputs, bias, biases):
+    def network(net, axis, biases, bias, **inputs):
         value = e.mlp(
             net, axis, n[net], inputs, bias=bias, biases=biases, activation=sigma[net]
         )
         return e.signal(net, value) if n[net] else value
 
-    xu = {"W_kx": x, "W_ku": u}
-    y = e.signal("y", y + network("k", "y", xu, "b_kx", "tied"))
-    s, bias = ({"W_s": x}, "b_s") if feedback == "state" else ({"W_y": y}, "b_y")
-    v = e.signal("v", u + network("h", "u", s, bias, "none" if odd else "free"))
-    xu = {"W_x": x, "W_u": u}
-    g = network("g", "x", xu, "b_x", "tied" if tied_bias else "free")
+    of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
+    y = e.signal("y", y + network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u))
+    if feedback == "state":
+        h = network("h", "u", of_h, "b_s", W_s=x)
+    else:
+        h = network("h", "u", of_h, "b_y", W_y=y)
+    v = e.signal("v", u + h)
+    g = network("g", "x", of_g, "b_x", W_x=x, W_u=u)
     updates = {"x": A @ x + B @ v + g}
     if n["g"]:  # what g adds to the output (eq. penalty)
         zeta = e.state("zeta")

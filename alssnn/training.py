@@ -26,6 +26,7 @@ from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
 from .stability import Contractive
+from .structures import ONE
 from .subspace import stabilize
 from .watch import INTERRUPTED, Patience, Watch
 
@@ -71,6 +72,7 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
         X = np.zeros_like(X)
     y_hat = X @ linear.C.T + u @ linear.D.T
     signals = {
+        ONE: np.ones((len(u), 1)),
         structure.states[0]: X,
         structure.measured: np.where(np.isnan(y), y_hat, y),
     }
@@ -79,36 +81,46 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
         where = structure.cols[axis]
         signals[axis] = u[:, where.start - first : where.stop - first]
 
-    def values(axis, samples):
-        # what a layer sees of a signal or of the layer before it
+    def behind(term, first, samples):
+        # what stands in a term behind its first factors
+        q = {**structure.constants, **structure.split(structure.join(p))}
+        value = columns(term.cols, samples).T
+        for factor in reversed(term.factors[first:]):
+            value = factor.value(q) @ value
+        return term.gain * value.T
+
+    def columns(axis, samples):
         if axis in signals:
             return signals[axis][samples]
-        v = sum(
-            values(axes[1], samples) @ p[name].T if len(axes) == 2 else p[name]
-            for name, axes in structure.parameters.items()
-            if axes[0] == axis
-        )
-        return structure.activation(axis).value(v)
+        is_layer = axis in structure.layers
+        terms = (structure.layers if is_layer else structure.signals)[axis].terms
+        v = sum(behind(term, 0, samples) for term in terms)
+        return structure.activation(axis).value(v) if is_layer else v
 
     for axis in structure.neurons:
+        inner, biases = {}, []
+        for term in structure.layers[axis].terms:
+            name = structure.leading(term)
+            if name is None or name in p:  # weights may be shared by several layers
+                continue
+            if len(structure.shapes[name]) == 2:
+                inner.setdefault(name, []).append(term)
+            else:
+                biases.append(name)
+        if not inner:
+            continue
         size = structure.sizes[axis]
         samples = rng.integers(len(u), size=size)
-        inner = {
-            name: axes[1]
-            for name, axes in structure.parameters.items()
-            if axes[0] == axis and len(axes) == 2
-        }
         free = {name: _free_weights(structure, name, bounds or {}) for name in inner}
         width = sum(weights.any(axis=0).sum() for weights in free.values())
         bias = np.zeros(size)
-        for name, source in inner.items():
+        for name, terms in inner.items():
             shape = structure.shapes[name]
             scale = INITIAL_SLOPE / np.sqrt(max(width, 1))
             p[name] = rng.normal(scale=scale, size=shape) * free[name]
-            bias -= np.sum(p[name] * values(source, samples), axis=1)
-        for name, axes in structure.parameters.items():
-            if axes == (axis,):
-                p[name] = bias
+            seen = sum(behind(term, 1, samples) for term in terms)
+            bias -= np.sum(p[name] * seen, axis=1)
+        p |= dict.fromkeys(biases, bias)
     return structure.join(p)
 
 

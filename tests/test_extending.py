@@ -22,7 +22,7 @@ from alssnn.kernels import differentiate
 from alssnn.metrics import rmse
 from alssnn.optimizers import minimize
 from alssnn.simulation import channels, simulate
-from alssnn.subspace import identify_linear
+from alssnn.subspace import LinearModel, identify_linear
 from alssnn.training import initial_theta, train
 from helpers import assert_jacobian
 from models import fl_ssnn, gr_ssnn
@@ -316,6 +316,22 @@ def test_declared_structure_trains(fixed, named):
     assert np.sqrt(result.cost) < 0.1 * start.norm(free)
     again = minimize(start, free, max_iter=60)
     assert np.sqrt(again.cost) < 0.1 * start.norm(free)
+
+
+@pytest.mark.parametrize("name", [name for name in DECLARED if "free" not in name])
+def test_a_start_of_any_structure_is_linear_with_neurons_that_are_spread(name, rng):
+    structure = DECLARED[name]()
+    nu, A = structure.nu, np.array([[-0.3, 0.2], [-0.2, -0.3]])
+    linear = LinearModel(A, np.eye(2), C, np.zeros((3, nu)), np.zeros((1, 2)))
+    u, y = rng.standard_normal((300, nu)), rng.standard_normal((300, 3))
+    p = structure.split(initial_theta(structure, linear, [(u, y)], rng))
+    lure = structure.lure(structure.join(p))
+    assert not lure.W.any()
+    assert lure.V.any() and lure.b.all()
+    if name == "monotone":
+        assert not p["lambda"].any()
+    if name == "runge-kutta":
+        np.testing.assert_array_equal(*np.split(lure.b, 2))
 
 
 # -- the estimator ---------------------------------------------------------------------

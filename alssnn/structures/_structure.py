@@ -8,7 +8,7 @@ import numpy as np
 from ..activations import ACTIVATIONS
 from ..lure import Lure
 from ._direct import Products
-from ._signals import ONE
+from ._signals import ONE, Factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +204,24 @@ class Structure:
         rows += [(axis, expand(self.updates[axis], (axis,))) for axis in self.states]
         rows += [(axis, expand(self.signals[axis], (axis,))) for axis in self.channels]
         return tuple((axis, term) for axis, terms in rows for term in terms)
+
+    def leading(self, term):
+        """Return the parameter that a term begins with.
+
+        Parameters
+        ----------
+        term : Term
+            A term.
+
+        Returns
+        -------
+        name : str or None
+            Its name; None for a term that begins otherwise.
+        """
+        if term.factors and type(term.factors[0]) is Factor:
+            name = term.factors[0].name
+            return name if name in self.parameters else None
+        return None
 
     # -- sizes and places --------------------------------------------------------
 
