@@ -293,7 +293,7 @@ class Equations:
         """
         if isinstance(channels, dict):
             for name, value in channels.items():
-                if [term.cols for term in value.terms] != [name]:
+                if value.terms != (Term(name),):  # else it is the signal of that name
                     self.signal(name, value)
         if missing := [name for name in channels if name not in self._signals]:
             raise ValueError(

@@ -98,7 +98,8 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
         return structure.activation(axis).value(v) if is_layer else v
 
     for axis in structure.neurons:
-        inner, biases = {}, []
+        inner: dict[str, list] = {}
+        biases = []
         for term in structure.layers[axis].terms:
             name = structure.leading(term)
             if name is None or name in p:  # weights may be shared by several layers
@@ -155,7 +156,8 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
     x0 : ndarray of shape (n_experiments, n_x0)
         Initial states; zero where the model diverges within the window.
     """
-    one = partial(_estimate_one, structure, theta, window, noise)
+    plain = structure.observe(structure.measured)
+    one = partial(_estimate_one, plain, theta, window, noise)
     return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
 
 
@@ -409,7 +411,7 @@ def _start_of_stage(criterion, theta, limits, x0):
     elif x0 is None:
         plain = structure.observe(structure.measured)
         noise = Criterion(plain, experiments).norm(criterion.join(theta, zero)) ** 2
-        x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
+        x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
     free = criterion.join(theta, x0)
     if not criterion.norm(free) < DIVERGED_NORM:
         # a short stretch did not show that A is unstable, a long record does

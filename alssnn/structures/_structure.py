@@ -116,14 +116,10 @@ class Structure:
         u, *others = self.inputs
         s = [axis for axis in (*given, *others) if axis in seen] or [self.measured]
         law = replace(plain, inputs=(*s, u), updates={})
-        used = {
-            name for _, t in law.terms for factor in t.factors for name in factor.names
-        }
+        used = {name for _, t in law.terms for f in t.factors for name in f.names}
         return replace(
             law,
             parameters={k: v for k, v in self.parameters.items() if k in used},
-            constants={k: v for k, v in self.constants.items() if k in used},
-            constant_axes={k: v for k, v in self.constant_axes.items() if k in used},
             network_parameters=tuple(n for n in self.network_parameters if n in used),
         )
 
@@ -185,25 +181,24 @@ class Structure:
                         inner = self.signals[term.cols]
                         found[term.cols] = expand(inner, (*path, term.cols))
                     terms += [part.within(term) for part in found[term.cols]]
-                elif term.cols in self.signals or term.cols in self.layers:
-                    raise ValueError(
-                        f"{' -> '.join((*path, term.cols))} is an algebraic loop. A "
-                        "signal must not contain itself, nor neurons see later ones."
-                    )
                 else:
                     raise ValueError(
-                        f"{path[-1]} must be made of axes that have an equation, got "
-                        f"{term.cols!r}."
+                        "Signals must be made of states, inputs, earlier neurons and "
+                        f"other signals, got {' <- '.join((*path, term.cols))}: an "
+                        "algebraic loop, or an axis without an equation."
                     )
             return terms
 
         rows = []
-        for axis in self.neurons:
-            rows.append((axis, expand(self.layers[axis], (axis,))))
-            columns.add(axis)
-        rows += [(axis, expand(self.updates[axis], (axis,))) for axis in self.states]
-        rows += [(axis, expand(self.signals[axis], (axis,))) for axis in self.channels]
-        return tuple((axis, term) for axis, terms in rows for term in terms)
+        for axes, equations in (
+            (self.neurons, self.layers),
+            (self.states, self.updates),
+            (self.channels, self.signals),
+        ):
+            for axis in axes:
+                rows += [(axis, term) for term in expand(equations[axis], (axis,))]
+                columns |= {axis} & set(self.neurons)  # for those behind them
+        return tuple(rows)
 
     def leading(self, term):
         """Return the parameter that a term begins with.
