@@ -76,7 +76,7 @@ class Contribution:
     Parameters
     ----------
     structure : Structure
-        Map from parameters to the Lur'e form; its first channels are y.
+        Map from parameters to the Lur'e form; its first channel is what was measured.
     weight : ndarray of shape (nz,)
         Factors of the residual.
     chunk : int or None

@@ -5,9 +5,10 @@ The cost of one model over several experiments (eq. cost)
     J_N = 1/N sum_k ( |y_k - yhat_k|^2 + gamma |g_k|^2 + gamma_k |k_k|^2 )
           + alpha |theta_net - center|^2
 
-is |r|^2 for the stacked residual r = weights * (z - target), where the target of y
-is the record and that of every penalized channel is zero.  Outputs that were not
-measured are nan in the record: their residual is zero, and N counts the others.
+is |r|^2 for the stacked residual r = weights * (z - target), where the target of the
+first channel is the record and that of every other one, a penalty, is zero.  Outputs
+that were not measured are nan in the record: their residual is zero, and N counts the
+others.
 r has (N nz) rows, too many to store; `least_squares` uses r and its Jacobian J only
 through |r|, J'r and J'J, so it is handed an equivalent problem of n + 1 rows
 (eq. compress):
@@ -117,18 +118,13 @@ class Criterion(LeastSquares):
     Parameters
     ----------
     structure : Structure
-        Map from parameters to the Lur'e form; its first channels are y.
+        Map from parameters to the Lur'e form; its first channel is what was measured.
     experiments : sequence of tuple of array, Held or Remote
         Pairs (u, y) of shapes (N_i, nu) and (N_i, ny), scaled deviations; only sliced.
         Outputs that were not measured are nan.
-    gamma : float, default=0.0
-        Weight of the channel g or e, relative to that of y.
-    gamma_k : float, default=0.0
-        Weight of the channel k, relative to that of y.
-    gamma_h : float, default=0.0
-        Weight of the channel h (eq. split), relative to that of y.
-    output_weight : ndarray of shape (ny,) or None, default=None
-        Weight of the squared error of every output; None means one.
+    weights : dict of str to float or ndarray, or None, default=None
+        Weight of the square of every channel by its name, such as
+        ``{"y": [1.0, 0.5], "g": 0.01}``; None means one, for a measured channel alone.
     alpha : float, default=0.0
         Weight of the squared network parameters.
     center : ndarray of shape (n_params,) or None, default=None
@@ -150,6 +146,11 @@ class Criterion(LeastSquares):
         Length of the free vector: ``n_params + n_experiments * n_x0``.
     n_samples : int
         Number of samples over all experiments.
+
+    Raises
+    ------
+    ValueError
+        If a channel has no weight, or a weight no channel.
     """
 
     def __init__(
@@ -157,10 +158,7 @@ class Criterion(LeastSquares):
         structure,
         experiments,
         *,
-        gamma=0.0,
-        gamma_k=0.0,
-        gamma_h=0.0,
-        output_weight=None,
+        weights=None,
         alpha=0.0,
         center=None,
         x0_weight=0.0,
@@ -171,20 +169,8 @@ class Criterion(LeastSquares):
         self.experiments = Held.of(experiments, n_jobs)
         self.n_samples = self.experiments.n_samples
         self.n = structure.n_params + len(self.experiments) * structure.n_x0
-        weights = {
-            "y": 1.0 if output_weight is None else np.asarray(output_weight),
-            "g": gamma,
-            "e": gamma,
-            "k": gamma_k,
-            "h": gamma_h,
-        }
-        square = np.concatenate(
-            [
-                np.broadcast_to(weights[c], structure.sizes[c])
-                for c in structure.channels
-            ]
-        )
-        ny = structure.sizes["y"]
+        square = _by_channel(structure, weights)
+        ny = structure.sizes[structure.channels[0]]
         n_measured = self.experiments.n_measured / ny
         N = np.where(np.arange(structure.nz) < ny, max(n_measured, 1), self.n_samples)
         n_jobs = getattr(self.experiments, "n_jobs", n_jobs)
@@ -348,6 +334,19 @@ class Criterion(LeastSquares):
                 block[:, where] = J.reshape(len(block), -1)
                 parts.append(block)
         return np.vstack([*parts, np.diag(self.decay)])
+
+
+def _by_channel(structure, weights):
+    """Return the weight of every entry of z."""
+    channels = structure.channels
+    weights = {channels[0]: 1.0} if weights is None else weights
+    if set(weights) != set(channels):
+        raise ValueError(
+            f"`weights` must have one for each of the channels {', '.join(channels)}, "
+            f"got {', '.join(weights) or 'none'}. `Structure.observe` takes others."
+        )
+    sizes = structure.sizes
+    return np.concatenate([np.broadcast_to(weights[c], sizes[c]) for c in channels])
 
 
 def compress(JJ, Jr, norm):

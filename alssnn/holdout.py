@@ -56,10 +56,11 @@ class Fold:
         error : float
             Mean square over outputs of unit variance; inf where it diverges.
         """
-        ny = structure.sizes["y"]
-        weight = np.ones(ny) if output_weight is None else np.asarray(output_weight)
+        (y,) = structure.channels
+        weight = np.ones(1) if output_weight is None else np.asarray(output_weight)
+        weight = np.broadcast_to(weight, structure.sizes[y])
         criterion = Criterion(
-            structure, self.hidden, output_weight=weight / weight.sum()
+            structure, self.hidden, weights={y: weight / weight.sum()}
         )
         signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(STARTS, *x0.shape))
         signs[..., x0.shape[1] - self.integrators :] = 0.0

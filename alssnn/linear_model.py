@@ -7,8 +7,8 @@ from scipy.linalg import eigh, lstsq, solve_discrete_lyapunov
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
+from .models import state_space
 from .simulation import trajectory
-from .structures import state_space_structure
 
 LEAST_VARIANCE = 1e-12  # of a state, relative to the largest, that counts as moving
 RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
@@ -51,7 +51,7 @@ class LinearModel:
     def structure(self):
         """Return the linear structure with free C."""
         nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
-        return state_space_structure(nx, nu, ny, feedthrough=self.feedthrough)
+        return state_space(nx, nu, ny, feedthrough=self.feedthrough)
 
     def as_fit(self):
         """Return the model as a fitted structure.

@@ -498,6 +498,52 @@ class Plant:
         return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
 
 
+def forms(structure, theta, units):
+    """Return the forms of a plant, in the user's units.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model with the axes x, u and y.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    units : dict of str to ndarray
+        The user's units over those of theta, by axis.
+
+    Returns
+    -------
+    forms : dict
+        `form`, `law_form` and `feedback` of a `Plant`.
+    """
+    units = {**units, "v": units["u"]}
+    if "v" not in structure.signals:  # nothing that a law could cancel
+        lure = _in_units(structure.observe("y"), theta, units)
+        nx, (ny, nu) = lure.nx, (structure.sizes["y"], lure.nu)
+        Theta = np.insert(lure.Theta, [nx + ny] * nu, _only_u(lure), axis=0)
+        form = Lure(Theta, nx, nu, lure.nw, lure.sigma)
+        static = Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0)
+        return {"form": form, "law_form": static, "feedback": "output"}
+    law = structure.law()
+    return {
+        "form": _in_units(structure.observe("y", "v"), theta, units),
+        "law_form": _in_units(law, law.join(structure.split(theta)), units),
+        "feedback": "state" if law.inputs[0] == "x" else "output",
+    }
+
+
+def _in_units(structure, theta, units):
+    """Return a Lur'e form in other units, by axis."""
+    lure = structure.lure(theta)
+    by_row, by_column = (np.ones(n) for n in lure.Theta.shape)
+    for axis, unit in units.items():
+        for places, scale in ((structure.rows, by_row), (structure.cols, by_column)):
+            if axis in places:
+                scale[places[axis]] = unit
+    # one ratio: what is of one unit on both sides stays as it is, to the last digit
+    Theta = lure.Theta * (by_row[:, None] / by_column)
+    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+
+
 def signal_names(names, letter, size):
     """Return names of signals that python-control accepts.
 

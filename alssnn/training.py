@@ -27,6 +27,7 @@ from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
 from .stability import Contractive
+from .structures import ONE
 from .watch import INTERRUPTED, Patience, Watch
 
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
@@ -70,38 +71,57 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
     if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
         X = np.zeros_like(X)
     y_hat = X @ linear.C.T + u @ linear.D.T
-    signals = {"x": X, "u": u, "y": np.where(np.isnan(y), y_hat, y)}
+    signals = {
+        ONE: np.ones((len(u), 1)),
+        structure.states[0]: X,
+        structure.measured: np.where(np.isnan(y), y_hat, y),
+    }
+    first = structure.nx
+    for axis in structure.inputs:
+        where = structure.cols[axis]
+        signals[axis] = u[:, where.start - first : where.stop - first]
 
-    def values(axis, samples):
-        # what a layer sees of a signal or of the layer before it
+    def behind(term, first, samples):
+        # what stands in a term behind its first factors
+        q = {**structure.constants, **structure.split(structure.join(p))}
+        value = columns(term.cols, samples).T
+        for factor in reversed(term.factors[first:]):
+            value = factor.value(q) @ value
+        return term.gain * value.T
+
+    def columns(axis, samples):
         if axis in signals:
             return signals[axis][samples]
-        v = sum(
-            values(axes[1], samples) @ p[name].T if len(axes) == 2 else p[name]
-            for name, axes in structure.parameters.items()
-            if axes[0] == axis
-        )
-        return structure.activation(axis).value(v)
+        is_layer = axis in structure.layers
+        terms = (structure.layers if is_layer else structure.signals)[axis].terms
+        v = sum(behind(term, 0, samples) for term in terms)
+        return structure.activation(axis).value(v) if is_layer else v
 
     for axis in structure.neurons:
+        inner: dict[str, list] = {}
+        biases = []
+        for term in structure.layers[axis].terms:
+            name = structure.leading(term)
+            if name is None or name in p:  # weights may be shared by several layers
+                continue
+            if len(structure.shapes[name]) == 2:
+                inner.setdefault(name, []).append(term)
+            else:
+                biases.append(name)
+        if not inner:
+            continue
         size = structure.sizes[axis]
         samples = rng.integers(len(u), size=size)
-        inner = {
-            name: axes[1]
-            for name, axes in structure.parameters.items()
-            if axes[0] == axis and len(axes) == 2
-        }
         free = {name: _free_weights(structure, name, bounds or {}) for name in inner}
         width = sum(weights.any(axis=0).sum() for weights in free.values())
         bias = np.zeros(size)
-        for name, source in inner.items():
+        for name, terms in inner.items():
             shape = structure.shapes[name]
             scale = INITIAL_SLOPE / np.sqrt(max(width, 1))
             p[name] = rng.normal(scale=scale, size=shape) * free[name]
-            bias -= np.sum(p[name] * values(source, samples), axis=1)
-        for name, axes in structure.parameters.items():
-            if axes == (axis,):
-                p[name] = bias
+            seen = sum(behind(term, 1, samples) for term in terms)
+            bias -= np.sum(p[name] * seen, axis=1)
+        p |= dict.fromkeys(biases, bias)
     return structure.join(p)
 
 
@@ -136,7 +156,8 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
     x0 : ndarray of shape (n_experiments, n_x0)
         Initial states; zero where the model diverges within the window.
     """
-    one = partial(_estimate_one, structure, theta, window, noise)
+    plain = structure.observe(structure.measured)
+    one = partial(_estimate_one, plain, theta, window, noise)
     return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
 
 
@@ -159,6 +180,8 @@ def train(
     starts,
     *,
     weights=None,
+    alpha=0.0,
+    center=None,
     phi=None,
     bounds=None,
     at_rest=False,
@@ -181,9 +204,12 @@ def train(
         Pairs (u, y) of scaled deviations.
     starts : sequence of ndarray of shape (n_params,)
         Starts, one per restart.
-    weights : dict or None, default=None
-        ``gamma``, ``gamma_k``, ``gamma_h``, ``alpha``, ``center`` and
-        ``output_weight`` of `Criterion`.
+    weights : dict of str to float or ndarray, or None, default=None
+        Weights of the channels by name, as of `Criterion`.
+    alpha : float, default=0.0
+        Weight of the squared network parameters.
+    center : ndarray of shape (n_params,) or None, default=None
+        Parameters from which that weight pulls away as little as possible.
     phi : float or None, default=None
         Rate of stability by construction (eq. contract); None leaves A free.
     bounds : dict of str to tuple of ndarray, or None, default=None
@@ -192,7 +218,8 @@ def train(
         Whether the initial states are held at zero; a stretch of a record begins
         anywhere, and its initial states are free in any case.
     continuation : int, default=0
-        Number of larger gammas that come first, each half a decade above the next.
+        Number of searches with larger weights of all channels but the measured one
+        that come first, each half a decade above the next.
     coarse_samples : int or None, default=None
         Samples of the first stages; None trains on all samples at once.
     polish_iter : int, default=20
@@ -217,7 +244,7 @@ def train(
     """
     watch = Watch() if watch is None else watch
     options["validation"] = validation
-    weights = {} if weights is None else weights
+    decay, measured = {"alpha": alpha, "center": center}, structure.measured
     experiments = Held.of(experiments)
     if experiments.is_here:
         experiments = Held(experiments, n_jobs)
@@ -228,16 +255,18 @@ def train(
     first = Held.of(first)
     factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
     criteria = [
-        Criterion(structure, first, **_times(weights, factor)) for factor in factors
+        Criterion(structure, first, weights=_times(weights, factor, measured), **decay)
+        for factor in factors
     ]
-    *labels, last = _stage_labels(weights.get("gamma", 0.0), factors, is_coarse)
+    penalties = [w for c, w in (weights or {}).items() if c != measured]
+    *labels, last = _stage_labels(penalties, factors, is_coarse)
     limits = Limits(structure, phi, bounds, at_rest)
     first_limits = Limits(structure, phi, bounds) if is_coarse else limits
     stages = list(zip(labels if is_coarse else [*labels, last], criteria, strict=True))
     best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
         steps = best.nfev
-        criterion = Criterion(structure, experiments, **weights)
+        criterion = Criterion(structure, experiments, weights=weights, **decay)
         # a short step may still be worth it here: its cost alone ends the last stage
         options = {**options, "max_iter": polish_iter, "xtol": LAST_XTOL}
         best = _stage(
@@ -280,20 +309,22 @@ def _best_start(stages, starts, limits, watch, n_jobs, options):
     return min(results, key=lambda result: result[key])
 
 
-def _times(weights, factor):
-    """Return the weights with all gammas multiplied."""
-    return {
-        name: value * factor if name.startswith("gamma") else value
-        for name, value in weights.items()
+def _times(weights, factor, measured):
+    """Return the weights, those of all channels but the measured one multiplied."""
+    return weights and {
+        channel: weight if channel == measured else factor * weight
+        for channel, weight in weights.items()
     }
 
 
-def _stage_labels(gamma, factors, is_coarse):
+def _stage_labels(penalties, factors, is_coarse):
     """Return what the stages of the training are called, in order."""
     names = [ONLY_STAGE]
     if len(factors) > 1:
         names = [
-            f"gamma {gamma * factor:.3g}" if gamma > 0 else f"gammas x {factor:.3g}"
+            f"gamma {factor * penalties[0]:.3g}"
+            if len(penalties) == 1
+            else f"gammas x {factor:.3g}"
             for factor in factors
         ]
     if is_coarse:
@@ -378,7 +409,8 @@ def _start_of_stage(criterion, theta, limits, x0):
     if limits.at_rest:
         x0 = zero
     elif x0 is None:
-        noise = Criterion(structure, experiments).norm(criterion.join(theta, zero)) ** 2
+        plain = structure.observe(structure.measured)
+        noise = Criterion(plain, experiments).norm(criterion.join(theta, zero)) ** 2
         x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=noise)
     free = criterion.join(theta, x0)
     if not criterion.norm(free) < DIVERGED_NORM:
@@ -480,7 +512,9 @@ class Validation:
         rmse : float
             Root mean square error, outputs of unit variance; inf where it diverges.
         """
-        error = Criterion(structure, self.scored, output_weight=self.output_weight)
+        structure = structure.observe(structure.measured)
+        weights = {structure.measured: self.output_weight}
+        error = Criterion(structure, self.scored, weights=weights)
         x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise)
         norm = error.norm(error.join(theta, x0))
         return norm if norm < DIVERGED_NORM else np.inf

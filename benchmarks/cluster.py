@@ -36,16 +36,16 @@ def make(seed, n_samples):
 def problem(experiments, n_experiments):
     """Return a criterion of the paper's size over experiments, and a free vector."""
     from alssnn.criterion import Criterion
-    from alssnn.structures import state_space_structure
+    from alssnn.models import state_space
 
     rng = np.random.default_rng(0)
     A = rng.standard_normal((NX, NX))
     A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
-    structure = state_space_structure(
-        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX)), penalty="state"
-    )
+    structure = state_space(
+        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX))
+    ).observe("y", "g")
     p = {k: 0.1 * rng.standard_normal(s) for k, s in structure.shapes.items()}
-    criterion = Criterion(structure, experiments, gamma=16.0)
+    criterion = Criterion(structure, experiments, weights={"y": 1.0, "g": 16.0})
     theta = structure.join({**p, "A": A})
     return criterion, criterion.join(theta, np.zeros((n_experiments, NX)))
 

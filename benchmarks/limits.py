@@ -24,9 +24,9 @@ from scipy.optimize import least_squares
 
 from alssnn.criterion import Criterion, compress
 from alssnn.linear_model import LinearModel
+from alssnn.models import state_space
 from alssnn.optimizers import single_threaded
 from alssnn.sections import Sections
-from alssnn.structures import state_space_structure
 
 COLUMNS = ("simulation", "pass", "compression", "algebra", "step")
 TOLERANCE = 0.05
@@ -55,11 +55,9 @@ def problem(kind, *, N, nx, neurons, experiments):
     if kind == "linear":
         sections = Sections(pairs, LinearModel(A, B, C, np.zeros((1, 1)), x0))
         return sections, sections.start
-    structure = state_space_structure(
-        nx, 1, 1, n_h=neurons, n_g=neurons, C=C, penalty="state"
-    )
+    structure = state_space(nx, 1, 1, n_h=neurons, n_g=neurons, C=C).observe("y", "g")
     p = {k: 0.1 * rng.standard_normal(s) for k, s in structure.shapes.items()}
-    criterion = Criterion(structure, pairs, gamma=1.0)
+    criterion = Criterion(structure, pairs, weights={"y": 1.0, "g": 1.0})
     return criterion, criterion.join(structure.join({**p, "A": A}), x0)
 
 

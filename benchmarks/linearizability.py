@@ -25,8 +25,8 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn.criterion import Criterion
 from alssnn.datasets import fetch_wiener_hammerstein
 from alssnn.metrics import rmse
+from alssnn.models import state_space
 from alssnn.optimizers import single_threaded
-from alssnn.structures import state_space_structure
 from benchmarks._curves import cost_curve
 from benchmarks.paper.studies import AL, STATE, wiener_hammerstein_models
 
@@ -58,12 +58,12 @@ def pass_ratio(n_samples=50_000, repeats=5):
     rng = np.random.default_rng(0)
     u, y = rng.standard_normal((n_samples, 1)), rng.standard_normal((n_samples, 1))
     times = {}
-    for penalty in ("output", "state"):
-        structure = state_space_structure(
-            6, 1, 1, n_h=10, n_g=10, C=rng.standard_normal((1, 6)), penalty=penalty
-        )
+    for penalty, channel in (("output", "e"), ("state", "g")):
+        structure = state_space(
+            6, 1, 1, n_h=10, n_g=10, C=rng.standard_normal((1, 6))
+        ).observe("y", channel)
         p = {k: 0.1 * rng.standard_normal(s) for k, s in structure.shapes.items()}
-        criterion = Criterion(structure, [(u, y)], gamma=1.0)
+        criterion = Criterion(structure, [(u, y)], weights={"y": 1.0, channel: 1.0})
         free = criterion.join(structure.join({**p, "A": 0.5 * np.eye(6)}), np.zeros(6))
         criterion.normal_equations(free)  # compiles the kernels
         times[penalty] = (criterion, free, [])

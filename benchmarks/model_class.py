@@ -226,12 +226,12 @@ def identify(names, seeds):
 def peak_memory(n_samples):
     """Return the peak memory of one norm and one pass on a record on disk, in MB."""
     from alssnn.criterion import Criterion
+    from alssnn.models import state_space
     from alssnn.optimizers import single_threaded
     from alssnn.scaling import Scaling
-    from alssnn.structures import state_space_structure
 
     rng = np.random.default_rng(0)
-    structure = state_space_structure(3, 1, 1, n_h=3, C=np.ones((1, 3)))
+    structure = state_space(3, 1, 1, n_h=3, C=np.ones((1, 3)))
     theta = 0.1 * rng.standard_normal(structure.n_params)
     scaling = Scaling(np.zeros(1), np.zeros(1), np.ones(1), np.ones(1))
     with tempfile.TemporaryDirectory() as folder:

@@ -42,17 +42,19 @@ TARGETS = {
 def problem(n_samples, n_jobs=None):
     """Return a criterion and a free vector of the size that is measured."""
     from alssnn.criterion import Criterion
-    from alssnn.structures import state_space_structure
+    from alssnn.models import state_space
 
     rng = np.random.default_rng(0)
     A = rng.standard_normal((NX, NX))
     A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
-    structure = state_space_structure(
-        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX)), penalty="state"
-    )
+    structure = state_space(
+        NX, 1, 1, n_h=N_H, n_g=N_G, C=rng.standard_normal((1, NX))
+    ).observe("y", "g")
     p = {k: 0.1 * rng.standard_normal(s) for k, s in structure.shapes.items()}
     u, y = rng.standard_normal((n_samples, 1)), rng.standard_normal((n_samples, 1))
-    criterion = Criterion(structure, [(u, y)], gamma=16.0, n_jobs=n_jobs)
+    criterion = Criterion(
+        structure, [(u, y)], weights={"y": 1.0, "g": 16.0}, n_jobs=n_jobs
+    )
     return criterion, criterion.join(structure.join({**p, "A": A}), np.zeros((1, NX)))
 
 

@@ -1,16 +1,15 @@
 """Plants of all structures, for tests of what is written in other languages."""
 
 import numpy as np
-from test_extending import SOFTSIGN, hammerstein_structure
+from structures import STRUCTURES, declare
+from test_extending import SOFTSIGN, hammerstein
 
-from alssnn.structures import state_space_structure
-from conftest import STRUCTURES
 from helpers import plant_of_structure, random_theta
 
 OWN = {
-    "hammerstein": (lambda: hammerstein_structure(3, 2, 2, n_f=4), 0),
-    "softsign": (lambda: hammerstein_structure(2, 1, 2, n_f=3, activation=SOFTSIGN), 0),
-    "hammerstein, late": (lambda: hammerstein_structure(2, 2, 1, n_f=3), (0, 3)),
+    "hammerstein": (lambda: hammerstein(3, 2, 2, n_f=4), 0),
+    "softsign": (lambda: hammerstein(2, 1, 2, n_f=3, activation=SOFTSIGN), 0),
+    "hammerstein, late": (lambda: hammerstein(2, 2, 1, n_f=3), (0, 3)),
 }
 LATE = {"linear": (2, 1), "gr": (1, 4), "al": (3, 0), "nonlinear output": (0, 2)}
 NAMES = [*STRUCTURES, *OWN, *(f"{name}, late" for name in LATE)]
@@ -24,13 +23,7 @@ def make_plant(name):
         structure = make()
     else:
         name, _, late = name.partition(", ")
-        (nx, nu, ny), options = STRUCTURES[name]
-        C = (
-            rng.standard_normal((ny, nx))
-            if {"n_h", "n_g", "n_k"} & {*options}
-            else None
-        )
-        structure = state_space_structure(nx, nu, ny, C=C, **options)
+        structure = declare(name, rng)
         delay = LATE[name] if late else 0
     return plant_of_structure(structure, random_theta(structure, rng), rng, delay)
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from alssnn.kernels import differentiate
 from alssnn.lure import Lure
-from alssnn.networks import Perceptron
-from alssnn.plant import Plant
+from alssnn.plant import Plant, forms
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
+from alssnn.simulation import neuron_gains, regressors
 
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
 
@@ -27,6 +28,36 @@ def assert_jacobian(function, jacobian, x, rtol=1e-11):
     assert jacobian.shape == expected.shape
     atol = rtol * max(1.0, np.abs(expected).max())
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=atol)
+
+
+def assert_direct(structure, theta, rng):
+    """Check the direct derivative of one step against the complex step."""
+    L = 5
+    X, u = (
+        rng.standard_normal((L, structure.nx)),
+        rng.standard_normal((L, structure.nu)),
+    )
+    n_rows = structure.nx + structure.nz
+    scale = rng.uniform(0.5, 2.0, n_rows)
+
+    def step(theta):
+        lure = structure.lure(theta)
+        return regressors(lure, X, u) @ lure.Theta[:n_rows].T * scale
+
+    lure = structure.lure(theta)
+    Phi = regressors(lure, X, u)
+    WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
+    direct = structure.direct(structure.split(theta), scale)
+    gains, signals = direct.factors(Phi, WR)
+    for kernel in (differentiate, differentiate.plain):
+        out = np.zeros((L, n_rows, structure.n_params))
+        for k in range(L):  # one step each, from S = 0
+            FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
+            S, J = np.split(out[k].copy(), [structure.nx])
+            factors = direct.constants, gains[one], signals[one]
+            kernel(FH, direct.table, *factors, S, J[None])
+            out[k] = np.vstack([S, J])
+        assert_jacobian(step, out, theta)
 
 
 def random_theta(structure, rng, radius=0.7):
@@ -93,53 +124,18 @@ def as_records(experiments):
 
 def plant_of_structure(structure, theta, rng, delay=0):
     """Return the plant of a structure, at a random operating point."""
-    p = {**structure.constants, **structure.split(theta)}
     nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
-    full = structure.lure(theta)
-    rows, cols = structure.rows, structure.cols
-    neurons = slice(full.nx + full.nz, len(full.Theta))
-    wanted = np.r_[rows["x"], rows["y"], neurons]
-    Theta = full.Theta[np.ix_(wanted, np.r_[cols["x"], full.nx : full.Theta.shape[1]])]
-    v = np.eye(nu, Theta.shape[1], nx)
-    net, by_state = None, "W_s" in p
-    if "W_h" in p:
-        axis = structure.parameters["W_h"][1]
-        start = cols[axis].start - full.nx + nx
-        v[:, start : start + p["W_h"].shape[1]] += p["W_h"]
-        v[:, -1] += p.get("b_h", 0.0)
-        net = Perceptron.h(p, structure.activations[axis])
+    unit = {axis: np.ones(n) for axis, n in zip("xuy", (nx, nu, ny), strict=True)}
     return Plant(
-        form=Lure(
-            np.insert(Theta, [nx + ny] * nu, v, axis=0), nx, nu, full.nw, full.sigma
-        ),
-        law_form=law_form(net, nx if by_state else ny, nu),
-        feedback="state" if by_state else "output",
+        **forms(structure, theta, unit),
         u_offset=rng.standard_normal(nu),
         y_offset=rng.standard_normal(ny),
-        u_scale=np.ones(nu),
-        y_scale=np.ones(ny),
-        x_scale=np.ones(nx),
+        u_scale=unit["u"],
+        y_scale=unit["y"],
+        x_scale=unit["x"],
         dt=0.5,
         inputs=[f"u[{i}]" for i in range(nu)],
         outputs=[f"y[{i}]" for i in range(ny)],
         name="plant",
         delay=np.broadcast_to(delay, nu).copy(),
-    )
-
-
-def law_form(net, ns, nu):
-    """Return v = u + net(s) as a static map, layer behind layer."""
-    layers = [] if net is None else net.layers
-    sizes = [len(W) for W, _ in layers[:-1]]
-    Theta = np.zeros((nu + sum(sizes), ns + nu + sum(sizes) + 1))
-    Theta[:nu, ns : ns + nu] = np.eye(nu)
-    row, first = nu, 0
-    for W, b in layers:
-        where = slice(row, row + len(W)) if row < len(Theta) else slice(0, nu)
-        Theta[where, first : first + W.shape[1]] = W
-        Theta[where, -1] = b
-        first = ns + row
-        row += len(W)
-    return Lure(
-        Theta, 0, ns + nu, sum(sizes), (net.activation,) * sum(sizes) if net else ()
     )

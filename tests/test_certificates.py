@@ -24,9 +24,9 @@ from alssnn.certificates import (
     state_feedback,
 )
 from alssnn.lure import Lure
+from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contraction
-from alssnn.structures import state_space_structure
 from helpers import as_records, plant_of, random_theta, simulate_linear
 from models import al_ssnn
 
@@ -392,7 +392,7 @@ def test_the_output_bound_knows_the_feedthrough():
 def test_the_output_bound_of_random_loops_holds(seed, with_gain):
     """Nonlinear output, feedthrough, state feedback; the worst of random inputs."""
     rng = np.random.default_rng(seed)
-    structure = state_space_structure(
+    structure = state_space(
         2,
         2,
         2,
@@ -515,7 +515,7 @@ def test_loops_that_the_law_refuses_have_no_certificate(eps):
 
 @pytest.mark.parametrize("network", ["g", "k"])
 def test_an_unbounded_activation_has_no_global_bound(network, rng):
-    structure = state_space_structure(
+    structure = state_space(
         2, 1, 1, n_g=2, n_k=2, C=np.ones((1, 2)), activation={network: "relu"}
     )
     plant = plant_of(structure.lure(random_theta(structure, rng)))
@@ -631,7 +631,7 @@ def empirical_gain(lure, rng):
 @pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu", "identity", "sin"])
 def test_gain_bounds_two_layers(seed, activation):
     rng = np.random.default_rng(seed)
-    structure = state_space_structure(
+    structure = state_space(
         3,
         2,
         1,

@@ -5,15 +5,21 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
+from alssnn.models import state_space
 from alssnn.scaling import Scaling
 from alssnn.simulation import simulate
-from alssnn.structures import state_space_structure
 from helpers import assert_jacobian, random_theta
 
 
 @pytest.fixture
 def criterion(structure, experiments):
-    return Criterion(structure, experiments, gamma=0.7, gamma_h=0.4, alpha=0.01)
+    return Criterion(structure, experiments, weights=weights(structure), alpha=0.01)
+
+
+def weights(structure):
+    """Return a weight for each channel of a structure."""
+    every = {"y": 1.0, "g": 0.7, "e": 0.7, "k": 0.2, "h": 0.4, "v": 0.3}
+    return {channel: every[channel] for channel in structure.channels}
 
 
 @pytest.fixture
@@ -23,8 +29,8 @@ def free(criterion, rng):
 
 
 def test_cost_is_the_paper_s(rng):
-    structure = state_space_structure(
-        2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2)), penalty="state", penalize_h=True
+    structure = state_space(2, 1, 1, n_h=2, n_g=3, C=np.ones((1, 2))).observe(
+        "y", "g", "h"
     )
     theta, x0 = random_theta(structure, rng), rng.standard_normal((1, 2))
     u, y = rng.standard_normal((15, 1)), rng.standard_normal((15, 1))
@@ -39,9 +45,21 @@ def test_cost_is_the_paper_s(rng):
         x = p["A"] @ x + p["B"] @ (u[k] + h) + g
     net = sum(np.sum(p[k] ** 2) for k in structure.network_parameters)
     assert set(structure.network_parameters) == set(p) - {"A", "B"}
-    criterion = Criterion(structure, [(u, y)], gamma=0.3, gamma_h=0.05, alpha=0.02)
+    weights = {"y": 1.0, "g": 0.3, "h": 0.05}
+    criterion = Criterion(structure, [(u, y)], weights=weights, alpha=0.02)
     got = criterion.norm(criterion.join(theta, x0)) ** 2
     np.testing.assert_allclose(got, cost / 15 + 0.02 * net)
+
+
+@pytest.mark.parametrize(
+    ("weights", "got"),
+    [(None, "y"), ({"y": 1.0}, "y"), ({"y": 1.0, "v": 1.0, "g": 1.0}, "y, v, g")],
+)
+def test_every_channel_has_a_weight(weights, got, rng):
+    structure = state_space(2, 1, 1, n_g=2, C=np.ones((1, 2))).observe("y", "v")
+    pair = rng.standard_normal((9, 1)), rng.standard_normal((9, 1))
+    with pytest.raises(ValueError, match=f"one for each .* y, v, got {got}. "):
+        Criterion(structure, [pair], weights=weights)
 
 
 def test_jacobian(criterion, free):
@@ -99,14 +117,12 @@ def test_compression_of_a_perfect_fit_is_finite():
 def test_least_squares_takes_the_same_steps_compressed_and_dense(method, rng):
     # a scalar state leaves no freedom of basis: J has full rank and rounding is all
     # that can tell the two apart
-    structure = state_space_structure(
-        1, 1, 1, n_h=2, n_g=1, C=np.ones((1, 1)), penalty="state"
-    )
+    structure = state_space(1, 1, 1, n_h=2, n_g=1, C=np.ones((1, 1))).observe("y", "g")
     truth = random_theta(structure, rng)
     u = rng.standard_normal((300, 1))
     y = simulate(structure.lure(truth), u, np.zeros(1))[:-1]
     y = y + 0.1 * rng.standard_normal(y.shape)
-    criterion = Criterion(structure, [(u, y)], gamma=0.5, alpha=1e-3)
+    criterion = Criterion(structure, [(u, y)], weights={"y": 1.0, "g": 0.5}, alpha=1e-3)
     start = criterion.join(truth + 0.2 * rng.standard_normal(len(truth)), np.zeros(1))
     visited = {}
     for name, fun, jac in [
@@ -130,10 +146,12 @@ def test_gamma_zero_and_no_penalty_agree(rng):
     options = {"n_h": 2, "n_g": 2, "C": np.ones((1, 2))}
     u, y = rng.standard_normal((30, 1)), rng.standard_normal((30, 1))
     norms = []
-    for penalty in ("state", "output", None):
-        structure = state_space_structure(2, 1, 1, penalty=penalty, **options)
+    for channels in ("yg", "ye", "y"):
+        structure = state_space(2, 1, 1, **options).observe(*channels)
         theta = random_theta(structure, np.random.default_rng(1))
-        criterion = Criterion(structure, [(u, y)], gamma=0.0)
+        criterion = Criterion(
+            structure, [(u, y)], weights={"y": 1.0, **dict.fromkeys(channels[1:], 0.0)}
+        )
         norms.append(criterion.norm(criterion.join(theta, np.zeros((1, 2)))))
     np.testing.assert_allclose(norms, norms[0], rtol=1e-14)
 
@@ -141,7 +159,7 @@ def test_gamma_zero_and_no_penalty_agree(rng):
 def test_chunk_size_changes_nothing(structure, experiments, free):
     results = [
         Criterion(
-            structure, experiments, gamma=0.7, alpha=0.01, chunk=chunk
+            structure, experiments, weights=weights(structure), alpha=0.01, chunk=chunk
         ).normal_equations(free)
         for chunk in (None, 3)
     ]
@@ -152,7 +170,13 @@ def test_chunk_size_changes_nothing(structure, experiments, free):
 def test_a_second_thread_changes_no_digit(structure, experiments, rng):
     theta, x0 = random_theta(structure, rng), np.zeros((1, structure.n_x0))
     one, two = (
-        Criterion(structure, experiments[1:], gamma=0.7, chunk=3, n_jobs=n_jobs)
+        Criterion(
+            structure,
+            experiments[1:],
+            weights=weights(structure),
+            chunk=3,
+            n_jobs=n_jobs,
+        )
         for n_jobs in (None, 2)
     )
     assert two.one.pipelined
@@ -170,8 +194,10 @@ def test_splitting_a_record_at_its_true_state_keeps_the_cost(structure, rng):
     u = rng.standard_normal((40, structure.nu))
     y = rng.standard_normal((40, structure.sizes["y"]))
     X = simulate(structure.lure(theta), u, np.zeros(structure.nx))
-    whole = Criterion(structure, [(u, y)], gamma=0.7)
-    parts = Criterion(structure, [(u[:25], y[:25]), (u[25:], y[25:])], gamma=0.7)
+    records = [(u, y)], [(u[:25], y[:25]), (u[25:], y[25:])]
+    whole, parts = (
+        Criterion(structure, record, weights=weights(structure)) for record in records
+    )
     n_x0 = structure.n_x0
     assert parts.norm(parts.join(theta, X[[0, 25], :n_x0])) == pytest.approx(
         whole.norm(whole.join(theta, X[[0], :n_x0])), rel=1e-12
@@ -188,7 +214,7 @@ def test_memo_is_not_stale(criterion, free):
 
 
 def test_divergence_is_a_large_finite_norm(rng):
-    structure = state_space_structure(1, 1, 1)
+    structure = state_space(1, 1, 1)
     criterion = Criterion(structure, [(np.ones((3000, 1)), np.ones((3000, 1)))])
     free = criterion.join(
         structure.join({"A": [[3.0]], "B": [[1.0]]}), np.zeros((1, 1))
@@ -207,9 +233,7 @@ def test_divergence_is_a_large_finite_norm(rng):
 @pytest.mark.parametrize("n_jobs", [None, 2])
 def test_diverging_sensitivities_of_a_bounded_simulation(activation, gain, x0, n_jobs):
     """x+ = gain sigma(x): bounded, while dx/dx0 grows like gain^k."""
-    structure = state_space_structure(
-        1, 1, 1, n_g=1, C=np.ones((1, 1)), activation=activation
-    )
+    structure = state_space(1, 1, 1, n_g=1, C=np.ones((1, 1)), activation=activation)
     theta = structure.join({"W_g": [[gain]], "W_x": [[1.0]]})
     record = np.zeros((3000, 1)), np.ones((3000, 1))
     criterion = Criterion(structure, [record], n_jobs=n_jobs)
@@ -244,7 +268,7 @@ def structures(draw):
     """Return any member of the model class, of any size."""
     nx, nu, ny = (draw(st.integers(1, 3)) for _ in "xuy")
     odd = draw(st.booleans())
-    return state_space_structure(
+    structure = state_space(
         nx,
         nu,
         ny,
@@ -254,8 +278,6 @@ def structures(draw):
         C=np.random.default_rng(draw(st.integers(0, 9))).standard_normal((ny, nx)),
         feedthrough=draw(st.booleans()),
         feedback=draw(st.sampled_from(["output", "state"])),
-        penalty=draw(st.sampled_from([None, "state", "output"])),
-        penalize_h=draw(st.booleans()),
         tied_bias=draw(st.booleans()),
         odd=odd,
         activation={
@@ -263,6 +285,10 @@ def structures(draw):
             "g": draw(names),
             "k": draw(names),
         },
+    )
+    penalties = sorted(set(structure.signals) - {"y"})
+    return structure.observe(
+        "y", *draw(st.lists(st.sampled_from(penalties), unique=True))
     )
 
 
@@ -289,12 +315,9 @@ def test_gradient_of_any_model(structure, seed, lengths, missing, max_delay, chu
     criterion = Criterion(
         structure,
         experiments,
-        gamma=0.7,
-        gamma_k=0.2,
-        gamma_h=0.4,
+        weights={**weights(structure), "y": rng.uniform(0, 2, ny)},
         alpha=0.01,
         x0_weight=0.1,
-        output_weight=rng.uniform(0, 2, ny),
         chunk=chunk,
     )
     x0 = rng.standard_normal((len(lengths), structure.n_x0))

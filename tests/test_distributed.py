@@ -15,7 +15,7 @@ from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
 from alssnn import FlSsnn, LinearStateSpace
 from alssnn.criterion import Criterion
 from alssnn.mapping import Held
-from alssnn.structures import state_space_structure
+from alssnn.models import state_space
 from helpers import random_theta
 from models import al_ssnn, fl_ssnn
 
@@ -121,10 +121,11 @@ def test_sums_are_those_of_one_process(client, futures, experiments, rng, fan_in
     if fan_in == 2:
         there.groups = [[i] for i in (3, 1, 4, 0, 2)]  # as many workers
     remote_fan_in, remote.FAN_IN = remote.FAN_IN, fan_in
-    structure = state_space_structure(
-        2, 2, 2, n_h=3, n_g=2, C=np.eye(2), penalty="output"
-    )
-    criteria = [Criterion(structure, e, gamma=0.3, alpha=1e-3) for e in (there, here)]
+    structure = state_space(2, 2, 2, n_h=3, n_g=2, C=np.eye(2)).observe("y", "e")
+    criteria = [
+        Criterion(structure, e, weights={"y": 1.0, "e": 0.3}, alpha=1e-3)
+        for e in (there, here)
+    ]
     theta = random_theta(structure, rng)
     free = criteria[0].join(theta, rng.standard_normal((5, 2)))
     try:
@@ -187,7 +188,7 @@ def test_no_data_leave_the_workers_in_an_iteration(client, monkeypatch):
         there = remote.Remote(
             client, [client.submit(record, i, n, pure=False) for i in range(4)]
         )
-        structure = state_space_structure(2, 2, 2, n_h=4, C=np.eye(2))
+        structure = state_space(2, 2, 2, n_h=4, C=np.eye(2))
         criterion = Criterion(structure, there)
         original, sent = client.gather, []
         monkeypatch.setattr(

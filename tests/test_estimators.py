@@ -9,8 +9,8 @@ from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
+from alssnn.models import state_space
 from alssnn.simulation import simulate
-from alssnn.structures import state_space_structure
 from helpers import simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
 
@@ -263,7 +263,7 @@ def test_large_gamma_drives_the_residual_to_zero(mimo):
 
 
 def test_exact_recovery_of_a_known_fl_system(rng):
-    structure = state_space_structure(2, 1, 1, n_h=2, C=np.array([[1.0, 0.5]]))
+    structure = state_space(2, 1, 1, n_h=2, C=np.array([[1.0, 0.5]]))
     theta = structure.join(
         {
             "A": [[0.7, 0.3], [-0.3, 0.6]],
@@ -560,9 +560,9 @@ def test_states_that_only_the_cost_needs_change_no_measure(mimo):
     u, y = mimo
     model = al_ssnn(2, 2, 2, max_iter=8, random_state=0).fit(u, y)
     plain = model.linearizability(u, y)
-    model._structure = state_space_structure(
-        2, 2, 2, n_h=2, n_g=2, C=model._structure.constants["C"], penalty="output"
-    )
+    model._structure = state_space(
+        2, 2, 2, n_h=2, n_g=2, C=model._structure.constants["C"]
+    ).observe("y", "e")
     extended = model.linearizability(u, y)
     np.testing.assert_allclose(extended.e, plain.e, rtol=1e-9, atol=1e-12)
     assert extended.closed_ratio_max == pytest.approx(plain.closed_ratio_max)

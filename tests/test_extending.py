@@ -4,6 +4,7 @@ The members between the markers are shown in the manual; the tests keep them ali
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,17 +13,16 @@ import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
 from alssnn import Activation
-from alssnn.activations import as_activation
 from alssnn.certificates import iss_margin
 from alssnn.criterion import Criterion
 from alssnn.datasets import Record
+from alssnn.equations import Equations, diagonal
 from alssnn.estimators import Ssnn
+from alssnn.kernels import differentiate
 from alssnn.metrics import rmse
-from alssnn.networks import AtRest, Term
 from alssnn.optimizers import minimize
-from alssnn.simulation import simulate
-from alssnn.structures import Structure
-from alssnn.subspace import identify_linear
+from alssnn.simulation import channels, simulate
+from alssnn.subspace import LinearModel, identify_linear
 from alssnn.training import initial_theta, train
 from helpers import assert_jacobian
 from models import fl_ssnn, gr_ssnn
@@ -30,35 +30,68 @@ from models import fl_ssnn, gr_ssnn
 DOC = Path(__file__).parents[1] / "doc"
 
 
-def hammerstein_structure(nx, nu, ny, *, n_f, C=None, activation="tanh"):
+def hammerstein(nx, nu, ny, *, n_f, C=None, activation="tanh"):
     """Return x+ = A x + B (u + f(u)), y = C x, with a network f, f(0) = 0."""
-    sigma = as_activation(activation)
-    at_rest = AtRest((("W_v", "b_v"),), sigma)
-    parameters = {"A": ("x", "x"), "B": ("x", "u")}
-    constants = {} if C is None else {"C": np.asarray(C)}
-    if C is None:
-        parameters["C"] = ("y", "x")
-    return Structure(
-        sizes={"x": nx, "u": nu, "y": ny, "w_f": n_f},
-        states=("x",),
-        channels=("y",),
-        neurons=("w_f",),
-        parameters=parameters
-        | {"W_f": ("u", "w_f"), "W_v": ("w_f", "u"), "b_v": ("w_f",)},
-        terms=(
-            Term("x", "x", ("A",)),
-            Term("x", "u", ("B",)),
-            Term("y", "x", ("C",)),
-            Term("w_f", "u", ("W_v",)),
-            Term("w_f", "1", ("b_v",)),
-            Term("x", "w_f", ("B", "W_f")),  # a product: no derivative to write
-            Term("x", "1", ("B", "W_f", at_rest)),
-        ),
-        constants=constants,
-        constant_axes=dict.fromkeys(constants, ("y", "x")),
-        network_parameters=("W_f", "W_v", "b_v"),
-        activations={"w_f": sigma},
-    )
+    e = Equations(x=nx, u=nu, y=ny)
+    x, u = e.state("x"), e.input("u")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    C = e.parameter("C", "y", "x") if C is None else e.constant("C", C, "y", "x")
+    f = e.mlp("f", "u", n_f, {"W_v": u}, biases="tied", activation=activation)
+    return e.structure({"x": A @ x + B @ (u + f)}, {"y": C @ x})
+
+
+def wiener(nx, nu, ny, *, n_f, C):
+    """Return x+ = A x + B u, y = C x + f(C x), with a network f, f(0) = 0."""
+    e = Equations(x=nx, u=nu, y=ny)
+    x, u = e.state("x"), e.input("u")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    z = e.constant("C", C, "y", "x") @ x
+    f = e.mlp("f", "y", n_f, {"W_z": z}, biases="tied")
+    return e.structure({"x": A @ x + B @ u}, {"y": z + f})
+
+
+def monotone(nx, nu, ny, *, n_h, C):
+    """Return x+ = A x + B v, v = u + W_h sigma(diag(lambda) W_h' u + W_s x + b_s)."""
+    e = Equations(x=nx, u=nu, y=ny, w_h=n_h)
+    x, u = e.state("x"), e.input("u")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    W_h, W_s = e.weights("W_h", "u", "w_h"), e.weights("W_s", "w_h", "x")
+    scale, b_s = e.weights("lambda", "w_h"), e.weights("b_s", "w_h")
+    w = e.neurons("w_h", diagonal(scale) @ W_h.T @ u + W_s @ x + b_s)
+    v = e.signal("v", u + W_h @ w)
+    y = e.constant("C", C, "y", "x") @ x
+    return e.structure({"x": A @ x + B @ v}, {"y": y})
+
+
+def innovations(nx, nu, ny, *, n_h, C):
+    """Return x+ = A x + B (u + h(y_m)) + K (y_m - y), y = C x, with y_m measured."""
+    e = Equations(x=nx, u=nu, y=ny, y_m=ny)
+    x, u, y_m = e.state("x"), e.input("u"), e.input("y_m")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    K = e.parameter("K", "x", "y")
+    y = e.signal("y", e.constant("C", C, "y", "x") @ x)
+    v = e.signal("v", u + e.mlp("h", "u", n_h, {"W_y": y_m}))
+    return e.structure({"x": A @ x + B @ v + K @ (y_m - y)}, ["y"])
+
+
+def runge_kutta(nx, nu, ny, *, n_g, C, dt):
+    """Return one step of x' = f(x, u) = A x + B u + W_g sigma(W_x x + b_x)."""
+    e = Equations(x=nx, u=nu, y=ny, w=n_g)
+    x, u = e.state("x"), e.input("u")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    W_g, W_x = e.weights("W_g", "x", "w"), e.weights("W_x", "w", "x")
+    b_x = e.weights("b_x", "w")
+
+    def f(stage, x):  # neurons of its own, weights that all stages share
+        w = e.neurons(f"w_{stage}", W_x @ x + b_x)
+        return e.signal(f"f_{stage}", A @ x + B @ u + W_g @ w)
+
+    f_1 = f(1, x)
+    f_2 = f(2, x + dt / 2 * f_1)
+    f_3 = f(3, x + dt / 2 * f_2)
+    f_4 = f(4, x + dt * f_3)
+    y = e.constant("C", C, "y", "x") @ x
+    return e.structure({"x": x + dt / 6 * (f_1 + 2 * f_2 + 2 * f_3 + f_4)}, {"y": y})
 
 
 class HammersteinSsnn(Ssnn):
@@ -88,7 +121,7 @@ class HammersteinSsnn(Ssnn):
         return {"n_f": self.n_f, "activation": self.activation}
 
     def _declare(self, nx, nu, ny, *, n_f, C, activation, **_):
-        return hammerstein_structure(nx, nu, ny, n_f=n_f, C=C, activation=activation)
+        return hammerstein(nx, nu, ny, n_f=n_f, C=C, activation=activation)
 
 
 SOFTSIGN = Activation(
@@ -139,30 +172,135 @@ def make_saturated_filter(n_samples, *, random_state=None):
 
 # -- the structure ---------------------------------------------------------------------
 
+C = np.array([[1.0, 0.5], [0.2, 1.0], [0.0, 1.0]])
+DT = 0.3
+DECLARED = {
+    "hammerstein, C free": lambda: hammerstein(2, 2, 3, n_f=4),
+    "hammerstein": lambda: hammerstein(2, 2, 3, n_f=(4, 2), C=C, activation=SOFTSIGN),
+    "wiener": lambda: wiener(2, 2, 3, n_f=4, C=C),
+    "monotone": lambda: monotone(2, 2, 3, n_h=4, C=C),
+    "innovations": lambda: innovations(2, 2, 3, n_h=4, C=C),
+    "runge-kutta": lambda: runge_kutta(2, 2, 3, n_g=4, C=C, dt=DT),
+}
 
-@pytest.mark.parametrize("activation", ["tanh", SOFTSIGN], ids=["tanh", "softsign"])
-@pytest.mark.parametrize("C", [None, np.array([[1.0, 0.5], [0.2, 1.0], [0.0, 1.0]])])
-def test_derivative_of_a_declared_structure(activation, C, rng):
-    structure = hammerstein_structure(2, 2, 3, n_f=4, C=C, activation=activation)
-    theta = 0.4 * rng.standard_normal(structure.n_params)
+
+@pytest.fixture(params=DECLARED, ids=str)
+def declared(request, rng):
+    structure = DECLARED[request.param]()
+    return structure, 0.4 * rng.standard_normal(structure.n_params)
+
+
+@pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain"])
+def test_derivative_of_a_declared_structure(declared, rng, plain, monkeypatch):
+    if plain:
+        monkeypatch.setattr("alssnn.simulation.differentiate", differentiate.plain)
+    structure, theta = declared
     experiments = [
-        (rng.standard_normal((n, 2)), rng.standard_normal((n, 3))) for n in (12, 19)
+        (rng.standard_normal((n, structure.nu)), rng.standard_normal((n, 3)))
+        for n in (12, 19)
     ]
     criterion = Criterion(structure, experiments, alpha=0.01)
     free = criterion.join(theta, rng.standard_normal((2, 2)))
-    assert_jacobian(criterion.residuals, criterion.jacobian(free), free)
+    assert_jacobian(criterion.residuals, criterion.jacobian(free), free, rtol=1e-12)
+    JJ, Jr, norm = criterion.normal_equations(free)
+    J, r = criterion.jacobian(free), criterion.residuals(free)
+    np.testing.assert_allclose(JJ, J.T @ J, atol=1e-12 * np.abs(JJ).max())
+    np.testing.assert_allclose(Jr, J.T @ r, atol=1e-12 * np.abs(Jr).max())
+    assert norm == pytest.approx(np.linalg.norm(r), rel=1e-12)
 
 
-def test_declared_structure_is_its_equation(rng):
-    structure = hammerstein_structure(2, 2, 2, n_f=3)
-    theta = 0.4 * rng.standard_normal(structure.n_params)
-    p, u = structure.split(theta), rng.standard_normal((10, 2))
+def simulate_declared(structure, theta, rng):
+    """Return inputs, states and outputs of a structure from x = 0."""
+    u, lure = rng.standard_normal((10, structure.nu)), structure.lure(theta)
+    X = simulate(lure, u, np.zeros(2))
+    return u, X, channels(lure, X, u)
+
+
+def follow(X, step):
+    """Check the states against an equation."""
     x = np.zeros(2)
-    X = simulate(structure.lure(theta), u, x)
     for k in range(10):
-        np.testing.assert_allclose(X[k], x, atol=1e-14)
-        f = p["W_f"] @ (np.tanh(p["W_v"] @ u[k] + p["b_v"]) - np.tanh(p["b_v"]))
-        x = p["A"] @ x + p["B"] @ (u[k] + f)
+        np.testing.assert_allclose(X[k], x, atol=1e-13)
+        x = step(k, x)
+
+
+def test_hammerstein_is_its_equation(rng):
+    structure = hammerstein(2, 2, 2, n_f=3)
+    theta = 0.4 * rng.standard_normal(structure.n_params)
+    u, X, _ = simulate_declared(structure, theta, rng)
+    p = structure.split(theta)
+
+    def step(k, x):
+        f = p["W_f"] @ (np.tanh(p["W_v"] @ u[k] + p["b_f1"]) - np.tanh(p["b_f1"]))
+        return p["A"] @ x + p["B"] @ (u[k] + f)
+
+    follow(X, step)
+
+
+def test_wiener_is_its_equation(rng):
+    structure = wiener(2, 2, 3, n_f=3, C=C)
+    theta = 0.4 * rng.standard_normal(structure.n_params)
+    u, X, Y = simulate_declared(structure, theta, rng)
+    p, z = structure.split(theta), X[:-1] @ C.T
+    follow(X, lambda k, x: p["A"] @ x + p["B"] @ u[k])
+    f = (np.tanh(z @ p["W_z"].T + p["b_f1"]) - np.tanh(p["b_f1"])) @ p["W_f"].T
+    np.testing.assert_allclose(Y, z + f, atol=1e-13)
+
+
+def test_a_law_that_sees_the_input_is_its_equation_and_monotone(rng):
+    structure = monotone(2, 2, 3, n_h=4, C=C)
+    theta = 0.4 * rng.standard_normal(structure.n_params)
+    p = structure.split(theta)
+    p["lambda"][:] = np.abs(p["lambda"])  # a view of theta
+    u, X, _ = simulate_declared(structure, theta, rng)
+
+    def phi(u, x):
+        inner = p["lambda"] * (p["W_h"].T @ u) + p["W_s"] @ x + p["b_s"]
+        return u + p["W_h"] @ np.tanh(inner)
+
+    follow(X, lambda k, x: p["A"] @ x + p["B"] @ phi(u[k], x))
+    law = structure.law()
+    assert law.inputs == ("x", "u")
+    xu = np.hstack([X[:-1], u])
+    v = channels(law.lure(law.join(p)), np.empty((10, 0)), xu)
+    expected = [phi(u_k, x) for u_k, x in zip(u, X[:-1], strict=True)]
+    np.testing.assert_allclose(v, expected, atol=1e-14)
+    for k in range(9):
+        assert (v[k + 1] - phi(u[k], X[k + 1])) @ (du := u[k + 1] - u[k]) >= du @ du
+
+
+def test_innovations_are_their_equation(rng):
+    structure = innovations(2, 2, 3, n_h=3, C=C)
+    theta = 0.3 * rng.standard_normal(structure.n_params)
+    uy, X, _ = simulate_declared(structure, theta, rng)
+    p, (u, y) = structure.split(theta), np.split(uy, [2], axis=1)
+
+    def step(k, x):
+        h = p["W_h"] @ np.tanh(p["W_y"] @ y[k] + p["b_h1"]) + p["b_h"]
+        return p["A"] @ x + p["B"] @ (u[k] + h) + p["K"] @ (y[k] - C @ x)
+
+    follow(X, step)
+    assert structure.law().inputs == ("y_m", "u")
+
+
+def test_runge_kutta_is_its_equation(rng):
+    structure = runge_kutta(2, 2, 3, n_g=3, C=C, dt=DT)
+    theta = 0.4 * rng.standard_normal(structure.n_params)
+    u, X, _ = simulate_declared(structure, theta, rng)
+    p = structure.split(theta)
+    assert structure.nw == 12
+
+    def step(k, x):
+        def f(x):
+            g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["b_x"])
+            return p["A"] @ x + p["B"] @ u[k] + g
+
+        f_1 = f(x)
+        f_2 = f(x + DT / 2 * f_1)
+        f_3 = f(x + DT / 2 * f_2)
+        return x + DT / 6 * (f_1 + 2 * f_2 + 2 * f_3 + f(x + DT * f_3))
+
+    follow(X, step)
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -171,9 +309,9 @@ def test_declared_structure_trains(fixed, named):
     record = make_saturated_filter(400, random_state=0)
     scaled = [((record.u / record.u.std(0)), record.y / record.y.std(0))]
     linear = identify_linear(scaled, 2)
-    structure = hammerstein_structure(2, 2, 2, n_f=6, C=linear.C if fixed else None)
+    structure = hammerstein(2, 2, 2, n_f=6, C=linear.C if fixed else None)
     if not named:  # axes without an activation have tanh
-        structure = Structure(**{**vars_of(structure), "activations": {}})
+        structure = replace(structure, activations={})
     theta = initial_theta(structure, linear, scaled, np.random.default_rng(0))
     start = Criterion(structure, scaled)
     free = start.join(theta, linear.x0)
@@ -185,9 +323,20 @@ def test_declared_structure_trains(fixed, named):
     assert np.sqrt(again.cost) < 0.1 * start.norm(free)
 
 
-def vars_of(structure):
-    """Return the fields of a structure, without what it has cached."""
-    return {name: getattr(structure, name) for name in structure.__dataclass_fields__}
+@pytest.mark.parametrize("name", [name for name in DECLARED if "free" not in name])
+def test_a_start_of_any_structure_is_linear_with_neurons_that_are_spread(name, rng):
+    structure = DECLARED[name]()
+    nu, A = structure.nu, np.array([[-0.3, 0.2], [-0.2, -0.3]])
+    linear = LinearModel(A, np.eye(2), C, np.zeros((3, nu)), np.zeros((1, 2)))
+    u, y = rng.standard_normal((300, nu)), rng.standard_normal((300, 3))
+    p = structure.split(initial_theta(structure, linear, [(u, y)], rng))
+    lure = structure.lure(structure.join(p))
+    assert not lure.W.any()
+    assert lure.V.any() and lure.b.all()
+    if name == "monotone":
+        assert not p["lambda"].any()
+    if name == "runge-kutta":
+        np.testing.assert_array_equal(*np.split(lure.b, 2))
 
 
 # -- the estimator ---------------------------------------------------------------------
@@ -219,7 +368,7 @@ def test_an_optimizer_needs_the_criterion_alone(rng):
     record = make_saturated_filter(300, random_state=0)
     pairs = [(record.u / record.u.std(0), record.y / record.y.std(0))]
     linear = identify_linear(pairs, 2)
-    structure = hammerstein_structure(2, 2, 2, n_f=4, C=linear.C)
+    structure = hammerstein(2, 2, 2, n_f=4, C=linear.C)
     theta = initial_theta(structure, linear, pairs, np.random.default_rng(0))
     criterion = Criterion(structure, pairs, alpha=1e-4)
     free = criterion.join(theta, linear.x0)

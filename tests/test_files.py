@@ -278,7 +278,10 @@ DOCUMENTS = {
         lambda d: d["structure"]["options"].update(activation="softmax"),
         "softmax",
     ),
-    "sizes": (lambda d: d["structure"].update(sizes=[10**9, 2, 2]), "has shape"),
+    "sizes": (
+        lambda d: d["structure"].update(sizes=[10**9, 2, 2]),
+        "must have the shape",
+    ),
     "size": (lambda d: d["structure"].update(sizes=["2", 2, 2]), "altered one"),
     "no fit": (lambda d: d.pop("fit"), "no 'fit'"),
     "names": (lambda d: d["fit"].update(output_names=["y"]), "2 signals are named"),
@@ -301,6 +304,14 @@ ARRAYS = {
     "delay": (lambda a: a["input_delay"].fill(-1), "input_delay is negative"),
     "constant": (lambda a: a.pop("parameter.C"), "no 'parameter.C'"),
 }
+
+
+def test_files_that_name_penalties_are_read(fitted, path):
+    fitted["al"].save(path)
+    penalties = {"penalty": None, "penalize_h": False}
+    alter(path, document=lambda d: d["structure"]["options"].update(penalties))
+    structure = alssnn.load(path)._structure
+    assert_same(structure.options, fitted["al"]._structure.options)
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)

@@ -5,7 +5,7 @@ import pytest
 
 from alssnn import holdout
 from alssnn.holdout import hold_out
-from alssnn.structures import state_space_structure
+from alssnn.models import state_space
 from helpers import simulate_linear
 
 
@@ -77,7 +77,7 @@ A, B, C = np.diag([0.9, 0.5]), np.ones((2, 1)), np.array([[1.0, 0.5], [0.0, 2.0]
 
 def point(A, B, C):
     """Return a linear structure and its parameters."""
-    structure = state_space_structure(len(A), B.shape[1], len(C))
+    structure = state_space(len(A), B.shape[1], len(C))
     return structure, structure.join({"A": A, "B": B, "C": C})
 
 

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn.structures import state_space_structure
+from alssnn.models import state_space
 from alssnn.subspace import identify_linear
 from alssnn.training import initial_theta
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, record
@@ -69,7 +69,7 @@ def test_the_start_spreads_over_what_is_seen(rng):
     y += 0.1 * rng.standard_normal(y.shape)
     experiments = [(u, y / y.std(axis=0))]
     linear = identify_linear(experiments, 2)
-    structure = state_space_structure(2, 1, 2, n_h=4000, C=linear.C)
+    structure = state_space(2, 1, 2, n_h=4000, C=linear.C)
     high = np.broadcast_to([0.0, np.inf], (4000, 2))
     theta = initial_theta(structure, linear, experiments, rng, {"W_y": (-high, high)})
     W_y = structure.split(theta)["W_y"]

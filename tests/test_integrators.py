@@ -13,8 +13,8 @@ from alssnn.criterion import Criterion
 from alssnn.feedback import designed_loop, lqr
 from alssnn.integrators import count_integrators, decouple, integrator_entries
 from alssnn.linear_model import LinearModel
+from alssnn.models import state_space
 from alssnn.stability import Contractive, contractive_basis
-from alssnn.structures import state_space_structure
 from alssnn.subspace import identify_linear
 from alssnn.training import Limits
 from helpers import assert_jacobian
@@ -382,7 +382,7 @@ def test_a_loop_around_an_integrator():
 
 
 def test_the_derivative_of_the_block_is_exact(rng):
-    structure = state_space_structure(4, 1, 2, n_g=2, C=rng.standard_normal((2, 4)))
+    structure = state_space(4, 1, 2, n_g=2, C=rng.standard_normal((2, 4)))
     experiments = [(rng.standard_normal((20, 1)), rng.standard_normal((20, 2)))]
     criterion = Criterion(structure, experiments)
     free = 0.3 * rng.standard_normal(criterion.n)
@@ -414,7 +414,7 @@ def test_the_derivative_of_the_block_is_exact(rng):
 
 
 def test_limits_find_the_integrators_by_what_is_held():
-    structure = state_space_structure(3, 1, 1)
+    structure = state_space(3, 1, 1)
     held = integrator_entries(3, 1)
     low, high = (np.where(held, np.eye(3), bound) for bound in (-np.inf, np.inf))
     assert Limits(structure, 0.1, {"A": (low, high)}).n_integrators == 1

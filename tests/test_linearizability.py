@@ -18,7 +18,7 @@ from alssnn.linearizability import (
 )
 from alssnn.linearizability._measure import h2_gain, peak_gain
 from alssnn.lure import Lure
-from alssnn.structures import state_space_structure
+from alssnn.models import state_space
 from helpers import as_records, plant_of, random_theta, simulate_linear
 from models import fl_ssnn
 
@@ -27,7 +27,7 @@ DT = 0.01
 
 def make_model(rng, *, n_h=3, n_g=4, radius=0.7, **options):
     """Return a random model, its records and its equations by name."""
-    structure = state_space_structure(
+    structure = state_space(
         3, 2, 2, n_h=n_h, n_g=n_g, C=rng.standard_normal((2, 3)), **options
     )
     theta = random_theta(structure, rng, radius=radius)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, LeastSquares
+from alssnn.models import state_space
 from alssnn.optimizers import minimize
-from alssnn.structures import state_space_structure
 from alssnn.watch import Watch
 
 
@@ -53,7 +53,7 @@ def test_a_diverging_trial_is_rejected_and_the_search_goes_on(method):
 
 def test_unstable_trials_of_a_simulation_do_not_end_the_training(method, rng):
     # A = 0.2 and y huge: Gauss-Newton overshoots to |A| > 1, which diverges
-    structure = state_space_structure(1, 1, 1)
+    structure = state_space(1, 1, 1)
     u = rng.standard_normal((3000, 1))
     y = np.zeros((3000, 1))
     for k in range(2999):

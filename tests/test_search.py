@@ -12,10 +12,10 @@ import alssnn
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn import search as searching
 from alssnn.criterion import Criterion
+from alssnn.models import state_space
 from alssnn.optimizers import minimize
 from alssnn.orders import compare_orders
 from alssnn.search import ALPHAS, Found, Recipe, search
-from alssnn.structures import state_space_structure
 from alssnn.training import Limits, initial_theta, train
 from alssnn.watch import Watch
 from helpers import simulate_linear
@@ -158,7 +158,7 @@ def recipe(n_h=3):
     """Return how linear models become models with h, without an estimator."""
 
     def declare(linear):
-        structure = state_space_structure(
+        structure = state_space(
             len(linear.A), 1, 1, n_h=n_h, C=linear.C, feedback="state"
         )
         return linear, structure, structure, {}

@@ -4,8 +4,8 @@ import pytest
 
 from alssnn import kernels
 from alssnn.activations import ACTIVATIONS
+from alssnn.models import state_space
 from alssnn.simulation import SIMULATION_CHUNK, channels, sensitivities, simulate
-from alssnn.structures import state_space_structure
 from helpers import assert_jacobian, random_theta, simulate_linear
 
 
@@ -20,7 +20,7 @@ def run(structure, rng):
 
 
 def test_linear_case_equals_python_control(rng):
-    structure = state_space_structure(3, 2, 2)
+    structure = state_space(3, 2, 2)
     theta = random_theta(structure, rng)
     p = structure.split(theta)
     u, x0 = rng.standard_normal((50, 2)), rng.standard_normal(3)
@@ -71,7 +71,7 @@ def test_chunk_size_of_sensitivities_changes_nothing(structure, run, chunk):
 
 
 def test_divergence_fills_the_rest_with_inf():
-    structure = state_space_structure(1, 1, 1)
+    structure = state_space(1, 1, 1)
     theta = structure.join({"A": [[1.5]], "B": [[1.0]], "C": [[1.0]]})
     X = simulate(structure.lure(theta), np.ones((5000, 1)), np.zeros(1))
     assert X.shape == (5001, 1)
@@ -80,7 +80,7 @@ def test_divergence_fills_the_rest_with_inf():
 
 
 def test_unstable_but_short_simulation_is_not_divergence():
-    structure = state_space_structure(1, 1, 1)
+    structure = state_space(1, 1, 1)
     theta = structure.join({"A": [[1.5]], "B": [[1.0]], "C": [[1.0]]})
     X = simulate(structure.lure(theta), np.ones((20, 1)), np.zeros(1))
     np.testing.assert_allclose(X[-1], 2 * (1.5**20 - 1))

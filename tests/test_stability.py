@@ -3,6 +3,7 @@ import pytest
 
 from alssnn.criterion import Criterion
 from alssnn.linear_model import LinearModel
+from alssnn.models import state_space
 from alssnn.stability import (
     Contractive,
     contraction,
@@ -10,7 +11,6 @@ from alssnn.stability import (
     contraction_inverse,
     contractive_basis,
 )
-from alssnn.structures import state_space_structure
 from helpers import random_theta, simulate_linear
 
 
@@ -105,11 +105,9 @@ def test_a_basis_may_leave_out_what_is_slower_than_the_record(rng):
 
 
 def test_normal_equations_by_Q(rng):
-    structure = state_space_structure(
-        3, 1, 1, n_h=2, n_g=2, C=np.ones((1, 3)), penalty="state"
-    )
+    structure = state_space(3, 1, 1, n_h=2, n_g=2, C=np.ones((1, 3))).observe("y", "g")
     u, y = rng.standard_normal((40, 1)), rng.standard_normal((40, 1))
-    criterion = Criterion(structure, [(u, y)], gamma=0.5)
+    criterion = Criterion(structure, [(u, y)], weights={"y": 1.0, "g": 0.5})
     problem = Contractive(criterion, phi=0.1)
     theta = random_theta(structure, rng, radius=0.3)
     p = structure.split(theta)

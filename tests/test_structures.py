@@ -1,12 +1,14 @@
+import hashlib
+
 import numpy as np
 import pytest
+from structures import STRUCTURES, declare
 
 from alssnn.activations import ACTIVATIONS
-from alssnn.kernels import differentiate
 from alssnn.lure import Lure
-from alssnn.simulation import neuron_gains, regressors
-from alssnn.structures import state_space_structure
-from helpers import assert_jacobian, random_theta
+from alssnn.models import state_space
+from alssnn.simulation import regressors
+from helpers import assert_direct, random_theta
 
 
 def test_split_and_join_are_inverse(structure, rng):
@@ -77,39 +79,26 @@ def test_blocks_of_lure_are_parts_of_theta(structure, rng):
 
 
 def test_direct_derivative_of_one_step(structure, rng):
-    theta = random_theta(structure, rng)
-    L = 5
-    X, u = (
-        rng.standard_normal((L, structure.nx)),
-        rng.standard_normal((L, structure.nu)),
-    )
-    n_rows = structure.nx + structure.nz
-    scale = rng.uniform(0.5, 2.0, n_rows)
+    assert_direct(structure, random_theta(structure, rng), rng)
 
-    def step(theta):
-        lure = structure.lure(theta)
-        return regressors(lure, X, u) @ lure.Theta[:n_rows].T * scale
 
-    lure = structure.lure(theta)
-    Phi = regressors(lure, X, u)
-    WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
-    direct = structure.direct(structure.split(theta), scale)
-    gains, signals = direct.factors(Phi, WR)
-    for kernel in (differentiate, differentiate.plain):
-        out = np.zeros((L, n_rows, structure.n_params))
-        for k in range(L):  # one step each, from S = 0
-            FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
-            S, J = np.split(out[k].copy(), [structure.nx])
-            factors = direct.constants, gains[one], signals[one]
-            kernel(FH, direct.table, *factors, S, J[None])
-            out[k] = np.vstack([S, J])
-        assert_jacobian(step, out, theta)
+def test_parameters_and_matrices_are_those_of_the_first_edition():
+    """Names, places and Theta of all structures, in one hash."""
+    digest = hashlib.sha256()
+    for name in STRUCTURES:
+        rng = np.random.default_rng(0)
+        structure = declare(name, rng)
+        Theta = structure.lure(rng.standard_normal(structure.n_params)).Theta
+        places = structure.shapes, structure.rows, structure.cols
+        digest.update(repr(places).encode())
+        digest.update(np.round(1e6 * Theta).astype(np.int64).tobytes())
+    assert digest.hexdigest()[:16] == "f4d110afee98e29c"
 
 
 @pytest.mark.parametrize("sizes", [3, (3, 2), (2, 3, 4)])
 def test_tied_biases_make_g_and_k_vanish_at_the_operating_point(sizes, rng):
-    structure = state_space_structure(
-        3, 2, 2, n_g=sizes, n_k=sizes, C=np.ones((2, 3)), penalty="state"
+    structure = state_space(3, 2, 2, n_g=sizes, n_k=sizes, C=np.ones((2, 3))).observe(
+        "y", "g", "k"
     )
     lure = structure.lure(random_theta(structure, rng))
     at_rest = regressors(lure, np.zeros((1, 3)), np.zeros((1, 2)))
@@ -132,7 +121,7 @@ def test_rescale_keeps_the_map_from_input_to_output(structure, rng):
 
 def test_free_C_needs_a_linear_model():
     with pytest.raises(ValueError, match="`C` must be given for a model with networks"):
-        state_space_structure(2, 1, 1, n_h=2)
+        state_space(2, 1, 1, n_h=2)
 
 
 def test_lure_refuses_wrong_shapes_and_disorder():
@@ -147,17 +136,17 @@ def test_lure_refuses_wrong_shapes_and_disorder():
 def test_activations_are_for_networks_of_the_family():
     options = {"n_h": 2, "C": [[1, 0]]}
     with pytest.raises(ValueError, match=r"must name the networks .* got \['q'\]"):
-        state_space_structure(2, 1, 1, **options, activation={"q": "sin"})
+        state_space(2, 1, 1, **options, activation={"q": "sin"})
 
 
 def test_odd_needs_an_odd_activation():
     with pytest.raises(ValueError, match="of h must be odd for odd=True, got 'relu'"):
-        state_space_structure(2, 1, 1, n_h=2, C=[[1, 0]], odd=True, activation="relu")
+        state_space(2, 1, 1, n_h=2, C=[[1, 0]], odd=True, activation="relu")
 
 
 def test_unknown_activation():
     with pytest.raises(ValueError, match="must be one of 'tanh', 'sigmoid'"):
-        state_space_structure(2, 1, 1, n_h=2, C=[[1, 0]], activation="softmax")
+        state_space(2, 1, 1, n_h=2, C=[[1, 0]], activation="softmax")
 
 
 def test_layers_are_found_from_the_couplings():
@@ -174,9 +163,7 @@ def test_layers_are_found_from_the_couplings():
 
 
 def test_feedback_cancels_h(rng):
-    structure = state_space_structure(
-        2, 1, 1, n_h=3, n_g=2, C=np.ones((1, 2)), penalty="state"
-    )
+    structure = state_space(2, 1, 1, n_h=3, n_g=2, C=np.ones((1, 2))).observe("y", "g")
     theta = random_theta(structure, rng)
     p = structure.split(theta)
     K = np.hstack([p["W_h"], np.zeros((1, 2))])

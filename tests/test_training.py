@@ -3,9 +3,9 @@ import pytest
 
 from alssnn.criterion import Criterion
 from alssnn.linear_model import LinearModel
+from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contractive_basis
-from alssnn.structures import state_space_structure
 from alssnn.training import estimate_x0, initial_theta, train
 from alssnn.watch import Watch
 from helpers import random_theta
@@ -14,7 +14,7 @@ from helpers import random_theta
 @pytest.fixture
 def problem(rng):
     """An FL system, its structure, true parameters and two noise-free records."""
-    structure = state_space_structure(2, 1, 1, n_h=2, C=np.array([[1.0, 0.5]]))
+    structure = state_space(2, 1, 1, n_h=2, C=np.array([[1.0, 0.5]]))
     theta = structure.join(
         {
             "A": [[0.7, 0.3], [-0.3, 0.6]],
@@ -49,7 +49,7 @@ def test_the_start_is_the_linear_model(problem, rng):
 
 
 def test_inner_weights_are_spread_over_the_data(rng):
-    structure = state_space_structure(2, 1, 1, n_h=50, n_g=50, C=np.ones((1, 2)))
+    structure = state_space(2, 1, 1, n_h=50, n_g=50, C=np.ones((1, 2)))
     linear = LinearModel(
         0.8 * np.eye(2),
         np.array([[0.6], [0.3]]),
@@ -92,7 +92,7 @@ def test_estimate_x0_finds_the_true_state(problem, rng):
 
 
 def test_the_prior_keeps_unobservable_states_at_rest(rng):
-    structure = state_space_structure(2, 1, 1)
+    structure = state_space(2, 1, 1)
     p = {"A": np.diag([0.5, 0.999]), "B": [[1.0], [1.0]], "C": [[1.0, 1e-3]]}
     theta, lure = structure.join(p), structure.lure(structure.join(p))
     experiments = []
@@ -147,8 +147,8 @@ def test_the_best_of_several_starts_goes_on(problem, rng, n_jobs):
 @pytest.fixture
 def penalized(rng):
     """A structure with g, a linear start and a mildly nonlinear record."""
-    structure = state_space_structure(
-        2, 1, 1, n_h=2, n_g=2, C=np.array([[1.0, 0.5]]), penalty="output"
+    structure = state_space(2, 1, 1, n_h=2, n_g=2, C=np.array([[1.0, 0.5]])).observe(
+        "y", "e"
     )
     A, B = np.array([[0.7, 0.3], [-0.3, 0.6]]), np.array([[0.5], [1.0]])
     u, x, y = rng.standard_normal((400, 1)), np.zeros(2), np.empty((400, 1))
@@ -167,7 +167,7 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
     original = Criterion.__init__
 
     def record(self, *args, **options):
-        gammas.append(options.get("gamma"))
+        gammas.append((options.get("weights") or {}).get("e"))
         original(self, *args, **options)
 
     monkeypatch.setattr(Criterion, "__init__", record)
@@ -177,7 +177,7 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
         structure,
         experiments,
         [start],
-        weights={"gamma": 0.1},
+        weights={"y": 1.0, "e": 0.1},
         continuation=2,
         max_iter=5,
         watch=Watch(report=lambda *args: calls.append(args)),
@@ -191,19 +191,41 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
     assert result.nfev <= 15
 
 
+def test_continuation_is_of_all_penalties(penalized, rng, monkeypatch):
+    structure, linear, experiments = penalized
+    seen = []
+    original = Criterion.__init__
+
+    def record(self, *args, weights=None, **options):
+        seen.append(weights)
+        original(self, *args, weights=weights, **options)
+
+    monkeypatch.setattr(Criterion, "__init__", record)
+    weights = {"y": np.array([2.0]), "v": 0.1, "h": 0.2}
+    train(
+        structure.observe(*weights),
+        experiments,
+        [initial_theta(structure, linear, experiments, rng)],
+        weights=weights,
+        continuation=2,
+        max_iter=2,
+        watch=(watch := Watch()),
+    )
+    assert [seen[0][c] for c in "yvh"] == pytest.approx([2.0, 1.0, 2.0])
+    assert watch.history[0].label == "stage 1/3, gammas x 10"
+
+
 @pytest.mark.parametrize("phi", [0.0, 0.2])
 def test_contractive_training_keeps_the_lyapunov_inequality(penalized, rng, phi):
     structure, linear, experiments = penalized
     linear = contractive_basis(linear, phi)
-    structure = state_space_structure(
-        2, 1, 1, n_h=2, n_g=2, C=linear.C, penalty="output"
-    )
+    structure = state_space(2, 1, 1, n_h=2, n_g=2, C=linear.C).observe("y", "e")
     start = initial_theta(structure, linear, experiments, rng)
     result = train(
         structure,
         experiments,
         [start],
-        weights={"gamma": 0.1},
+        weights={"y": 1.0, "e": 0.1},
         phi=phi,
         max_iter=30,
         tol=1e-9,
@@ -211,21 +233,24 @@ def test_contractive_training_keeps_the_lyapunov_inequality(penalized, rng, phi)
     A = structure.split(result.theta)["A"]
     # P = I: A'A - (1 - phi) I is negative semidefinite
     assert np.linalg.eigvalsh(A.T @ A - (1 - phi) * np.eye(2)).max() < 1e-12
-    first = Criterion(structure, experiments, gamma=0.1)
+    first = Criterion(structure, experiments, weights={"y": 1.0, "e": 0.1})
     assert result.cost < 0.1 * first.norm(first.join(start, np.zeros((1, 2)))) ** 2
 
 
 def test_a_start_that_diverges_on_the_whole_record_is_reflected(rng):
-    structure = state_space_structure(
-        1, 1, 1, n_g=1, C=np.ones((1, 1)), penalty="output"
-    )
+    structure = state_space(1, 1, 1, n_g=1, C=np.ones((1, 1))).observe("y", "e")
     u = rng.standard_normal((20_000, 1))
     y = np.zeros((20_000, 1))
     for k in range(len(u) - 1):
         y[k + 1] = 0.9 * y[k] + u[k]
     start = structure.join({"A": [[1.01]], "B": [[1.0]], "W_x": [[1.0]]})
     result = train(
-        structure, [(u, y)], [start], weights={"gamma": 0.1}, max_iter=20, tol=1e-12
+        structure,
+        [(u, y)],
+        [start],
+        weights={"y": 1.0, "e": 0.1},
+        max_iter=20,
+        tol=1e-12,
     )
     assert result.cost < 1e-6
     assert abs(structure.split(result.theta)["A"][0, 0]) < 1

@@ -390,9 +390,9 @@ class StateSpaceModel(
         """Return structure, theta and result for scaled experiments."""
 
     def _criterion_terms(self, structure):
-        """Return the structure with its penalized channels, and all weights."""
+        """Return the structure with its penalized channels, and their weights."""
         weight = self._output_weight(structure.sizes["y"])
-        return structure, {"output_weight": weight}
+        return structure, {"weights": {"y": weight}}
 
     def _snapshot(self, structure, step, point):
         """Return the attributes of a model fitted with what a search has reached."""

@@ -107,7 +107,7 @@ class Fitted:
     _units: Callable  # the user's units over those of the fit, by axis
     _scaled_bounds: Callable  # bounds of parameters, scaled
     _publish_parameters: Callable  # what follows from structure, theta and scales
-    _criterion_terms: Callable  # structure with its penalties, and all weights
+    _criterion_terms: Callable  # structure with its penalties, and their weights
     _publish: Callable  # sets the public attributes from theta and a result
 
     @property

@@ -9,8 +9,6 @@ from numbers import Integral
 
 import numpy as np
 
-from ..networks import INNER
-
 ALL = "all"
 SIGNALS = {"x": "state", "u": "input", "y": "output"}
 
@@ -144,9 +142,9 @@ def held_columns(structure, seen):
     """
     bounds = {}
     for (net, signal), columns in seen.items():
-        name = INNER[net].get(signal)
-        if name in structure.parameters and not columns.all():
-            free = np.where(columns, np.inf, 0.0)
-            high = np.broadcast_to(free, structure.shapes[name])
-            bounds[name] = -high, high
+        for name, axes in structure.parameters.items():
+            if axes == (f"w_{net}", signal) and not columns.all():
+                free = np.where(columns, np.inf, 0.0)
+                high = np.broadcast_to(free, structure.shapes[name])
+                bounds[name] = -high, high
     return bounds

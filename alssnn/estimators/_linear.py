@@ -86,7 +86,7 @@ class LinearStateSpace(StateSpaceModel):
             structure,
             experiments,
             [theta],
-            weights={"output_weight": self._output_weight(len(linear.C))},
+            weights={"y": self._output_weight(len(linear.C))},
             bounds=self._scaled_bounds(structure),
             at_rest=self._at_rest,
             max_iter=self.max_iter,

@@ -3,9 +3,7 @@
 import numpy as np
 
 from ..linearizability import measure
-from ..lure import Lure
-from ..networks import Perceptron
-from ..plant import Plant, signal_names
+from ..plant import Plant, forms, signal_names
 from ._fitted import Fitted
 
 
@@ -42,13 +40,9 @@ class LinearityMixin(Fitted):
         return measure(self.plant_, records, output_names=self.output_names_)
 
     def _make_plant(self):
-        scaling, ny = self._scaling, len(self.C_)
-        nx, nu = self.B_.shape
-        by_state = "W_s" in self.params_
+        scaling, (nx, nu) = self._scaling, self.B_.shape
         return Plant(
-            form=self._form(),
-            law_form=self._law_form(nx if by_state else ny, nu),
-            feedback="state" if by_state else "output",
+            **forms(self._structure, self._theta, self._units()),
             u_offset=scaling.u_offset,
             y_offset=scaling.y_offset,
             u_scale=scaling.u_scale,
@@ -56,55 +50,9 @@ class LinearityMixin(Fitted):
             x_scale=np.broadcast_to(self._x_scale, nx),
             dt=float(self.dt),
             inputs=signal_names(getattr(self, "feature_names_in_", None), "u", nu),
-            outputs=signal_names(self.output_names_, "y", ny),
+            outputs=signal_names(self.output_names_, "y", len(self.C_)),
             name=type(self).__name__,
             delay=self.input_delay_,
             noise=self.cost_,
             region=getattr(self, "_region", None),
         )
-
-    def _form(self):
-        """Return the Lur'e form of the states x alone, with the channels [y; v]."""
-        structure, scaling = self._structure, self._scaling
-        full = structure.lure(self._theta)
-        nx, nu, ny = structure.n_x0, full.nu, len(self.C_)
-        neurons = slice(full.nx + full.nz, len(full.Theta))
-        rows = np.r_[structure.rows["x"], structure.rows["y"], neurons]
-        cols = np.r_[structure.cols["x"], slice(full.nx, full.Theta.shape[1])]
-        Theta = full.Theta[np.ix_(rows, cols)]
-        x_scale = np.broadcast_to(self._x_scale, nx)
-        Theta[:, :nx] /= x_scale
-        Theta[:nx] *= x_scale[:, None]
-        Theta[:, nx : nx + nu] /= scaling.u_scale
-        Theta[nx : nx + ny] *= scaling.y_scale[:, None]
-        v = np.zeros((nu, Theta.shape[1]))
-        v[:, nx : nx + nu] = np.eye(nu)
-        if "W_h" in self.params_:
-            where = structure.cols[structure.parameters["W_h"][1]]
-            late = full.nx - nx  # columns of further states, which stand before
-            v[:, where.start - late : where.stop - late] = self.params_["W_h"]
-            v[:, -1] = self.params_.get("b_h", 0.0)
-        Theta = np.insert(Theta, [nx + ny] * nu, v, axis=0)
-        return Lure(Theta, nx, nu, full.nw, full.sigma)
-
-    def _law_form(self, ns, nu):
-        """Return v as a static map of [s; u]."""
-        layers = []
-        if "W_h" in self.params_:
-            activation = self._structure.activations[
-                self._structure.parameters["W_h"][1]
-            ]
-            layers = Perceptron.h(self.params_, activation).layers
-        sizes = [len(W) for W, _ in layers[:-1]]
-        nw = sum(sizes)
-        Theta = np.zeros((nu + nw, ns + nu + nw + 1))
-        Theta[:nu, ns : ns + nu] = np.eye(nu)
-        stops = np.cumsum([0, *sizes])
-        for i, (W, b) in enumerate(layers):
-            last = i == len(layers) - 1
-            rows = slice(0, nu) if last else slice(nu + stops[i], nu + stops[i + 1])
-            start = 0 if i == 0 else ns + nu + stops[i - 1]
-            Theta[rows, start : start + W.shape[1]] = W
-            Theta[rows, -1] = b
-        sigma = (activation,) * nw if layers else ()
-        return Lure(Theta, 0, ns + nu, nw, sigma)

@@ -14,10 +14,10 @@ from sklearn.utils._param_validation import Interval, StrOptions
 from ..criterion import Criterion
 from ..integrators import decouple
 from ..mapping import Held
+from ..models import state_space
 from ..orders import compare_orders
 from ..search import Recipe, search
 from ..stability import contractive_basis
-from ..structures import state_space_structure
 from ..training import (
     WINDOW,
     Limits,
@@ -29,7 +29,6 @@ from ..training import (
 from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import with_callbacks
-from ._checks import output_weights
 from ._inputs import ALL, check_choice, held_columns, seen_columns
 from ._integrators import keeps_start, regular, with_integrators
 from ._judge import own_judge
@@ -153,7 +152,7 @@ class Ssnn(StateSpaceModel):
 
     def _declare(self, nx, nu, ny, **networks):
         """Return the structure; models of another family declare their own."""
-        return state_space_structure(nx, nu, ny, **networks)
+        return state_space(nx, nu, ny, **networks)
 
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks
@@ -306,7 +305,7 @@ class Ssnn(StateSpaceModel):
         if continues:
             plain, starts, fallback = previous[0], [previous[1]], None
             # "auto" goes on with what the fit that is continued has chosen
-            weights = chosen if is_auto else {"alpha": self.alpha}
+            decay = chosen if is_auto else {"alpha": self.alpha}
         else:
             near = self._near(experiments)
             linear = self._linear_model(near, watch)
@@ -326,14 +325,14 @@ class Ssnn(StateSpaceModel):
                     return self._left_linear(linear, near, experiments, watch)
                 plain, starts = found.structure, [found.theta]
                 max_iter = min(max_iter, found.refit_iter)
-                weights = {"alpha": found.alpha, "center": found.start}
+                decay = {"alpha": found.alpha, "center": found.start}
                 if plain.sizes["x"] != len(linear.A):
                     fallback = None
             else:
                 starts = [self._start(plain, linear, near, seed) for seed in seeds]
-                weights = {"alpha": 0.0 if is_auto else self.alpha}
+                decay = {"alpha": 0.0 if is_auto else self.alpha}
         if is_auto:
-            self._decay = weights
+            self._decay = decay
         penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(self._snapshot, plain)
@@ -341,7 +340,8 @@ class Ssnn(StateSpaceModel):
             penalized,
             experiments,
             starts,
-            weights={**terms, **weights},
+            **terms,
+            **decay,
             phi=self._phi,
             bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
             at_rest=self._at_rest,
@@ -446,9 +446,7 @@ class Ssnn(StateSpaceModel):
                 max_iter=self.max_iter,
                 method=self.method,
                 n_jobs=self.n_jobs,
-                output_weight=output_weights(
-                    self.output_weight, experiments[0][1].shape[1]
-                ),
+                output_weight=self._output_weight(experiments[0][1].shape[1]),
                 watch=watch,
             )
         except KeyboardInterrupt as interrupt:  # between two stages, or in a worker
@@ -476,7 +474,7 @@ class Ssnn(StateSpaceModel):
         if not experiments.is_here:  # there, a stretch of them was seen
             x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=1.0)
         weight = self._output_weight(len(linear.C))
-        criterion = Criterion(plain, experiments, output_weight=weight)
+        criterion = Criterion(plain, experiments, weights={"y": weight})
         result = OptimizeResult(
             x0=x0,
             cost=criterion.norm(criterion.join(theta, x0)) ** 2,
@@ -495,7 +493,7 @@ class Ssnn(StateSpaceModel):
             plain,
             experiments,
             [theta],
-            weights={"output_weight": self._output_weight(plain.sizes["y"])},
+            weights={"y": self._output_weight(plain.sizes["y"])},
             phi=self._phi,
             bounds={
                 **self._scaled_bounds(plain, contractive=self._phi is not None),
@@ -511,26 +509,15 @@ class Ssnn(StateSpaceModel):
         return plain, result.theta, result
 
     def _criterion_terms(self, plain):
-        nx, nu, ny = (plain.sizes[axis] for axis in "xuy")
-        weights = {
-            "gamma": self.gamma,
-            "gamma_k": self.gamma_k,
-            "gamma_h": self.gamma_h,
-            "output_weight": self._output_weight(ny),
-        }
-        if plain.nw == 0:  # the linear model
-            return plain, weights
-        penalized = self._declare(
-            nx,
-            nu,
-            ny,
-            C=plain.constants["C"],
-            penalty=self.penalty if self.gamma > 0 or self.gamma_k > 0 else None,
-            penalize_h=self.gamma_h > 0,
-            feedthrough=self.feedthrough,
-            **self._networks(),
-        )
-        return penalized, weights
+        weights = {"y": self._output_weight(plain.sizes["y"])}
+        gammas = {"h": self.gamma_h}
+        if self.penalty:
+            residual = "g" if self.penalty == "state" else "e"
+            gammas = {residual: self.gamma, "k": self.gamma_k, **gammas}
+        for channel, gamma in gammas.items():
+            if gamma > 0 and channel in plain.signals:
+                weights[channel] = gamma
+        return plain.observe(*weights), {"weights": weights}
 
     def _fits(self, previous):
         """Tell whether a fitted model is one that the parameters ask for."""

@@ -219,7 +219,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
     root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
-    structure, weights = model._criterion_terms(model._structure)
+    structure, terms = model._criterion_terms(model._structure)
     contractive = getattr(model, "stability", None) == "contractive"
     random_state = check_random_state(random_state)
     for _ in range(n_models):
@@ -231,7 +231,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             structure,
             noisy,
             [model._theta],
-            weights=weights,
+            **terms,
             phi=getattr(model, "phi", None) if contractive else None,
             bounds=model._scaled_bounds(structure, contractive=contractive),
             at_rest=model._at_rest,
@@ -246,7 +246,8 @@ def _gauss_newton(model, u, y, experiment):
     u, y, parts = model._test_data(u, y, experiment)
     experiments = model._experiments(u, y, parts)
     structure, theta = model._structure, model._theta
-    penalized, weights = model._criterion_terms(structure)
+    penalized, terms = model._criterion_terms(structure)
+    weights = {"y": terms["weights"]["y"]}
     longest = max(len(u_s) for u_s, _ in experiments)
     with single_threaded():
         if model._at_rest:
@@ -257,12 +258,8 @@ def _gauss_newton(model, u, y, experiment):
             JJ = [
                 criterion.normal_equations(criterion.join(theta, x0))[0]
                 for criterion in (
-                    Criterion(penalized, experiments, **weights),
-                    Criterion(
-                        structure,
-                        experiments,
-                        output_weight=weights["output_weight"],
-                    ),
+                    Criterion(penalized, experiments, **terms),
+                    Criterion(structure, experiments, weights=weights),
                 )
             ]
         except FloatingPointError:
@@ -283,7 +280,7 @@ def _gauss_newton(model, u, y, experiment):
         n_effective=float(np.sum(inverse * JJ[1])),
         EE=EE,
         count=count,
-        output_weight=weights["output_weight"],
+        output_weight=weights["y"],
         n_samples=sum(len(u_s) for u_s, _ in experiments),
         n_measured=sum(count_measured(y_s) for _, y_s in experiments) / len(EE),
     )

@@ -3,7 +3,7 @@
 A file holds what a fit leaves behind, and nothing that follows from it:
 
     class, params             the estimator as it was constructed
-    structure                 sizes and options for `state_space_structure`
+    structure                 sizes and options for `models.state_space`
     parameter.A, .B, ...      theta by name, and C where it is a constant
     center.W_h, ...           the random start, where the decay is centered at it
     u_offset ... x_scale      units of the fit
@@ -22,9 +22,9 @@ from sklearn.utils.validation import check_is_fitted
 from ..activations import shipped_name
 from ..containers import Container
 from ..given_system import GivenSystem
+from ..models import state_space
 from ..region import Region
 from ..scaling import Scaling
-from ..structures import state_space_structure
 from ..watch import Step
 from ._archive import decode, encode, read, release, write
 
@@ -166,9 +166,11 @@ def _restore(cls, document, arrays):
     model._validate_params()
     nx, nu, ny = document["structure"]["sizes"]
     options = {k: decode(v) for k, v in document["structure"]["options"].items()}
+    for penalty in ("penalty", "penalize_h"):  # of older files: what a fit penalized
+        options.pop(penalty, None)
     is_fixed = "C" in document["structure"]["constants"]
     C = arrays[PARAMETER + "C"] if is_fixed else None
-    structure = state_space_structure(nx, nu, ny, C=C, **options)
+    structure = state_space(nx, nu, ny, C=C, **options)
     fit = document["fit"]
     n_experiments = len(fit["experiments"])
     excited = np.shape(arrays["region.whiten"])[-1]

@@ -89,15 +89,15 @@ class Products:
             return cols.start, cols.stop - cols.start
         return _append(self.signals, cols, after.T), len(after)
 
-    def add(self, rows, columns, before, signal):
-        """Add a parameter.
+    def add(self, rows, column, before, signal):
+        """Add a parameter, or some of its entries.
 
         Parameters
         ----------
         rows : slice
             Rows of Theta that its term adds to.
-        columns : slice
-            Its place in theta.
+        column : int
+            Place of the first entry in theta.
         before : ndarray of shape (n_rows, a) or None
             What stands before it; None for nothing.
         signal : tuple of int
@@ -116,7 +116,7 @@ class Products:
         else:  # the parameter [a, b] moves row a alone
             kind, place = DIAGONAL, 0
         s, b = signal
-        self.table.append((*span, columns.start, a, b, place, s, kind))
+        self.table.append((*span, column, a, b, place, s, kind))
 
     def direct(self):
         """Return all products.

@@ -1,14 +1,14 @@
 """The map from named parameters to Theta, and its derivative."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..activations import ACTIVATIONS
 from ..lure import Lure
-from ..networks import ONE, AtRest
 from ._direct import Products
+from ._signals import ONE, Factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,15 +19,22 @@ class Structure:
     ----------
     sizes : dict of str to int
         Length of every axis.
-    states, channels, neurons : tuple of str
-        Axes that make up x, z and w. The first state axis is the one whose
-        initial value is free; the others start at zero.
+    inputs : tuple of str
+        Axes that make up u; the first is the one that a controller moves.
+    updates : dict of str to Signal
+        Next value of every state. The initial value of the first one is free; the
+        others start at zero.
+    layers : dict of str to Signal
+        What every axis of neurons sees, in the order of evaluation.
+    signals : dict of str to Signal
+        Signals that others refer to, or that can be observed; the first is the one
+        that a record holds: the measured output.
+    channels : tuple of str
+        Signals that make up z.
     parameters : dict of str to tuple of str
         Axes of every free parameter, in the order of the flat vector theta.
-    terms : tuple of Term
-        Contributions to Theta.
     constants : dict of str to ndarray
-        Fixed matrices that terms refer to, such as the output matrix C.
+        Fixed matrices that signals refer to, such as the output matrix C.
     constant_axes : dict of str to tuple of str
         Axes of the constants, for the change of units.
     network_parameters : tuple of str
@@ -35,20 +42,181 @@ class Structure:
     activations : dict of str to Activation
         Activation of the neuron axes; axes that are not named have tanh.
     options : dict
-        Keyword arguments of `state_space_structure` that declare it again, but for C.
+        Keyword arguments of `models.state_space` that declare it again, but for C.
     """
 
     sizes: dict
-    states: tuple
+    inputs: tuple
+    updates: dict
+    layers: dict
+    signals: dict
     channels: tuple
-    neurons: tuple
     parameters: dict
-    terms: tuple
     constants: dict = field(default_factory=dict)
     constant_axes: dict = field(default_factory=dict)
     network_parameters: tuple = ()
     activations: dict = field(default_factory=dict)
     options: dict = field(default_factory=dict)
+
+    # -- views of the same equations ---------------------------------------------
+
+    @property
+    def measured(self):
+        """Return the signal that a record holds."""
+        return next(iter(self.signals))
+
+    def observe(self, *names):
+        """Return the structure with other channels.
+
+        Parameters are the same; states and neurons that neither the channels nor the
+        first state depend on are left out.
+
+        Parameters
+        ----------
+        *names : str
+            Signals that make up z.
+
+        Returns
+        -------
+        structure : Structure
+            The same equations, observed by these channels.
+
+        Raises
+        ------
+        ValueError
+            If the equations have no signal of a name.
+        """
+        for name in names:
+            if name not in self.signals:
+                raise ValueError(
+                    f"Channels must be signals of the equations, which are "
+                    f"{', '.join(self.signals)}, got {name!r}."
+                )
+        return replace(self, channels=names)
+
+    def law(self):
+        """Return the static map from (s, u) to the virtual input v.
+
+        Its inputs are what v depends on: states or the measured output (the latter
+        where v is a function of u alone), further inputs, and the first input last.
+
+        Returns
+        -------
+        law : Structure
+            A structure without states, whose parameters are those that v needs.
+
+        Raises
+        ------
+        ValueError
+            If the equations have no signal v.
+        """
+        plain = self.observe("v")
+        given = (*self.updates, self.measured)
+        seen = plain._reach({"v"}, {*self.inputs, *given})
+        u, *others = self.inputs
+        s = [axis for axis in (*given, *others) if axis in seen] or [self.measured]
+        law = replace(plain, inputs=(*s, u), updates={})
+        used = {name for _, t in law.terms for f in t.factors for name in f.names}
+        return replace(
+            law,
+            parameters={k: v for k, v in self.parameters.items() if k in used},
+            network_parameters=tuple(n for n in self.network_parameters if n in used),
+        )
+
+    def _reach(self, axes, given):
+        """Return the axes that some depend on, up to those that are given."""
+        equations = {**self.updates, **self.layers, **self.signals}
+        reached, todo = set(), set(axes)
+        while todo:
+            axis = todo.pop()
+            reached.add(axis)
+            if axis not in given and axis in equations:
+                todo |= {term.cols for term in equations[axis].terms} - reached
+        return reached
+
+    @cached_property
+    def _needed(self):
+        first = list(self.updates)[:1]  # the state of the linear model
+        return self._reach({*self.channels, *first}, self.inputs)
+
+    @cached_property
+    def states(self):
+        """Return the axes that make up x."""
+        return tuple(axis for axis in self.updates if axis in self._needed)
+
+    @cached_property
+    def neurons(self):
+        """Return the axes that make up w, those of v first: u may be solved for."""
+        law = self._reach({"v"}, {*self.inputs, *self.updates})
+        order = sorted(self.layers, key=lambda axis: axis not in law)  # stable
+        return tuple(axis for axis in order if axis in self._needed)
+
+    @cached_property
+    def terms(self):
+        """Return what Theta is the sum of: pairs of an axis of rows and a term.
+
+        Other signals are put in their place, so that the columns are states, inputs,
+        neurons and the constant one.
+
+        Returns
+        -------
+        terms : tuple of tuple
+            The pairs.
+
+        Raises
+        ------
+        ValueError
+            If a signal contains itself, a neuron sees itself or a later one, or an
+            axis is unknown.
+        """
+        columns, found = {*self.states, *self.inputs, ONE}, {}
+
+        def expand(signal, path):
+            terms = []
+            for term in signal.terms:
+                if term.cols in columns:
+                    terms.append(term)
+                elif term.cols in self.signals and term.cols not in path:
+                    if term.cols not in found:
+                        inner = self.signals[term.cols]
+                        found[term.cols] = expand(inner, (*path, term.cols))
+                    terms += [part.within(term) for part in found[term.cols]]
+                else:
+                    raise ValueError(
+                        "Signals must be made of states, inputs, earlier neurons and "
+                        f"other signals, got {' <- '.join((*path, term.cols))}: an "
+                        "algebraic loop, or an axis without an equation."
+                    )
+            return terms
+
+        rows = []
+        for axes, equations in (
+            (self.neurons, self.layers),
+            (self.states, self.updates),
+            (self.channels, self.signals),
+        ):
+            for axis in axes:
+                rows += [(axis, term) for term in expand(equations[axis], (axis,))]
+                columns |= {axis} & set(self.neurons)  # for those behind them
+        return tuple(rows)
+
+    def leading(self, term):
+        """Return the parameter that a term begins with.
+
+        Parameters
+        ----------
+        term : Term
+            A term.
+
+        Returns
+        -------
+        name : str or None
+            Its name; None for a term that begins otherwise.
+        """
+        if term.factors and type(term.factors[0]) is Factor:
+            name = term.factors[0].name
+            return name if name in self.parameters else None
+        return None
 
     # -- sizes and places --------------------------------------------------------
 
@@ -60,7 +228,7 @@ class Structure:
     @cached_property
     def cols(self):
         """Return the columns of Theta of every axis, as slices."""
-        return self._slices((*self.states, "u", *self.neurons, ONE))
+        return self._slices((*self.states, *self.inputs, *self.neurons, ONE))
 
     def _slices(self, axes):
         stops = np.cumsum([self._size(axis) for axis in axes])
@@ -72,15 +240,18 @@ class Structure:
     def _size(self, axis):
         return 1 if axis == ONE else self.sizes[axis]
 
+    def _total(self, axes):
+        return sum(self.sizes[axis] for axis in axes)
+
     @property
     def nx(self):
         """Return the number of states of the Lur'e form."""
-        return sum(self.sizes[axis] for axis in self.states)
+        return self._total(self.states)
 
     @property
     def n_x0(self):
         """Return the number of free initial states."""
-        return self.sizes[self.states[0]]
+        return self._total(self.states[:1])
 
     def initial_state(self, x0):
         """Return the state of the Lur'e form for a free initial state.
@@ -100,17 +271,17 @@ class Structure:
     @property
     def nu(self):
         """Return the number of inputs."""
-        return self.sizes["u"]
+        return self._total(self.inputs)
 
     @property
     def nz(self):
         """Return the number of channels."""
-        return sum(self.sizes[axis] for axis in self.channels)
+        return self._total(self.channels)
 
     @property
     def nw(self):
         """Return the number of neurons."""
-        return sum(self.sizes[axis] for axis in self.neurons)
+        return self._total(self.neurons)
 
     @cached_property
     def sigma(self):
@@ -148,7 +319,7 @@ class Structure:
     def slices(self):
         """Return the place of every parameter in theta, as slices."""
         stops = np.cumsum([int(np.prod(s)) for s in self.shapes.values()])
-        starts = [0, *stops[:-1]]
+        starts = [0, *stops][:-1]
         return {
             name: slice(int(start), int(stop))
             for name, start, stop in zip(self.shapes, starts, stops, strict=True)
@@ -243,20 +414,14 @@ class Structure:
         lure : Lure
             The model (eq. lure).
         """
-        p = self.split(theta)
+        p = {**self.constants, **self.split(theta)}
         q = self.nx + self.nu + self.nw + 1
         Theta = np.zeros((self.nx + self.nz + self.nw, q), dtype=theta.dtype)
-        for term in self.terms:
-            block = Theta[self.rows[term.rows], self.cols[term.cols]]
-            block += _product([self._value(factor, p) for factor in term.factors])
+        for axis, term in self.terms:
+            block = Theta[self.rows[axis], self.cols[term.cols]]
+            product = _product(factor.value(p) for factor in term.factors)
+            block += term.gain * (np.eye(len(block)) if product is None else product)
         return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)
-
-    def _value(self, factor, p):
-        """Return the matrix of a factor; vectors stand as one column."""
-        if isinstance(factor, AtRest):
-            return factor.value(p)
-        value = p[factor] if factor in p else self.constants[factor]
-        return value[:, None] if value.ndim == 1 else value
 
     # -- derivative ----------------------------------------------------------------
 
@@ -278,25 +443,29 @@ class Structure:
             What holds at all samples; the kernel makes the rest.
         """
         products = Products(scale, self.nw, self.nx + self.nu + self.nw + 1)
-        for term in self.terms:
-            rows, cols = self.rows[term.rows], self.cols[term.cols]
-            values = [self._value(factor, p) for factor in term.factors]
+        known = {**self.constants, **p}
+        for axis, term in self.terms:
+            rows, cols = self.rows[axis], self.cols[term.cols]
+            values = [factor.value(known) for factor in term.factors]
+            identity = np.eye(self._size(term.cols))
             for i, factor in enumerate(term.factors):
-                before = _product(values[:i]) if i else None
-                if isinstance(factor, AtRest):
-                    signal = products.signal(cols, None)  # the constant 1 of phi
-                    for name, jacobian in factor.jacobian(p).items():
-                        gain = jacobian if before is None else before @ jacobian
-                        products.add(rows, self.slices[name], gain, signal)
-                elif factor in p:
-                    after = values[i + 1 :]
-                    signal = products.signal(cols, _product(after) if after else None)
-                    products.add(rows, self.slices[factor], before, signal)
+                before, after = _product(values[:i]), _product(values[i + 1 :])
+                if term.gain != 1.0:
+                    after = term.gain * (identity if after is None else after)
+                for name, first, left, right in factor.pieces(p):
+                    products.add(
+                        rows,
+                        self.slices[name].start + first,
+                        _product([before, left]),
+                        products.signal(cols, _product([right, after])),
+                    )
         return products.direct()
 
 
 def _product(matrices):
-    value = matrices[0]
-    for matrix in matrices[1:]:
-        value = value @ matrix
+    """Return the product of matrices; None is the identity, and that of none."""
+    value = None
+    for matrix in matrices:
+        if matrix is not None:
+            value = matrix if value is None else value @ matrix
     return value

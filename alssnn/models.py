@@ -1,0 +1,133 @@
+"""Models: the family that ships with the package, written as its equations.
+
+    x+ = A x + B v + g(x, u),      v = u + h(s),      s = y or x          (eq. model)
+    y  = C x + D u + k(x, u)
+
+Any of h, g, k and D may be left out: the linear model has none of them, FL-SSNN has h,
+GR-SSNN g, and AL-SSNN both.
+"""
+
+from .activations import as_activation
+from .equations import Equations, hidden_sizes
+
+NETWORKS = ("h", "g", "k")
+
+
+def state_space(
+    nx,
+    nu,
+    ny,
+    *,
+    n_h=0,
+    n_g=0,
+    n_k=0,
+    C=None,
+    feedthrough=False,
+    feedback="output",
+    tied_bias=True,
+    odd=False,
+    activation="tanh",
+):
+    """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x + D u + k(x, u).
+
+    Its signals are y, the virtual input v, and what a cost may penalize: e (the
+    output-referred residual, eq. gauge, with states zeta), g, k and h, as far as the
+    model has them.
+
+    Parameters
+    ----------
+    nx, nu, ny : int
+        Number of states, inputs and outputs.
+    n_h, n_g, n_k : int or tuple of int, default=0
+        Neurons of the hidden layers of h, g and k; zero leaves the network out.
+    C : ndarray of shape (ny, nx) or None, default=None
+        Fixed output matrix; None makes it a free parameter (linear models only).
+    feedthrough : bool, default=False
+        Whether D is a free parameter; else it is zero.
+    feedback : {"output", "state"}, default="output"
+        What h sees: s = y, with D u and k in it, or s = x.
+    tied_bias : bool, default=True
+        Whether the output bias of g is tied so that g(0, 0) = 0; else it is free.
+        That of k always is.
+    odd : bool, default=False
+        Whether h has no biases, which makes it odd if its activation is.
+    activation : str, Activation or dict, default="tanh"
+        Activation of all networks, or one per network: ``{"h": ..., "g": ...}``,
+        where those not named have tanh.
+
+    Returns
+    -------
+    structure : Structure
+        The map from parameters to the Lur'e form (eq. model), observed by y.
+
+    Raises
+    ------
+    ValueError
+        If C is free in a model with networks, or an activation is unknown, for an
+        unknown network, or not odd where `odd` asks for it.
+    """
+    n = {
+        net: hidden_sizes(size)
+        for net, size in zip(NETWORKS, (n_h, n_g, n_k), strict=True)
+    }
+    if C is None and any(n.values()):
+        raise ValueError("`C` must be given for a model with networks, got None.")
+    sigma = _activations(activation, odd)
+    e = Equations(x=nx, u=nu, y=ny, zeta=nx)
+    x, u = e.state("x"), e.input("u")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    C = e.parameter("C", "y", "x") if C is None else e.constant("C", C, "y", "x")
+    y = C @ x
+    if feedthrough:
+        y += e.parameter("D", "y", "u") @ u
+
+    def network(net, axis, biases, bias, **inputs):
+        value = e.mlp(
+            net, axis, n[net], inputs, bias=bias, biases=biases, activation=sigma[net]
+        )
+        return e.signal(net, value) if n[net] else value
+
+    of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
+    y = e.signal("y", y + network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u))
+    if feedback == "state":
+        h = network("h", "u", of_h, "b_s", W_s=x)
+    else:
+        h = network("h", "u", of_h, "b_y", W_y=y)
+    v = e.signal("v", u + h)
+    g = network("g", "x", of_g, "b_x", W_x=x, W_u=u)
+    updates = {"x": A @ x + B @ v + g}
+    if n["g"]:  # what g adds to the output (eq. penalty)
+        zeta = e.state("zeta")
+        updates["zeta"] = A @ zeta + g
+        e.signal("e", C @ zeta)
+    return e.structure(
+        updates,
+        ["y"],
+        options={
+            **{f"n_{net}": n[net] for net in NETWORKS},
+            "feedthrough": feedthrough,
+            "feedback": feedback,
+            "tied_bias": tied_bias,
+            "odd": odd,
+            "activation": sigma,
+        },
+    )
+
+
+def _activations(activation, odd):
+    """Return the activation of every network."""
+    if not isinstance(activation, dict):
+        activation = dict.fromkeys(NETWORKS, activation)
+    unknown = sorted(set(activation) - set(NETWORKS))
+    if unknown:
+        raise ValueError(
+            "`activation` must name the networks 'h', 'g' (f of GR-SSNN) and 'k', got "
+            f"{unknown}. A network that is left out has tanh."
+        )
+    sigma = {net: as_activation(activation.get(net, "tanh")) for net in NETWORKS}
+    if odd and not sigma["h"].odd:
+        raise ValueError(
+            f"`activation` of h must be odd for odd=True, got {sigma['h'].name!r}. "
+            "Choose 'tanh' or 'sin'."
+        )
+    return sigma
