@@ -165,7 +165,7 @@ class Plant:
 
     @cached_property
     def observed(self):
-        """Return the form with the channels [y; v; omega; eta], deviations (eq. eta)."""
+        """Return the form with channels [y; v; omega; eta], deviations (eq. eta)."""
         # x+ - A x - B dv and y - C x - D dv are rows of Theta, whatever made them
         lure, nx = self.lure, self.nx
         signals = np.vstack([lure.rows_x, lure.rows_z[: self.ny]])

@@ -71,8 +71,8 @@ def linearity(model, test, record):
         paragraph(
             "The linearization error is the share of the output that is not the "
             "response of (A, B, C) once h is cancelled, rms(e) / rms(y). It does not "
-            "depend on the state basis; ratios and gains do. Closed loop: u = v - h, "
-            "with the recorded input as v."
+            "depend on the state basis; ratios and gains do. "
+            + (record.no_law or "Closed loop: u = v - h, with the recorded input as v.")
         ),
         table(("", "open loop", "closed loop"), rows),
         heading("By frequency"),
