@@ -97,7 +97,8 @@ def _law(model, test):
     from ..plotting import NonlinearityDisplay
 
     drawn = NonlinearityDisplay.from_estimator(model, *test).figure_
-    return figure(drawn, "What the law cancels: h, with the density of the data.")
+    what = as_plant(model).no_law or "What the law cancels:"
+    return figure(drawn, f"{what} h, with the density of the data.")
 
 
 def _rest(model, test):
