@@ -19,8 +19,8 @@ signal that the cost penalizes.  E couples layers of neurons and is strictly low
 triangular, so that w can be evaluated in order; it is zero for one hidden layer.
 sigma acts elementwise, one activation per neuron.
 
-The feedback u = v - K w - k turns one Lur'e form into another (`close`): cancelling
-h couples the neurons of g to those of h.
+A feedback u = v - K w - k turns one Lur'e form into another (`Plant.close`):
+cancelling h couples the neurons of g to those of h.
 """
 
 from dataclasses import dataclass
@@ -137,29 +137,3 @@ class Lure:
                 starts.append(i)
         stops = [*starts[1:], self.nw]
         return [slice(a, b) for a, b in zip(starts, stops, strict=False)]
-
-    def close(self, K, k):
-        """Return the form that the feedback u = v - K w - k makes, with input v.
-
-        Parameters
-        ----------
-        K : ndarray of shape (nu, nw)
-            Gain of the neurons.
-        k : ndarray of shape (nu,)
-            Constant part.
-
-        Returns
-        -------
-        lure : Lure
-            The closed loop.
-
-        Raises
-        ------
-        ValueError
-            If the loop makes a neuron depend on itself or a later one.
-        """
-        Theta = self.Theta.copy()
-        by_u = Theta[:, self.nx : self.nx + self.nu]
-        Theta[:, self.nx + self.nu : -1] -= by_u @ K
-        Theta[:, -1] -= by_u @ k
-        return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)

@@ -41,7 +41,7 @@ class PreparedRecord:
     >>> model = alssnn.LinearStateSpace(nx=4, dt=data.dt).fit(*data)
     >>> (record,) = model.prepare_records(*data)
     >>> record.part, record.start, record.x0.shape
-    (slice(0, 800, None), 200, (4,))
+    (slice(0, 800, None), 50, (4,))
     >>> np.allclose(record.dy + model.y_offset_, record.y)
     True
     """

@@ -392,6 +392,23 @@ def test_certificate(model, data, of):
     assert display.ax_.get_xlabel() == f"deviation of {name}"
 
 
+def test_figures_of_loops_with_late_inputs_have_the_delay():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((300, 1))
+    y = np.zeros((300, 1))
+    for k in range(4, 300):
+        y[k] = 0.9 * y[k - 1] + u[k - 4]
+    model = LinearStateSpace(nx=1, input_delay=3).fit(u, y)
+    K = 0.1 / model.B_
+    certificate = model.iss_certificate(u, y, K=K)
+    options = {"pair": (0, 3), "K": K}
+    display = CertificateDisplay.from_estimator(model, certificate, u, y, **options)
+    assert display.ax_.get_ylabel() == "deviation of x3"
+    poles = PoleDisplay.from_estimator(model, K=K).poles["A - B K"]
+    expected = np.roots([1, -model.A_[0, 0], 0, 0, 0.1])
+    np.testing.assert_allclose(np.sort(np.abs(poles)), np.sort(np.abs(expected)))
+
+
 def test_certificate_projects_more_states_than_it_shows():
     A = np.diag([0.8, 0.5, 0.2]) + 0.1
     certificate = alssnn.certificates.iss_certificate(A, eps=0.1)

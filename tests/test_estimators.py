@@ -655,6 +655,7 @@ def test_unfitted(estimator, mimo):
         lambda: estimator.to_statespace(),
         lambda: estimator.linearizability(u, y),
         lambda: estimator.validate(u, y),
+        lambda: estimator.prepare_records(u, y),
     ):
         with pytest.raises(NotFittedError):
             call()
@@ -683,3 +684,52 @@ def test_parameters_are_validated_in_fit(mimo, parameters, message):
     u, y = mimo
     with pytest.raises(ValueError, match=message):
         al_ssnn(**parameters).fit(u, y)
+
+
+def test_records_are_prepared_in_one_way(mimo):
+    u, y = (np.copy(z) for z in mimo)
+    y[20:25, 0] = np.nan
+    labels = np.repeat([3, 1], [len(u) - 100, 100])
+    model = LinearStateSpace(nx=2, input_delay=[0, 2]).fit(u, y, labels)
+    records = model.prepare_records(u, y, labels)
+    assert [record.part for record in records] == [
+        slice(0, len(u) - 100),
+        slice(len(u) - 100, len(u)),
+    ]
+    for record in records:
+        n = len(record.y)
+        assert record.start == min(model.n_init_samples, n // 4)
+        assert record.scored == slice(record.start, n)
+        np.testing.assert_array_equal(record.u, u[record.part])
+        np.testing.assert_array_equal(record.y, y[record.part])
+        x0 = model.estimate_x0(record.u, record.y, n_samples=record.start)
+        np.testing.assert_array_equal(record.x0, x0[0])
+        arrived = record.u - model.u_offset_
+        arrived[2:, 1], arrived[:2, 1] = arrived[:-2, 1].copy(), 0.0
+        np.testing.assert_allclose(record.du, arrived, atol=1e-12)
+        np.testing.assert_allclose(record.dy, record.y - model.y_offset_)
+        y_hat = model.predict(record.u, x0=record.x0)
+        _, scored = model.simulate_test(record.u, record.y)
+        np.testing.assert_array_equal(scored, y_hat[record.scored])
+    with pytest.raises(AttributeError):
+        record.start = 0
+
+
+def test_what_a_fit_found_is_a_value(mimo):
+    model = fl_ssnn(2, 2, max_iter=3, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(*mimo)
+    fitted = model.fitted_
+    p = fitted.structure.rescale(
+        fitted.structure.split(fitted.theta),
+        {"u": fitted.scaling.u_scale, "y": fitted.scaling.y_scale, "x": fitted.x_scale},
+    )
+    np.testing.assert_allclose(p["A"], model.A_)
+    np.testing.assert_allclose(fitted.x0 * fitted.x_scale, model.x0_)
+    assert fitted.free.all() and len(fitted.free) == len(fitted.theta)
+    assert fitted.cost == model.cost_ and not fitted.at_rest and fitted.for_control
+    with pytest.raises(AttributeError):
+        fitted.cost = 0.0
+    with pytest.raises(NotFittedError):
+        assert fl_ssnn().fitted_

@@ -271,6 +271,12 @@ def test_explanation_follows_the_numbers():
     assert "decays by 63 % in 10 samples, 1 s." in text
 
 
+def test_a_model_without_a_law_is_not_said_to_be_linearized():
+    text = explain(replace(make_row(), no_law="u arrives late."))
+    assert "there is no linearized loop. u arrives late." in text
+    assert "with u = v - h" not in text
+
+
 def test_explanation_of_a_plant_that_h_does_not_linearize():
     lti = make_row("LTI", missed=20.0, rest=0.0)
     text = explain(lti, make_row(missed=0.5, rest=23.0))

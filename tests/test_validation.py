@@ -419,6 +419,25 @@ def test_what_is_not_linearizable_fails_if_made_for_control():
     assert not tight["linearizability"].passed and loose["linearizability"].passed
 
 
+def test_a_model_without_a_law_is_not_called_linearizable():
+    u = np.random.default_rng(0).standard_normal((600, 2))
+    late = np.vstack([np.zeros((2, 2)), u[:-2]])
+    options = {"nx": 2, "n_h": 2, "n_g": 2, "max_iter": 10, "random_state": 0}
+    model = fit(al_ssnn(**options, input_delay=2), u, plant(np.tanh(late)))
+    found = model.validate(u, plant(np.tanh(late)), n_lags=10)
+    check = found["linearizability"]
+    assert not check.passed and check.decides
+    assert "There is no loop to judge." in check.sentence
+    assert "2 samples ahead" in check.sentence
+    assert np.isnan(found.linearizability.closed_linearization_error).all()
+    for refused in (
+        lambda: sine_response(model, 1.0, loop="closed", period=64),
+        lambda: loop_deviation(model, u, u),
+    ):
+        with pytest.raises(ValueError, match="2 samples ahead"):
+            refused()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -514,6 +533,22 @@ def test_the_loop_deviates_by_what_g_makes(fl_model):
     omega = run.Z[1:] - run.Z[:-1] @ (model.A_ - model.B_ @ K).T
     assert 0 < np.linalg.norm(omega, axis=1).max() <= certificate.eps * (1 + 1e-9)
     assert certificate.contains(run.Z).all()
+
+
+def test_the_loop_of_a_plant_with_late_inputs_is_its_own():
+    u = np.random.default_rng(0).standard_normal((300, 2))
+    late = np.vstack([np.zeros((2, 2)), u[:-2]])
+    model = LinearStateSpace(nx=2, input_delay=2, operating_point="zero")
+    model = fit(model, u, plant(late))
+    K = 0.1 * np.ones((2, 2))
+    (run,) = loop_deviation(model, u, plant(late), K=K)
+    assert run.X.shape == (300, 6) and np.abs(run.Z).max() < 1e-12
+    x, past = run.X[0, :2], [np.zeros(2), np.zeros(2)]
+    for k in range(300):
+        np.testing.assert_allclose(run.X[k, :2], x, atol=1e-9)
+        now = u[k] - K @ x
+        x = model.A_ @ x + model.B_ @ past[0]
+        past = [past[1], now]
 
 
 @pytest.mark.parametrize(

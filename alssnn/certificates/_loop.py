@@ -56,7 +56,7 @@ def certify_iss(model, records=None, *, K=None, eps="data", **options):
     plant = as_plant(model).late()
     loop = linearized_loop(plant, K)
     if isinstance(eps, str) and eps == "data":
-        if records is None:
+        if not records:
             raise ValueError(
                 "`u` and `y` must be given for eps='data', got None. Pass records, or "
                 "eps='global'."

@@ -66,6 +66,8 @@ def _about_accuracy(al, lti):
 
 
 def _about_linearity(al, lti):
+    if al.no_law:
+        return f"Linearity: there is no linearized loop. {al.no_law}"
     rest = float(100 * al.linearization_error.mean())
     if not np.isfinite(rest):
         return (

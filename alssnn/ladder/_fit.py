@@ -316,6 +316,7 @@ def _climb(name, model, train, test):
         spectral_radius=record.spectral_radius,
         seconds=seconds,
         y_hat=y_hat,
+        no_law=record.no_law,
         e=np.vstack([record.e[r.part][r.scored] for r in records]),
     )
     return row, records

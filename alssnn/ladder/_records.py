@@ -41,6 +41,8 @@ class Rung:
         Simulated test output, in the units of y.
     e : ndarray of shape (n_scored, ny)
         Output-referred residual, in the units of y; inf if it diverges.
+    no_law : str, default=""
+        Why u = v - h(s) is no law of this model; empty if it is one.
 
     Examples
     --------
@@ -62,6 +64,7 @@ class Rung:
     seconds: float
     y_hat: np.ndarray = field(repr=False)
     e: np.ndarray = field(repr=False)
+    no_law: str = ""
 
     @property
     def converged(self):

@@ -71,8 +71,8 @@ def linearity(model, test, record):
         paragraph(
             "The linearization error is the share of the output that is not the "
             "response of (A, B, C) once h is cancelled, rms(e) / rms(y). It does not "
-            "depend on the state basis; ratios and gains do. Closed loop: u = v - h, "
-            "with the recorded input as v."
+            "depend on the state basis; ratios and gains do. "
+            + (record.no_law or "Closed loop: u = v - h, with the recorded input as v.")
         ),
         table(("", "open loop", "closed loop"), rows),
         heading("By frequency"),
@@ -97,7 +97,8 @@ def _law(model, test):
     from ..plotting import NonlinearityDisplay
 
     drawn = NonlinearityDisplay.from_estimator(model, *test).figure_
-    return figure(drawn, "What the law cancels: h, with the density of the data.")
+    what = as_plant(model).no_law or "What the law cancels:"
+    return figure(drawn, f"{what} h, with the density of the data.")
 
 
 def _rest(model, test):

@@ -133,7 +133,7 @@ def heading(text):
 
 
 def number(value, digits=4):
-    """Return a number as text; a dash for None.
+    """Return a number as text; a dash for None and nan, which are no numbers.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def number(value, digits=4):
     text : str
         The text.
     """
-    if value is None:
+    if value is None or np.isnan(value):
         return "-"
     value = float(value)
     return f"{value:.{digits}g}" if np.isfinite(value) else str(value)

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..metrics import fit_percent, nrmse, rmse
 from ..networks import Perceptron
+from ..plant import as_plant
 from ..validation import column_names
 from ._page import (
     attempt,
@@ -98,7 +99,11 @@ def equations(model):
     if nets["h"]:
         parts += [
             paragraph(f"u = v - h({s})", "equation"),
-            paragraph("The law leaves the linear system (A, B, C) from v.", "note"),
+            paragraph(
+                as_plant(model).no_law
+                or "The law leaves the linear system (A, B, C) from v.",
+                "note",
+            ),
         ]
     arrays = {
         "A": model.A_,

@@ -1,0 +1,117 @@
+"""No package knows what another one keeps to itself.
+
+Who touches a private attribute of anything but `self` and `cls` must define that name
+in the same module; who imports a private name must live in the same package.
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import alssnn
+
+ROOT = Path(alssnn.__file__).parent
+MODULES = sorted(str(path.relative_to(ROOT)) for path in ROOT.rglob("*.py"))
+
+# What still reads private names of estimators. It only ever gets shorter.
+PERSISTENCE = {
+    "_container",
+    "_decay",
+    "_publish_parameters",
+    "_region",
+    "_scaling",
+    "_structure",
+    "_theta",
+    "_validate_params",
+    "_x_scale",
+    "_y_ndim",
+}
+ALLOWED = {
+    "persistence/_file.py": PERSISTENCE,
+}
+
+
+def is_private(name):
+    return name.startswith("_") and not name.startswith("__")
+
+
+def private_attributes(tree):
+    """Return private attributes that a module reads but does not define."""
+    defined = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            defined.add(node.name)
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            if isinstance(node.value, ast.Name) and node.value.id == "self":
+                defined.add(node.attr)
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            defined.add(node.target.id)
+    return {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and is_private(node.attr)
+        and not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"))
+        and node.attr not in defined
+    }
+
+
+def private_imports(tree, package):
+    """Return private names and modules that a module imports from other packages."""
+    found = set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Import | ast.ImportFrom):
+            continue
+        if package and getattr(node, "level", 0) == 1:  # siblings
+            continue
+        paths = [alias.name for alias in node.names] + [getattr(node, "module", "")]
+        names = {name for path in paths for name in (path or "").split(".")}
+        found |= {name for name in names if is_private(name)}
+    return found
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_nothing_private_is_used_elsewhere(module):
+    if module.startswith("estimators/"):  # mixins of one class
+        return
+    tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
+    assert private_attributes(tree) <= ALLOWED.get(module, set())
+    assert not private_imports(tree, module.rpartition("/")[0])
+
+
+def test_what_is_allowed_is_still_needed():
+    for module, names in ALLOWED.items():
+        tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
+        assert private_attributes(tree) == names, f"shorten ALLOWED[{module!r}]"
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("model._scaling", {"_scaling"}),
+        ("self._scaling + cls._x", set()),
+        ("f(x)._y", {"_y"}),
+        ("class A:\n    def _f(self): pass\n    def g(self, b): return b._f()", set()),
+        ("class A:\n    def f(self, b):\n        self._x = 1\n        b._x", set()),
+        ("class A:\n    def f(self, b):\n        b._x = 1", {"_x"}),
+        ("model.__dict__", set()),
+    ],
+)
+def test_the_search_for_attributes(code, found):
+    assert private_attributes(ast.parse(code)) == found
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("from ._axes import color", set()),
+        ("from . import _axes", set()),
+        ("from ._axes import _ticks", set()),
+        ("from ..validation._scored import x", {"_scored"}),
+        ("from ..lure import _x", {"_x"}),
+        ("import sklearn._loss", {"_loss"}),
+    ],
+)
+def test_the_search_for_imports(code, found):
+    assert private_imports(ast.parse(code), "plotting") == found
