@@ -8,6 +8,7 @@ from alssnn.stability import (
     contraction_derivative,
     contraction_inverse,
     contractive_basis,
+    hold_off,
 )
 from alssnn.structures import state_space_structure
 from alssnn.subspace import LinearModel
@@ -102,6 +103,37 @@ def test_a_basis_may_leave_out_what_is_slower_than_the_record(rng):
     new = contractive_basis(linear([0.9999, 0.5], rng), 1e-5, radius=0.99)
     found = np.sort(np.linalg.eigvals(new.A).real)
     np.testing.assert_allclose(found, [0.5, 0.99], rtol=1e-9)
+
+
+def test_a_basis_that_nearly_contracts_is_nearly_kept():
+    A, eye = np.diag([0.9, 0.7, -0.5, 0.2]), np.eye(4)
+    A[0, 3] = 0.6  # |A| = 1.08
+    model = LinearModel(A, eye, eye, np.zeros((4, 4)), np.zeros((1, 4)))
+    new = contractive_basis(model, 1e-5)
+    assert np.linalg.norm(new.A, 2) < 1
+    # B is the change of the basis: states that were uncorrelated, of unit variance, for
+    # the networks to see, stay near that. P of (A / r)'P (A / r) - P = -I has 3.9 here
+    assert np.linalg.cond(new.B) < 1.7
+    # and a contraction is left alone
+    again = contractive_basis(new, 1e-5)
+    np.testing.assert_array_equal(again.A, new.A)
+
+
+def test_poles_are_held_off_the_circle_where_a_record_is_not_reproduced(rng):
+    model = linear([0.99999, 0.5], rng)
+    record = [(rng.standard_normal((200, 1)), rng.standard_normal((200, 1)))]
+
+    def error(structure, theta):
+        A = structure.split(theta)["A"]
+        return 0.1 + 10 * max(0, np.abs(np.linalg.eigvals(A)).max() - 0.9)
+
+    assert error(*model.as_fit()[:2]) > 1
+    held = hold_off(model, record, error)
+    # of the circles 1 - 5/200, 1 - 10/200, 1 - 20/200 the third is the first in reach
+    poles = np.sort(np.abs(np.linalg.eigvals(held.A)))
+    np.testing.assert_allclose(poles, [0.5, 0.9], atol=1e-9)
+    assert "held off" in held.result.message
+    assert hold_off(held, record, error) is held
 
 
 def test_normal_equations_by_Q(rng):

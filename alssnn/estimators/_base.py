@@ -1,6 +1,7 @@
 """What all estimators share: the data, the fit, what it sets."""
 
 from abc import ABCMeta, abstractmethod
+from functools import partial
 from numbers import Integral, Real
 from typing import ClassVar
 
@@ -23,7 +24,8 @@ from ..optimizers import single_threaded
 from ..orders import SAMPLES as ORDER_SAMPLES
 from ..orders import compare_orders
 from ..scaling import Scaling
-from ..subspace import TRIAL_SAMPLES
+from ..stability import hold_off
+from ..subspace import TRIAL_SAMPLES, simulation_error
 from ..training import Validation
 from ..watch import BY_OBSERVER, OUT_OF_TIME, Watch, late_fall
 from ._ahead import AheadMixin
@@ -297,9 +299,19 @@ class StateSpaceModel(
             self._check_given_integrators(model.A, len(model.C))
         else:
             model = self._identified_linear(experiments, watch)
+            if self.integrators_ == 0:
+                model = self._reproducing(model, experiments)
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
         return model
+
+    def _reproducing(self, model, experiments):
+        """Return a linear model that simulates its record no worse than the mean."""
+        judge = self._own_judge(experiments)
+        if all(np.isnan(y[:]).all() for _, y in judge.scored):
+            return model  # nothing is measured behind the first samples
+        noise = min(simulation_error(experiments, model) ** 2, 1.0)
+        return hold_off(model, experiments, partial(judge.rmse, noise=noise))
 
     def _nx_choices(self):
         """Return the orders that the user allows; None where all are."""

@@ -17,7 +17,7 @@ from ..integrators import decouple
 from ..mapping import Held
 from ..orders import compare_orders
 from ..search import Recipe, search
-from ..stability import contractive_basis
+from ..stability import SLOWEST, contractive_basis
 from ..structures import state_space_structure
 from ..training import (
     WINDOW,
@@ -33,7 +33,6 @@ from ._callbacks import with_callbacks
 from ._inputs import ALL, check_choice, held_columns, seen_columns
 from ._warn import warn_of_training
 
-SLOWEST = 5.0  # time constants in a record, of the slowest pole of a start
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
 SETTLED = "as many steps as hidden samples allow"
 LEFT_LINEAR = "the networks do not help: this is the linear model"
