@@ -5,8 +5,8 @@ and with inner weights spread over what the data show: the pre-activation of a n
 has a random direction in its (unit variance) inputs and is zero at a random sample.
 
 Long records are trained coarse to fine: the liveliest stretch takes most of the
-iterations, all samples the last few.  Several random starts compete on the stretch;
-the best of them goes on.
+iterations, three times as many samples some, and all samples the last few.  Several
+random starts compete on the stretch; the best of them goes on.
 
 A small gamma is reached by continuation: from a large one, whose optimum is close to
 the linear start, down to the wanted one, each optimum the start of the next.  Aiming
@@ -34,7 +34,8 @@ INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 ONLY_STAGE = "train"  # label of a training that is one search
-LAST_XTOL = 1e-9  # relative change of the parameters that ends the last stage
+LEAST_MOVE = 1e-9  # relative change of the parameters that ends a stage
+MIDDLE = 3  # times the samples of the first stages: a stretch between them and all
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -196,7 +197,8 @@ def train(
     coarse_samples : int or None, default=None
         Samples of the first stages; None trains on all samples at once.
     polish_iter : int, default=20
-        Trial steps on all samples after the coarse stages.
+        Trial steps on all samples after the coarse stages. A long record has a stage
+        between them, on three times the coarse samples, which may do as much work.
     n_jobs : int or None, default=None
         Restarts in parallel, or experiments if there is one start, as in joblib.
     watch : Watch or None, default=None
@@ -217,6 +219,8 @@ def train(
     """
     watch = Watch() if watch is None else watch
     options["validation"] = validation
+    # next to a wall a short step is still worth it: the cost alone ends a stage
+    options["xtol"] = LEAST_MOVE
     weights = {} if weights is None else weights
     experiments = Held.of(experiments)
     if experiments.is_here:
@@ -230,26 +234,37 @@ def train(
     criteria = [
         Criterion(structure, first, **_times(weights, factor)) for factor in factors
     ]
-    *labels, last = _stage_labels(weights.get("gamma", 0.0), factors, is_coarse)
+    middle = MIDDLE * coarse_samples if is_coarse else 0
+    is_long = is_coarse and 2 * middle < experiments.n_samples
+    finer = [f"{middle} samples"] * is_long + ["all samples"] * is_coarse
+    labels = _stage_labels(weights.get("gamma", 0.0), factors, finer)
     limits = Limits(structure, phi, bounds, at_rest)
     first_limits = Limits(structure, phi, bounds) if is_coarse else limits
-    stages = list(zip(labels if is_coarse else [*labels, last], criteria, strict=True))
+    stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
-        steps = best.nfev
-        criterion = Criterion(structure, experiments, **weights)
-        # a short step may still be worth it here: its cost alone ends the last stage
-        options = {**options, "max_iter": polish_iter, "xtol": LAST_XTOL}
-        best = _stage(
-            criterion,
-            best.theta,
-            limits,
-            fallback=fallback,
-            watch=watch,
-            label=last,
-            **options,
-        )
-        best.nfev += steps
+        # as much work on the middle stretch as on all samples
+        n_steps = polish_iter * experiments.n_samples // middle
+        n_steps = min(n_steps, options.get("max_iter", n_steps))
+        parts = [(experiments, limits, polish_iter)]
+        if is_long:
+            part = experiments.stretch(middle)
+            part = Held(part, n_jobs) if experiments.is_here else Held.of(part)
+            parts.insert(0, (part, first_limits, n_steps))
+        for label, (part, part_limits, n) in zip(
+            labels[len(criteria) :], parts, strict=True
+        ):
+            steps = best.nfev
+            best = _stage(
+                Criterion(structure, part, **weights),
+                best.theta,
+                part_limits,
+                fallback=fallback,
+                watch=watch,
+                label=label,
+                **{**options, "max_iter": n},
+            )
+            best.nfev += steps
     return best
 
 
@@ -288,7 +303,7 @@ def _times(weights, factor):
     }
 
 
-def _stage_labels(gamma, factors, is_coarse):
+def _stage_labels(gamma, factors, finer):
     """Return what the stages of the training are called, in order."""
     names = [ONLY_STAGE]
     if len(factors) > 1:
@@ -296,8 +311,7 @@ def _stage_labels(gamma, factors, is_coarse):
             f"gamma {gamma * factor:.3g}" if gamma > 0 else f"gammas x {factor:.3g}"
             for factor in factors
         ]
-    if is_coarse:
-        names.append("all samples")
+    names += finer
     if len(names) == 1:
         return names
     return [f"stage {i}/{len(names)}, {name}" for i, name in enumerate(names, 1)]

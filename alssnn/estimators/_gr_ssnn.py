@@ -93,8 +93,9 @@ class GrSsnn(Ssnn):
     coarse_samples : int or None, default=8000
         On longer records the search and the first stages of the training take so many
         samples, the liveliest stretch; None takes all samples at once.
-    polish_iter : int, default=30
-        Largest number of trial steps on all samples after a coarse stage.
+    polish_iter : int, default=15
+        Largest number of trial steps on all samples after the coarse stages, of which
+        a long record has a second one, on three times the samples.
     method : {"lm", "trf"}, default="lm"
         Method of `scipy.optimize.least_squares`.
     n_init_samples : int, default=50
@@ -218,7 +219,7 @@ class GrSsnn(Ssnn):
         validation_fraction=None,
         n_iter_no_change=10,
         coarse_samples=8_000,
-        polish_iter=30,
+        polish_iter=15,
         method="lm",
         n_init_samples=50,
         warm_start=False,
