@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov, svd
 from scipy.optimize import OptimizeResult
 
-from .criterion import LeastSquares
+from .criterion import DIVERGED_NORM, LeastSquares
 from .subspace import decorrelate, fit_input, simulation_error, stabilize
 
 MARGIN = 0.98  # of the start inside the set that Q can reach: Q stays finite
@@ -310,3 +310,62 @@ class Contractive(LeastSquares):
         JJ[:, self.where] = JJ[:, self.where] @ T
         Jr[self.where] = T.T @ Jr[self.where]
         return JJ, Jr, norm
+
+
+class Schur(LeastSquares):
+    """Reject what has a pole outside a circle, in whatever basis.
+
+    Parameters
+    ----------
+    criterion : Criterion
+        Criterion whose structure has a parameter A.
+    radius : float
+        Largest modulus of an eigenvalue of A, at most one.
+    integrators : int, default=0
+        Number of last states whose rows and columns of A do not count.
+    """
+
+    def __init__(self, criterion, radius, integrators=0):
+        self.criterion, self.radius = criterion, radius
+        self.where = criterion.structure.slices["A"]
+        self.nx = criterion.structure.sizes["x"]
+        self.regular = slice(0, self.nx - integrators)
+
+    def norm(self, free):
+        """Return |r|, or `DIVERGED_NORM` where a pole is outside.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector.
+
+        Returns
+        -------
+        norm : float
+            Norm of the residual.
+        """
+        A = free[self.where].reshape(self.nx, self.nx)[self.regular, self.regular]
+        if not np.isfinite(A).all():
+            return DIVERGED_NORM
+        if np.abs(np.linalg.eigvals(A)).max(initial=0.0) > self.radius:
+            return DIVERGED_NORM
+        return self.criterion.norm(free)
+
+    def normal_equations(self, free):
+        """Return J'J, J'r and |r|.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector.
+
+        Returns
+        -------
+        JJ : ndarray of shape (n, n)
+            Gauss-Newton matrix.
+        Jr : ndarray of shape (n,)
+            Half the gradient of |r|^2.
+        norm : float
+            Norm of the residual.
+        """
+        return self.criterion.normal_equations(free)

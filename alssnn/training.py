@@ -25,7 +25,7 @@ from .criterion import DIVERGED_NORM, Criterion, Restricted
 from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
-from .stability import Contractive
+from .stability import Contractive, Schur
 from .subspace import stabilize
 from .watch import INTERRUPTED, Patience, Watch
 
@@ -161,6 +161,7 @@ def train(
     *,
     weights=None,
     phi=None,
+    radius=None,
     bounds=None,
     at_rest=False,
     continuation=0,
@@ -187,6 +188,8 @@ def train(
         ``output_weight`` of `Criterion`.
     phi : float or None, default=None
         Rate of stability by construction (eq. contract); None leaves A free.
+    radius : float or None, default=None
+        Largest modulus of an eigenvalue of an A that is free; None means no limit.
     bounds : dict of str to tuple of ndarray, or None, default=None
         Lower and upper bounds of parameters by name; equal ones hold an entry.
     at_rest : bool, default=False
@@ -238,8 +241,10 @@ def train(
     is_long = is_coarse and 2 * middle < experiments.n_samples
     finer = [f"{middle} samples"] * is_long + ["all samples"] * is_coarse
     labels = _stage_labels(weights.get("gamma", 0.0), factors, finer)
-    limits = Limits(structure, phi, bounds, at_rest)
-    first_limits = Limits(structure, phi, bounds) if is_coarse else limits
+    limits = Limits(structure, phi, bounds, at_rest, radius)
+    first_limits = limits
+    if is_coarse:
+        first_limits = Limits(structure, phi, bounds, radius=radius)
     stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
@@ -513,10 +518,12 @@ class Limits:
         Lower and upper bounds of parameters by name; equal ones hold an entry.
     at_rest : bool, default=False
         Whether the initial states are held at zero.
+    radius : float or None, default=None
+        Largest modulus of an eigenvalue of an A that is free; None means no limit.
     """
 
-    def __init__(self, structure, phi=None, bounds=None, at_rest=False):
-        self.phi = phi
+    def __init__(self, structure, phi=None, bounds=None, at_rest=False, radius=None):
+        self.phi, self.radius = phi, radius
         self.at_rest = at_rest
         self.low = np.full(structure.n_params, -np.inf)
         self.high = np.full(structure.n_params, np.inf)
@@ -529,7 +536,7 @@ class Limits:
         held = (self.low[A] == self.high[A]).reshape(structure.shapes.get("A", (0, 0)))
         self.n_integrators = int(held.all(axis=0).sum())
         if self.n_integrators == len(held):
-            self.phi = None  # nothing is left to contract
+            self.phi = self.radius = None  # nothing is left to contract
 
     def clip(self, theta):
         """Return parameters moved into their bounds.
@@ -569,6 +576,8 @@ class Limits:
         if self.phi is not None:
             problem = Contractive(criterion, self.phi, self.n_integrators)
             start = problem.from_free(free)
+        elif self.radius is not None:
+            problem = Schur(criterion, self.radius, self.n_integrators)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
         n_params = len(self.low)
         low[:n_params], high[:n_params] = self.low, self.high

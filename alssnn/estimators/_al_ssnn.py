@@ -72,14 +72,16 @@ class AlSsnn(Ssnn):
         for all networks or by network, ``{"h": ..., "g": ..., "k": ...}``.
     odd : bool, default=False
         Whether h has no biases, so that h(-s) = -h(s).
-    stability : {"auto", "contractive"} or None, default="auto"
+    stability : {"auto", "contractive", "schur"} or None, default="auto"
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
-        of tanh or sigmoid then have bounded simulations for every bounded input. None
-        leaves A free. "auto" is "contractive" unless there is a `linear_start`, whose
-        basis of the states it would change.
+        of tanh or sigmoid then have bounded simulations for every bounded input, as
+        with "schur", which keeps the poles of A inside the same circle, in whatever
+        basis. None leaves A free. "auto" is "contractive" unless there is a
+        `linear_start`, whose basis of the states it would change.
     phi : float, default=1e-5
         Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
-        falls by at least the share phi in every step.
+        falls by at least the share phi in every step; with "schur" poles have at most
+        the modulus ``sqrt(1 - phi)``.
     continuation : int, default=0
         Number of larger weights gamma that are trained first, each half a decade above
         the next, if `alpha` is a number; "auto" goes down a path of alphas instead.

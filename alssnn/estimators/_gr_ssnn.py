@@ -37,14 +37,16 @@ class GrSsnn(Ssnn):
     activation : str, Activation or dict, default="tanh"
         "tanh", "sigmoid", "relu", "identity", "sin" or an `Activation` of one's own,
         for all networks or by network, ``{"g": ..., "k": ...}`` (f is "g").
-    stability : {"auto", "contractive"} or None, default="auto"
+    stability : {"auto", "contractive", "schur"} or None, default="auto"
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
-        of tanh or sigmoid then have bounded simulations for every bounded input. None
-        leaves A free. "auto" is "contractive" unless there is a `linear_start`, whose
-        basis of the states it would change.
+        of tanh or sigmoid then have bounded simulations for every bounded input, as
+        with "schur", which keeps the poles of A inside the same circle, in whatever
+        basis. None leaves A free. "auto" is "contractive" unless there is a
+        `linear_start`, whose basis of the states it would change.
     phi : float, default=1e-5
         Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
-        falls by at least the share phi in every step.
+        falls by at least the share phi in every step; with "schur" poles have at most
+        the modulus ``sqrt(1 - phi)``.
     alpha : float or "auto", default="auto"
         Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
         it the random start, by the simulation error on hidden quarters of the record

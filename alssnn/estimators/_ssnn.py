@@ -1,6 +1,7 @@
 """The training that all estimators with networks share."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
 from typing import ClassVar
@@ -17,8 +18,9 @@ from ..integrators import decouple
 from ..mapping import Held
 from ..orders import compare_orders
 from ..search import Recipe, search
-from ..stability import SLOWEST, contractive_basis
+from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..structures import state_space_structure
+from ..subspace import stabilize
 from ..training import (
     WINDOW,
     Limits,
@@ -55,7 +57,7 @@ class Ssnn(StateSpaceModel):
     _parameter_constraints: ClassVar[dict] = {
         **StateSpaceModel._parameter_constraints,
         "alpha": [WEIGHT, StrOptions({"auto"})],
-        "stability": [StrOptions({"auto", "contractive"}), None],
+        "stability": [StrOptions({"auto", "contractive", "schur"}), None],
         "phi": [Interval(Real, 0, 1, closed="left")],
         "n_init": [POSITIVE],
         "coarse_samples": [POSITIVE, None],
@@ -277,6 +279,7 @@ class Ssnn(StateSpaceModel):
             starts,
             weights={**terms, **weights},
             phi=self._phi,
+            radius=self._radius,
             bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
             at_rest=self._at_rest,
             continuation=0 if is_auto else self.continuation,
@@ -324,11 +327,21 @@ class Ssnn(StateSpaceModel):
         )
         return self.phi if stable else None
 
+    @property
+    def _radius(self):
+        """Return the largest modulus of a pole of a free A; None where all may be."""
+        return np.sqrt(1.0 - self.phi) if self.stability == "schur" else None
+
     def _declared(self, linear, radius=1.0):
         """Return a linear model in the basis of the training, and the structure."""
         if self._phi is not None:
             n = self.integrators_
             linear = contractive_basis(decouple(linear, n), self._phi, n, radius)
+        elif self._radius is not None:
+            A = linear.A.copy()
+            inside = min(self._radius - NEAREST, radius)
+            self._regular(A)[:] = stabilize(self._regular(A), inside)
+            linear = replace(linear, A=A)
         nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         return linear, self._declare(nx, nu, ny, C=linear.C, **networks)
@@ -354,7 +367,7 @@ class Ssnn(StateSpaceModel):
 
         def limits(plain):
             bounds = self._scaled_bounds(plain, contractive=self._phi is not None)
-            return Limits(plain, self._phi, bounds, self._at_rest)
+            return Limits(plain, self._phi, bounds, self._at_rest, self._radius)
 
         orders, candidates = self._orders, [len(linear.A)]
         if self.linear_start is not None or self.integrators_:
@@ -429,6 +442,7 @@ class Ssnn(StateSpaceModel):
             [theta],
             weights={"output_weight": self._output_weight(plain.sizes["y"])},
             phi=self._phi,
+            radius=self._radius,
             bounds={
                 **self._scaled_bounds(plain, contractive=self._phi is not None),
                 **held,
@@ -477,6 +491,9 @@ class Ssnn(StateSpaceModel):
         size = np.linalg.norm(A_r, 2) if A_r.size else 0.0
         if phi is not None and not size < np.sqrt(1 - phi):
             return False  # no contraction of this rate
+        poles = np.abs(np.linalg.eigvals(A_r))
+        if self._radius is not None and poles.max(initial=0.0) > self._radius:
+            return False
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]
