@@ -14,9 +14,10 @@ weights first, and with them every gradient: the linear model is a saddle.)
 Of the alphas that do nearly as well as the best, averaged over the better starts (of a
 long record, along the best one), the largest is taken; of the starts, the best at this
 alpha.  From there it goes on at this alpha as long as the error on the hidden samples
-falls.  The networks are kept if they beat the best linear model on the hidden samples:
-in the sum over the folds, not much worse in any of them, and with an error that is
-worth a prediction.
+falls; of a long record, the fit to all its samples does that in one go.  The networks
+are kept if they beat the best linear model on the hidden samples: in the sum over the
+folds, not much worse in any of them, and with an error that is worth
+a prediction.
 """
 
 from collections.abc import Callable
@@ -26,6 +27,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from .criterion import DIVERGED_NORM, Criterion
+from .training import LEAST_MOVE
 from .watch import Watch
 
 ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
@@ -177,9 +179,9 @@ class _Path:
         return criterion.split(result.x)
 
 
-def _descend(path, watch, options):
-    """Go down a whole path; in a process of its own, if need be."""
-    return path.descend(ALPHAS, watch, **options)
+def _descend(path, alphas, watch, options):
+    """Go down a path; in a process of its own, if need be."""
+    return path.descend(alphas, watch, **options)
 
 
 def search(
@@ -228,6 +230,7 @@ def search(
         "method": method,
         "max_iter": max(2, max_iter // STAGES),
         "tol": STAGE_TOL,
+        "xtol": LEAST_MOVE,
         "label": "search",
     }
 
@@ -247,16 +250,24 @@ def search(
     # the paths begin here, for the recipe is of the estimator, whose callbacks and
     # streams may not leave this process
     paths = [start(nx, seed) for seed in seeds]
+    # of a long record one start counts: the others stop where a path may end
+    is_long = len(folds) == 1 and len(paths) > 1
+    first, rest = np.split(ALPHAS, [np.count_nonzero(ALPHAS >= ENOUGH)])
+    alphas = first if is_long else ALPHAS
     if n_jobs in (None, 1) or len(paths) == 1:
-        paths = [path.descend(ALPHAS, quiet, **options) for path in paths]
+        paths = [path.descend(alphas, quiet, **options) for path in paths]
     else:
-        tasks = (delayed(_descend)(path, quiet, options) for path in paths)
+        tasks = (delayed(_descend)(path, alphas, quiet, options) for path in paths)
         paths = Parallel(n_jobs=n_jobs)(tasks)
+    if is_long:
+        best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
+        best.descend(rest, quiet, **options)
     walk, stage = _choose(paths)
     alpha = ALPHAS[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
-    more = max_iter // options["max_iter"]
-    stage = walk.go_on(stage, alpha, more, quiet, **options)
+    if len(folds) > 1:  # else the fit that follows goes on, without a break
+        more = max_iter // options["max_iter"]
+        stage = walk.go_on(stage, alpha, more, quiet, **options)
     curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
     structure = walk.problems[0][0]
     return Found(

@@ -11,20 +11,27 @@ on n x n matrices, never on the record.  The state basis can no longer hide g: a
 contraction amplifies nothing on the way to the output.
 
 The linear start is brought into a basis in which its A is such a contraction: for
-r between rho(A) and (1 - phi)^(1/2), the solution P of  (A/r)' P (A/r) - P = -I  gives
-|P^(1/2) A P^(-1/2)| <= r.
+r between rho(A) and (1 - phi)^(1/2), the solution P of  (A/r)' P (A/r) - P = -S  gives
+|P^(1/2) A P^(-1/2)| <= r.  S is the positive part of I - (A/r)'(A/r), so that P = I
+where A/r is a contraction already: the basis, in which the states have unit variance
+and are uncorrelated, changes no more than it must.
 """
 
 from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov, svd
+from scipy.optimize import OptimizeResult
 
-from .criterion import LeastSquares
-from .linear_model import stabilize
+from .criterion import DIVERGED_NORM, LeastSquares
+from .linear_model import decorrelate, simulation_error, stabilize
+from .subspace import fit_input
 
 MARGIN = 0.98  # of the start inside the set that Q can reach: Q stays finite
 NEAREST = 1e-7  # distance of a start to a limit of one
+SLOWEST = 5.0  # time constants in a record, of the slowest pole that it can tell
+FASTEST = 0.5  # distance from the unit circle, to which poles are held off it
+HELD_OFF = "its poles are held off the unit circle, to simulate its own record"
 ROUNDING = 1e-9  # norms this close to one are taken for one, and moved inside
 
 
@@ -142,15 +149,69 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
     inside = max(limit - MARGIN * (1.0 - limit), MARGIN * limit) - NEAREST
     A = stabilize(model.A, limit=min(inside, radius))
     r = (np.abs(np.linalg.eigvals(A)).max() + limit) / 2  # radius < r < limit
-    if np.linalg.norm(A, 2) <= min(r, MARGIN * limit):
+    r = max(r, MARGIN * limit)
+    # where A / r is a contraction already, P = I is the solution
+    excess, V = eigh(np.eye(len(A)) - (A / r).T @ (A / r))
+    if excess.min() >= -ROUNDING:
         return replace(model, A=A)  # nothing to do: keep the basis
-    P = solve_discrete_lyapunov((A / r).T, np.eye(len(A)))
+    P = solve_discrete_lyapunov((A / r).T, V * np.maximum(excess, 0.0) @ V.T)
     T = cholesky(P)  # P = T'T
     T /= np.sqrt(np.mean(T**2) * len(T))
     T_inv = np.linalg.inv(T)
     return replace(
         model, A=T @ A @ T_inv, B=T @ model.B, C=model.C @ T_inv, x0=model.x0 @ T.T
     )
+
+
+def hold_off(model, experiments, error):
+    """Hold the poles of a linear model off the unit circle, if it needs that.
+
+    A pole on the circle fits a record from one exact initial state; from any other
+    state the error stays, and a model may simulate its own record worse than the mean.
+    Poles are then cut to smaller and smaller circles, from that of a time constant of
+    a fifth of the record on, and B, D and the initial states are solved for.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Stable linear model.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    error : callable
+        Called as ``error(structure, theta)``: error of a simulation of the
+        record, where that of the mean is one.
+
+    Returns
+    -------
+    model : LinearModel
+        The model itself if its error is below one; else the one of least error.
+    """
+
+    def judge(one):
+        structure, theta, _ = one.as_fit()
+        return error(structure, theta)
+
+    if judge(model) < 1.0:
+        return model
+    longest = max(len(u) for u, _ in experiments)
+    distance = min(SLOWEST / longest, FASTEST)
+    candidates = [model]
+    while distance <= FASTEST:
+        A = stabilize(model.A, limit=1.0 - distance)
+        distance *= 2.0
+        candidates.append(fit_input(experiments, A, model.C, model.feedthrough))
+    best = min(candidates, key=judge)
+    if best is model:
+        return model
+    best = decorrelate(best, experiments)
+    result = OptimizeResult(
+        {
+            **(model.result or {}),
+            "cost": simulation_error(experiments, best) ** 2,
+            "message": HELD_OFF,
+        }
+    )
+    return replace(best, singular_values=model.singular_values, result=result)
 
 
 class Contractive(LeastSquares):
@@ -250,3 +311,62 @@ class Contractive(LeastSquares):
         JJ[:, self.where] = JJ[:, self.where] @ T
         Jr[self.where] = T.T @ Jr[self.where]
         return JJ, Jr, norm
+
+
+class Schur(LeastSquares):
+    """Reject what has a pole outside a circle, in whatever basis.
+
+    Parameters
+    ----------
+    criterion : Criterion
+        Criterion whose structure has a parameter A.
+    radius : float
+        Largest modulus of an eigenvalue of A, at most one.
+    integrators : int, default=0
+        Number of last states whose rows and columns of A do not count.
+    """
+
+    def __init__(self, criterion, radius, integrators=0):
+        self.criterion, self.radius = criterion, radius
+        self.where = criterion.structure.slices["A"]
+        self.nx = criterion.structure.sizes["x"]
+        self.regular = slice(0, self.nx - integrators)
+
+    def norm(self, free):
+        """Return |r|, or `DIVERGED_NORM` where a pole is outside.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector.
+
+        Returns
+        -------
+        norm : float
+            Norm of the residual.
+        """
+        A = free[self.where].reshape(self.nx, self.nx)[self.regular, self.regular]
+        if not np.isfinite(A).all():
+            return DIVERGED_NORM
+        if np.abs(np.linalg.eigvals(A)).max(initial=0.0) > self.radius:
+            return DIVERGED_NORM
+        return self.criterion.norm(free)
+
+    def normal_equations(self, free):
+        """Return J'J, J'r and |r|.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector.
+
+        Returns
+        -------
+        JJ : ndarray of shape (n, n)
+            Gauss-Newton matrix.
+        Jr : ndarray of shape (n,)
+            Half the gradient of |r|^2.
+        norm : float
+            Norm of the residual.
+        """
+        return self.criterion.normal_equations(free)

@@ -5,8 +5,8 @@ and with inner weights spread over what the data show: the pre-activation of a n
 has a random direction in its (unit variance) inputs and is zero at a random sample.
 
 Long records are trained coarse to fine: the liveliest stretch takes most of the
-iterations, all samples the last few.  Several random starts compete on the stretch;
-the best of them goes on.
+iterations, three times as many samples some, and all samples the last few.  Several
+random starts compete on the stretch; the best of them goes on.
 
 A small gamma is reached by continuation: from a large one, whose optimum is close to
 the linear start, down to the wanted one, each optimum the start of the next.  Aiming
@@ -26,7 +26,7 @@ from .linear_model import stabilize
 from .mapping import Held
 from .optimizers import minimize, single_threaded
 from .simulation import simulate
-from .stability import Contractive
+from .stability import Contractive, Schur
 from .structures import ONE
 from .watch import INTERRUPTED, Patience, Watch
 
@@ -35,7 +35,8 @@ INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 ONLY_STAGE = "train"  # label of a training that is one search
-LAST_XTOL = 1e-9  # relative change of the parameters that ends the last stage
+LEAST_MOVE = 1e-9  # relative change of the parameters that ends a stage
+MIDDLE = 3  # times the samples of the first stages: a stretch between them and all
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
@@ -183,6 +184,7 @@ def train(
     alpha=0.0,
     center=None,
     phi=None,
+    radius=None,
     bounds=None,
     at_rest=False,
     continuation=0,
@@ -212,6 +214,8 @@ def train(
         Parameters from which that weight pulls away as little as possible.
     phi : float or None, default=None
         Rate of stability by construction (eq. contract); None leaves A free.
+    radius : float or None, default=None
+        Largest modulus of an eigenvalue of an A that is free; None means no limit.
     bounds : dict of str to tuple of ndarray, or None, default=None
         Lower and upper bounds of parameters by name; equal ones hold an entry.
     at_rest : bool, default=False
@@ -223,7 +227,8 @@ def train(
     coarse_samples : int or None, default=None
         Samples of the first stages; None trains on all samples at once.
     polish_iter : int, default=20
-        Trial steps on all samples after the coarse stages.
+        Trial steps on all samples after the coarse stages. A long record has a stage
+        between them, on three times the coarse samples, which may do as much work.
     n_jobs : int or None, default=None
         Restarts in parallel, or experiments if there is one start, as in joblib.
     watch : Watch or None, default=None
@@ -245,6 +250,8 @@ def train(
     watch = Watch() if watch is None else watch
     options["validation"] = validation
     decay, measured = {"alpha": alpha, "center": center}, structure.measured
+    # next to a wall a short step is still worth it: the cost alone ends a stage
+    options["xtol"] = LEAST_MOVE
     experiments = Held.of(experiments)
     if experiments.is_here:
         experiments = Held(experiments, n_jobs)
@@ -258,27 +265,40 @@ def train(
         Criterion(structure, first, weights=_times(weights, factor, measured), **decay)
         for factor in factors
     ]
+    middle = MIDDLE * coarse_samples if is_coarse else 0
+    is_long = is_coarse and 2 * middle < experiments.n_samples
+    finer = [f"{middle} samples"] * is_long + ["all samples"] * is_coarse
     penalties = [w for c, w in (weights or {}).items() if c != measured]
-    *labels, last = _stage_labels(penalties, factors, is_coarse)
-    limits = Limits(structure, phi, bounds, at_rest)
-    first_limits = Limits(structure, phi, bounds) if is_coarse else limits
-    stages = list(zip(labels if is_coarse else [*labels, last], criteria, strict=True))
+    labels = _stage_labels(penalties, factors, finer)
+    limits = Limits(structure, phi, bounds, at_rest, radius)
+    first_limits = limits
+    if is_coarse:
+        first_limits = Limits(structure, phi, bounds, radius=radius)
+    stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
     if is_coarse:
-        steps = best.nfev
-        criterion = Criterion(structure, experiments, weights=weights, **decay)
-        # a short step may still be worth it here: its cost alone ends the last stage
-        options = {**options, "max_iter": polish_iter, "xtol": LAST_XTOL}
-        best = _stage(
-            criterion,
-            best.theta,
-            limits,
-            fallback=fallback,
-            watch=watch,
-            label=last,
-            **options,
-        )
-        best.nfev += steps
+        # as much work on the middle stretch as on all samples
+        n_steps = polish_iter * experiments.n_samples // middle
+        n_steps = min(n_steps, options.get("max_iter", n_steps))
+        parts = [(experiments, limits, polish_iter)]
+        if is_long:
+            part = experiments.stretch(middle)
+            part = Held(part, n_jobs) if experiments.is_here else Held.of(part)
+            parts.insert(0, (part, first_limits, n_steps))
+        for label, (part, part_limits, n) in zip(
+            labels[len(criteria) :], parts, strict=True
+        ):
+            steps = best.nfev
+            best = _stage(
+                Criterion(structure, part, weights=weights, **decay),
+                best.theta,
+                part_limits,
+                fallback=fallback,
+                watch=watch,
+                label=label,
+                **{**options, "max_iter": n},
+            )
+            best.nfev += steps
     return best
 
 
@@ -317,7 +337,7 @@ def _times(weights, factor, measured):
     }
 
 
-def _stage_labels(penalties, factors, is_coarse):
+def _stage_labels(penalties, factors, finer):
     """Return what the stages of the training are called, in order."""
     names = [ONLY_STAGE]
     if len(factors) > 1:
@@ -327,8 +347,7 @@ def _stage_labels(penalties, factors, is_coarse):
             else f"gammas x {factor:.3g}"
             for factor in factors
         ]
-    if is_coarse:
-        names.append("all samples")
+    names += finer
     if len(names) == 1:
         return names
     return [f"stage {i}/{len(names)}, {name}" for i, name in enumerate(names, 1)]
@@ -533,10 +552,12 @@ class Limits:
         Lower and upper bounds of parameters by name; equal ones hold an entry.
     at_rest : bool, default=False
         Whether the initial states are held at zero.
+    radius : float or None, default=None
+        Largest modulus of an eigenvalue of an A that is free; None means no limit.
     """
 
-    def __init__(self, structure, phi=None, bounds=None, at_rest=False):
-        self.phi = phi
+    def __init__(self, structure, phi=None, bounds=None, at_rest=False, radius=None):
+        self.phi, self.radius = phi, radius
         self.at_rest = at_rest
         self.low = np.full(structure.n_params, -np.inf)
         self.high = np.full(structure.n_params, np.inf)
@@ -549,7 +570,7 @@ class Limits:
         held = (self.low[A] == self.high[A]).reshape(structure.shapes.get("A", (0, 0)))
         self.n_integrators = int(held.all(axis=0).sum())
         if self.n_integrators == len(held):
-            self.phi = None  # nothing is left to contract
+            self.phi = self.radius = None  # nothing is left to contract
 
     def clip(self, theta):
         """Return parameters moved into their bounds.
@@ -589,6 +610,8 @@ class Limits:
         if self.phi is not None:
             problem = Contractive(criterion, self.phi, self.n_integrators)
             start = problem.from_free(free)
+        elif self.radius is not None:
+            problem = Schur(criterion, self.radius, self.n_integrators)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
         n_params = len(self.low)
         low[:n_params], high[:n_params] = self.low, self.high

@@ -14,7 +14,7 @@ from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
-from alssnn.orders import compare_orders
+from alssnn.orders import Orders, compare_orders
 from alssnn.search import ALPHAS, Found, Recipe, search
 from alssnn.training import Limits, initial_theta, train
 from alssnn.watch import Watch
@@ -249,6 +249,28 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     )
     np.testing.assert_array_equal(found.start, centre)
     np.testing.assert_array_equal(found.theta, centre + stage)
+
+
+def test_of_a_long_record_only_the_best_start_goes_all_the_way(short, monkeypatch):
+    orders = compare_orders(scaled(*short), [1])
+    one = {1: orders.models[1][:1]}, {1: orders.errors[1][:1]}
+    orders = Orders(orders.folds[:1], *one)  # a long record has one fold
+    went = []
+    descend = searching._Path.descend
+
+    def recorded(self, alphas, watch, **options):
+        went.append((self, list(alphas)))
+        return descend(self, alphas, watch, **options)
+
+    monkeypatch.setattr(searching._Path, "descend", recorded)
+    found = search(recipe(), orders, [1], [1, 2, 3], max_iter=50)
+    paths = [path for path, _ in went]
+    assert [alphas for _, alphas in went] == [list(ALPHAS[:6])] * 3 + [list(ALPHAS[6:])]
+    assert ALPHAS[5] == pytest.approx(searching.ENOUGH)
+    least = [min(e.sum() for e in path.errors[:7]) for path in paths[:3]]
+    assert paths[3] is paths[int(np.argmin(least))]
+    # the fit to all samples goes on from there, with all its steps
+    assert found.refit_iter == 50
 
 
 def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):

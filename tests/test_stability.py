@@ -1,15 +1,21 @@
+import warnings
+
 import numpy as np
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 
-from alssnn.criterion import Criterion
+from alssnn import GrSsnn
+from alssnn.criterion import DIVERGED_NORM, Criterion
 from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.stability import (
     Contractive,
+    Schur,
     contraction,
     contraction_derivative,
     contraction_inverse,
     contractive_basis,
+    hold_off,
 )
 from helpers import random_theta, simulate_linear
 
@@ -104,6 +110,37 @@ def test_a_basis_may_leave_out_what_is_slower_than_the_record(rng):
     np.testing.assert_allclose(found, [0.5, 0.99], rtol=1e-9)
 
 
+def test_a_basis_that_nearly_contracts_is_nearly_kept():
+    A, eye = np.diag([0.9, 0.7, -0.5, 0.2]), np.eye(4)
+    A[0, 3] = 0.6  # |A| = 1.08
+    model = LinearModel(A, eye, eye, np.zeros((4, 4)), np.zeros((1, 4)))
+    new = contractive_basis(model, 1e-5)
+    assert np.linalg.norm(new.A, 2) < 1
+    # B is the change of the basis: states that were uncorrelated, of unit variance, for
+    # the networks to see, stay near that. P of (A / r)'P (A / r) - P = -I has 3.9 here
+    assert np.linalg.cond(new.B) < 1.7
+    # and a contraction is left alone
+    again = contractive_basis(new, 1e-5)
+    np.testing.assert_array_equal(again.A, new.A)
+
+
+def test_poles_are_held_off_the_circle_where_a_record_is_not_reproduced(rng):
+    model = linear([0.99999, 0.5], rng)
+    record = [(rng.standard_normal((200, 1)), rng.standard_normal((200, 1)))]
+
+    def error(structure, theta):
+        A = structure.split(theta)["A"]
+        return 0.1 + 10 * max(0, np.abs(np.linalg.eigvals(A)).max() - 0.9)
+
+    assert error(*model.as_fit()[:2]) > 1
+    held = hold_off(model, record, error)
+    # of the circles 1 - 5/200, 1 - 10/200, 1 - 20/200 the third is the first in reach
+    poles = np.sort(np.abs(np.linalg.eigvals(held.A)))
+    np.testing.assert_allclose(poles, [0.5, 0.9], atol=1e-9)
+    assert "held off" in held.result.message
+    assert hold_off(held, record, error) is held
+
+
 def test_normal_equations_by_Q(rng):
     structure = state_space(3, 1, 1, n_h=2, n_g=2, C=np.ones((1, 3))).observe("y", "g")
     u, y = rng.standard_normal((40, 1)), rng.standard_normal((40, 1))
@@ -132,3 +169,50 @@ def test_normal_equations_by_Q(rng):
         ]
     )
     np.testing.assert_allclose(JJ, J @ J.T, atol=1e-8)
+
+
+def test_schur_takes_no_step_outside_the_circle(rng):
+    structure = state_space(2, 1, 1, n_g=2, C=np.ones((1, 2)))
+    u, y = rng.standard_normal((40, 1)), rng.standard_normal((40, 1))
+    criterion = Criterion(structure, [(u, y)])
+    theta = random_theta(structure, rng, radius=0.3)
+    problem = Schur(criterion, 0.9)
+    free = criterion.join(theta, np.zeros((1, 2)))
+    assert problem.norm(free) == criterion.norm(free)
+    for got, wanted in zip(
+        problem.normal_equations(free), criterion.normal_equations(free), strict=True
+    ):
+        np.testing.assert_array_equal(got, wanted)
+    p = structure.split(theta.copy())
+    for A, inside in [
+        ([[0.5, 5.0], [0.0, 0.5]], True),  # of norm 5, and stable
+        ([[0.95, 0.0], [0.0, 0.5]], False),
+        ([[np.nan, 0.0], [0.0, 0.5]], False),
+    ]:
+        free = criterion.join(structure.join({**p, "A": np.array(A)}), np.zeros((1, 2)))
+        assert (problem.norm(free) < DIVERGED_NORM) is inside
+    # an integrator, last, is no pole to be held
+    A = np.array([[0.5, 0.0], [0.0, 1.0]])
+    free = criterion.join(structure.join({**p, "A": A}), np.zeros((1, 2)))
+    assert Schur(criterion, 0.9, 1).norm(free) < DIVERGED_NORM
+    assert problem.norm(free) == DIVERGED_NORM
+
+
+@pytest.mark.parametrize("phi", [1e-5, 0.3])
+def test_a_schur_model_has_its_poles_inside_the_circle(rng, phi):
+    u = rng.standard_normal((300, 1))
+    y = simulate_linear([[0.95]], [[1.0]], [[1.0]], u)
+    y += 0.3 * np.tanh(y) + 0.05 * rng.standard_normal(y.shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model = GrSsnn(
+            nx=2, n_f=2, n_init=1, stability="schur", phi=phi, alpha=1e-4, max_iter=20
+        ).fit(u, y)
+    radius = np.abs(np.linalg.eigvals(model.A_)).max()
+    assert radius <= np.sqrt(1 - phi)
+    assert model.train_score_ > (0.9 if phi < 0.1 else 0.5)
+    model.set_params(warm_start=True, phi=0.9, max_iter=1)  # which it does not fit
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(u, y)
+    assert np.abs(np.linalg.eigvals(model.A_)).max() <= np.sqrt(1 - 0.9)

@@ -110,6 +110,37 @@ def test_the_prior_keeps_unobservable_states_at_rest(rng):
     assert spread[1e-2][0] == pytest.approx(spread[1e-12][0], rel=0.2)
 
 
+def test_a_long_record_has_a_stage_in_between(problem, rng):
+    structure, theta, experiments = problem
+    n_samples = sum(len(u) for u, _ in experiments)
+    coarse = n_samples // 7
+    watch = Watch()
+    result = train(
+        structure,
+        experiments,
+        [theta + 0.1 * rng.standard_normal(len(theta))],
+        coarse_samples=coarse,
+        polish_iter=2,
+        max_iter=50,
+        tol=1e-14,
+        watch=watch,
+        n_jobs=2,
+    )
+    steps = {}
+    for step in watch.history:
+        steps[step.label] = steps.get(step.label, 0) + 1
+    assert list(steps) == [
+        "stage 1/3, train",
+        f"stage 2/3, {3 * coarse} samples",
+        "stage 3/3, all samples",
+    ]
+    # as much work as two steps on all samples
+    assert steps[f"stage 2/3, {3 * coarse} samples"] <= 2 * 7 / 3 + 1
+    criterion = Criterion(structure, experiments)
+    cost = criterion.norm(criterion.join(result.theta, result.x0)) ** 2
+    assert cost == pytest.approx(result.cost)
+
+
 def test_coarse_to_fine_ends_on_all_samples(problem, rng):
     structure, theta, experiments = problem
     labels = []

@@ -35,7 +35,7 @@ from ._integrators import (
     note,
     with_integrators,
 )
-from ._judge import training_score, warn_if_unsettled, warn_if_unstable
+from ._judge import reproducing, training_score, warn_if_unsettled, warn_if_unstable
 from ._linearity import LinearityMixin
 from ._options import estimator, option
 from ._progress import Progress
@@ -346,6 +346,8 @@ class StateSpaceModel(
             check_given_integrators(self, model.A, len(model.C))
         else:
             model = identified_linear(self, experiments, watch)
+            if self.integrators_ == 0:
+                model = reproducing(self, model, experiments)
             self._x_scale = np.ones(len(model.A))
         self.singular_values_ = model.singular_values
         return model

@@ -1,8 +1,12 @@
 """What a fit says of its own outcome: the score on its record, and its doubts."""
 
+from functools import partial
+
 import numpy as np
 
 from ..criterion import Criterion
+from ..linear_model import simulation_error
+from ..stability import hold_off
 from ..training import Validation
 from ..watch import OUT_OF_TIME, late_fall
 from ._integrators import regular
@@ -29,6 +33,30 @@ def own_judge(estimator, experiments):
     """
     ny = experiments[0][1].shape[1]
     return Validation(experiments, np.ones(ny), estimator.n_init_samples)
+
+
+def reproducing(estimator, model, experiments):
+    """Return a linear model that simulates its record no worse than the mean.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    model : LinearModel
+        What was identified.
+    experiments : sequence of tuple of array
+        Scaled experiments.
+
+    Returns
+    -------
+    model : LinearModel
+        The same, or one whose poles are held off the unit circle.
+    """
+    judge = own_judge(estimator, experiments)
+    if all(np.isnan(y[:]).all() for _, y in judge.scored):
+        return model  # nothing is measured behind the first samples
+    noise = min(simulation_error(experiments, model) ** 2, 1.0)
+    return hold_off(model, experiments, partial(judge.rmse, noise=noise))
 
 
 def training_score(estimator, experiments, structure, theta, x0):

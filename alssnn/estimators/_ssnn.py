@@ -1,6 +1,7 @@
 """The training that all estimators with networks share."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
 from typing import Any
@@ -13,11 +14,12 @@ from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..criterion import Criterion
 from ..integrators import decouple
+from ..linear_model import stabilize
 from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_orders
 from ..search import Recipe, search
-from ..stability import contractive_basis
+from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..training import (
     WINDOW,
     Limits,
@@ -35,7 +37,6 @@ from ._judge import own_judge
 from ._options import estimator, option
 from ._warn import warn_of_training
 
-SLOWEST = 5.0  # time constants in a record, of the slowest pole of a start
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
 SETTLED = "as many steps as hidden samples allow"
 LEFT_LINEAR = "the networks do not help: this is the linear model"
@@ -65,14 +66,16 @@ class Ssnn(StateSpaceModel):
     bounds : dict of str to tuple or None, default=None
         Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
         B, in the units of the data; equal ones hold an entry.
-    stability : {"auto", "contractive"} or None, default="auto"
+    stability : {"auto", "contractive", "schur"} or None, default="auto"
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
-        of tanh or sigmoid then have bounded simulations for every bounded input. None
-        leaves A free. "auto" is "contractive" unless there is a `linear_start`, whose
-        basis of the states it would change.
+        of tanh or sigmoid then have bounded simulations for every bounded input, as
+        with "schur", which keeps the poles of A inside the same circle, in whatever
+        basis. None leaves A free. "auto" is "contractive" unless there is a
+        `linear_start`, whose basis of the states it would change.
     phi : float, default=1e-5
         Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
-        falls by at least the share phi in every step.
+        falls by at least the share phi in every step; with "schur" poles have at most
+        the modulus ``sqrt(1 - phi)``.
     alpha : float or "auto", default="auto"
         Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
         it the random start, by the simulation error on hidden quarters of the record
@@ -91,8 +94,9 @@ class Ssnn(StateSpaceModel):
     coarse_samples : int or None, default=8000
         On longer records the search and the first stages of the training take so many
         samples, the liveliest stretch; None takes all samples at once.
-    polish_iter : int, default=30
-        Largest number of trial steps on all samples after a coarse stage.
+    polish_iter : int, default=15
+        Largest number of trial steps on all samples after the coarse stages, of which
+        a long record has a second one, on three times the samples.
     method : {"lm", "trf"}, default="lm"
         Method of `scipy.optimize.least_squares`.
     warm_start : bool, default=False
@@ -123,7 +127,9 @@ class Ssnn(StateSpaceModel):
 
     max_iter: int = option(300, [POSITIVE])
     tol: float = option(1e-4, [Interval(Real, 0, None, closed="neither")])
-    stability: Any = option("auto", [StrOptions({"auto", "contractive"}), None])
+    stability: Any = option(
+        "auto", [StrOptions({"auto", "contractive", "schur"}), None]
+    )
     phi: float = option(1e-5, [Interval(Real, 0, 1, closed="left")])
     alpha: Any = option("auto", [WEIGHT, StrOptions({"auto"})])
     n_init: int = option(3, [POSITIVE])
@@ -132,7 +138,7 @@ class Ssnn(StateSpaceModel):
     )
     n_iter_no_change: int = option(10, [POSITIVE])
     coarse_samples: int | None = option(8_000, [POSITIVE, None])
-    polish_iter: int = option(30, [POSITIVE])
+    polish_iter: int = option(15, [POSITIVE])
     method: str = option("lm", [StrOptions({"lm", "trf"})])
     warm_start: bool = option(False, ["boolean"])
     n_jobs: Any = option(None, [Integral, None])
@@ -343,6 +349,7 @@ class Ssnn(StateSpaceModel):
             **terms,
             **decay,
             phi=self._phi,
+            radius=self._radius,
             bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
             at_rest=self._at_rest,
             continuation=0 if is_auto else self.continuation,
@@ -390,11 +397,21 @@ class Ssnn(StateSpaceModel):
         )
         return self.phi if stable else None
 
+    @property
+    def _radius(self):
+        """Return the largest modulus of a pole of a free A; None where all may be."""
+        return np.sqrt(1.0 - self.phi) if self.stability == "schur" else None
+
     def _declared(self, linear, radius=1.0):
         """Return a linear model in the basis of the training, and the structure."""
         if self._phi is not None:
             n = self.integrators_
             linear = contractive_basis(decouple(linear, n), self._phi, n, radius)
+        elif self._radius is not None:
+            A = linear.A.copy()
+            inside = min(self._radius - NEAREST, radius)
+            regular(self, A)[:] = stabilize(regular(self, A), inside)
+            linear = replace(linear, A=A)
         nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         return linear, self._declare(nx, nu, ny, C=linear.C, **networks)
@@ -420,7 +437,7 @@ class Ssnn(StateSpaceModel):
 
         def limits(plain):
             bounds = self._scaled_bounds(plain, contractive=self._phi is not None)
-            return Limits(plain, self._phi, bounds, self._at_rest)
+            return Limits(plain, self._phi, bounds, self._at_rest, self._radius)
 
         orders, candidates = self._orders, [len(linear.A)]
         if self.linear_start is not None or self.integrators_:
@@ -495,6 +512,7 @@ class Ssnn(StateSpaceModel):
             [theta],
             weights={"y": self._output_weight(plain.sizes["y"])},
             phi=self._phi,
+            radius=self._radius,
             bounds={
                 **self._scaled_bounds(plain, contractive=self._phi is not None),
                 **held,
@@ -532,6 +550,9 @@ class Ssnn(StateSpaceModel):
         size = np.linalg.norm(A_r, 2) if A_r.size else 0.0
         if phi is not None and not size < np.sqrt(1 - phi):
             return False  # no contraction of this rate
+        poles = np.abs(np.linalg.eigvals(A_r))
+        if self._radius is not None and poles.max(initial=0.0) > self._radius:
+            return False
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]

@@ -220,7 +220,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
     root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
     structure, terms = model._criterion_terms(model._structure)
-    contractive = getattr(model, "stability", None) == "contractive"
+    phi, radius = getattr(model, "_phi", None), getattr(model, "_radius", None)
     random_state = check_random_state(random_state)
     for _ in range(n_models):
         noisy = []
@@ -232,8 +232,9 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             noisy,
             [model._theta],
             **terms,
-            phi=getattr(model, "phi", None) if contractive else None,
-            bounds=model._scaled_bounds(structure, contractive=contractive),
+            phi=phi,
+            radius=radius,
+            bounds=model._scaled_bounds(structure, contractive=phi is not None),
             at_rest=model._at_rest,
             **options,
         )
