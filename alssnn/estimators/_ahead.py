@@ -12,6 +12,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..experiments import is_list_of_records
+from ._simulation import labeled_data, simulated, start_states
 
 CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
 
@@ -65,15 +66,15 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
             "samples."
         )
     as_list = is_list_of_records(u)
-    u, y, parts, labels = model._labeled_data(u, y, experiment)
+    u, y, parts, labels = labeled_data(model, u, y, experiment)
     observer = Observer(model) if observer is None else observer
     n_late = observer.plant.n_late
     y_hat = np.empty((len(u), len(model.C_)))
-    for part, start in zip(parts, model._check_x0(x0, labels), strict=True):
+    for part, start in zip(parts, start_states(model, x0, labels), strict=True):
         u_i = np.asarray(u[part], dtype=float)
         y_i = np.asarray(y[part], dtype=float).reshape(len(u_i), -1)
         n = int(min(steps, len(u_i)))
-        y_hat[part][:n] = model._simulate(u_i[:n], start)
+        y_hat[part][:n] = simulated(model, u_i[:n], start)
         if n < len(u_i):
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)

@@ -3,15 +3,17 @@
 from abc import ABCMeta, abstractmethod
 from contextlib import contextmanager
 from numbers import Integral, Real
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from sklearn.base import BaseEstimator, _fit_context
+from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
 from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
+from sklearn.utils.metadata_routing import UNUSED
 from sklearn.utils.validation import (
     check_consistent_length,
+    check_is_fitted,
     validate_data,
 )
 
@@ -19,30 +21,28 @@ from ..containers import Container, as_columns
 from ..experiments import check_inputs, split_experiments
 from ..mapping import Held
 from ..optimizers import single_threaded
-from ..orders import SAMPLES as ORDER_SAMPLES
-from ..orders import compare_orders
+from ..plant import Plant
 from ..scaling import Scaling
+from ..structures import Structure
 from ..subspace import TRIAL_SAMPLES
 from ..watch import BY_OBSERVER, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._checks import input_delays, order_choices, output_weights
-from ._control import ControlMixin
 from ._deferred import deferred
+from ._fitted import fitted_model
 from ._integrators import (
-    check_given_integrators,
     find_integrators,
-    identified_linear,
     note,
     with_integrators,
 )
-from ._judge import reproducing, training_score, warn_if_unsettled, warn_if_unstable
-from ._linearity import LinearityMixin
+from ._judge import training_score, warn_if_unsettled, warn_if_unstable
 from ._options import estimator, option
+from ._plant import make_plant
 from ._progress import Progress
 from ._remote import training_region
-from ._simulation import DATA, SimulationMixin, join_records
-from ._sklearn import ScikitLearnMixin
-from ._start import check_bounds, given_model, portable
+from ._simulation import DATA, join_records
+from ._sklearn import manual_page, with_tags
+from ._start import check_bounds, linear_start, portable
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
@@ -51,13 +51,7 @@ WEIGHT = Interval(Real, 0, None, closed="left")
 
 @estimator
 class StateSpaceModel(
-    CallbackSupportMixin,
-    SimulationMixin,
-    LinearityMixin,
-    ControlMixin,
-    ScikitLearnMixin,
-    BaseEstimator,
-    metaclass=ABCMeta,
+    CallbackSupportMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
 ):
     """Share what a fit does in all models, and what follows from it.
 
@@ -171,7 +165,39 @@ class StateSpaceModel(
     n_init_samples: int = option(50, [POSITIVE])
     verbose: Any = option(0, ["verbose"])
 
-    # what others do with a fitted model, and describe
+    # labels go where records go, without set_fit_request by the user
+    __metadata_request__fit: ClassVar[dict] = {"u": UNUSED, "experiment": True}
+    __metadata_request__predict: ClassVar[dict] = {"u": UNUSED, "experiment": True}
+    __metadata_request__score: ClassVar[dict] = {"u": UNUSED, "experiment": True}
+    _doc_link_module = "alssnn"
+
+    if TYPE_CHECKING:  # what a fit keeps; annotated at run time, they were options
+        _structure: Structure
+        _theta: np.ndarray  # in scaled deviations
+        _scaling: Scaling
+        _x_scale: np.ndarray  # states of the user over states of the fit
+        _made: Plant | None
+        _decay: dict | None
+
+    _made = None  # the plant, made when it is asked for
+    _orders = None  # of a fit that goes on: how linear models of several orders compare
+    _decay = None  # of the networks, as a search chose it
+    _curve = None  # of the networks, by order
+
+    # what others do with a model, and describe
+    predict = deferred("estimators._simulation", "predict")
+    estimate_x0 = deferred("estimators._simulation", "estimate_x0")
+    prepare_records = deferred("estimators._simulation", "prepare_records")
+    score = deferred("estimators._simulation", "score")
+    simulate_test = deferred("estimators._simulation", "simulate_test")
+    linearizability = deferred("estimators._plant", "linearizability")
+    to_statespace = deferred("estimators._control", "to_statespace")
+    iss_certificate = deferred("estimators._control", "iss_certificate")
+    gain_certificate = deferred("estimators._control", "gain_certificate")
+    to_nlsys = deferred("feedback", "to_nlsys")
+    linearizing_law = deferred("feedback", "LinearizingLaw")
+    observer = deferred("feedback", "Observer")
+    mpc = deferred("mpc", "LinearizingMPC")
     predict_ahead = deferred("estimators._ahead", "predict_ahead")
     parameter_covariance = deferred("estimators._uncertainty", "parameter_covariance")
     aic = deferred("estimators._uncertainty", "aic")
@@ -184,6 +210,34 @@ class StateSpaceModel(
     to_c = deferred("persistence", "to_c")
     to_onnx = deferred("persistence", "to_onnx")
     report = deferred("report", "write_report")
+
+    @property
+    def plant_(self):
+        """Return the fitted model as an immutable value, in the user's units."""
+        check_is_fitted(self)
+        if self._made is None:
+            self._made = make_plant(self)
+        return self._made
+
+    @property
+    def fitted_(self):
+        """Return what the fit found, an immutable value in scaled deviations."""
+        check_is_fitted(self)
+        return fitted_model(self)
+
+    @property
+    def _at_rest(self):
+        """Whether the training experiments begin at the operating point."""
+        return self.initial_state == "rest"
+
+    @property
+    def _doc_link_template(self):
+        """Page of the class in the manual; empty unless the package names a manual."""
+        return manual_page(type(self).__name__)
+
+    def __sklearn_tags__(self):
+        """Return the tags."""
+        return with_tags(super().__sklearn_tags__())
 
     def __getstate__(self):
         """Return what is pickled: systems of python-control as their matrices."""
@@ -331,24 +385,9 @@ class StateSpaceModel(
         wanted = getattr(self, "coarse_samples", None) or 0
         return experiments.stretch(max(wanted, TRIAL_SAMPLES))
 
-    def _linear_model(self, experiments, watch):
-        """Return the linear start, given or identified, and set the state scales."""
-        feedthrough = getattr(self, "feedthrough", False)
-        if self.linear_start is not None:
-            model, self._x_scale = given_model(
-                self.linear_start, self._scaling, experiments, self.dt, feedthrough
-            )
-            if not self._allows(len(model.A)):
-                raise ValueError(
-                    f"`nx` must be 'auto' or the order of `linear_start`, "
-                    f"{len(model.A)}, got {self.nx}."
-                )
-            check_given_integrators(self, model.A, len(model.C))
-        else:
-            model = identified_linear(self, experiments, watch)
-            if self.integrators_ == 0:
-                model = reproducing(self, model, experiments)
-            self._x_scale = np.ones(len(model.A))
+    def _linear_start(self, experiments, watch):
+        """Return the linear model from which the fit starts, and keep its scales."""
+        model, self._x_scale = linear_start(self, experiments, watch)
         self.singular_values_ = model.singular_values
         return model
 
@@ -356,16 +395,6 @@ class StateSpaceModel(
         """Tell whether a model may have an order."""
         choices = order_choices(self.nx)
         return choices is None or nx in choices
-
-    def _choose_order(self, experiments, watch):
-        """Return the order of the linear model; keep how others compare."""
-        self._orders = compare_orders(
-            Held.of(experiments).stretch(ORDER_SAMPLES),
-            order_choices(self.nx),
-            feedthrough=getattr(self, "feedthrough", False),
-            watch=watch,
-        )
-        return self._orders.nx
 
     def _shapes_linear(self):
         """Tell whether the user shapes the linear model beyond its identification."""

@@ -13,7 +13,10 @@ from ..integrators import (
 )
 from ..linear_model import simulation_error
 from ..mapping import Held
+from ..orders import SAMPLES as ORDER_SAMPLES
+from ..orders import compare_orders
 from ..subspace import identify_linear
+from ._checks import order_choices
 
 AUTO = "auto"
 
@@ -91,7 +94,13 @@ def plain_linear(estimator, experiments, nx, watch):
         The model.
     """
     if not isinstance(nx, Integral):
-        nx = estimator._choose_order(experiments, watch)
+        estimator._orders = compare_orders(
+            Held.of(experiments).stretch(ORDER_SAMPLES),
+            order_choices(nx),
+            feedthrough=getattr(estimator, "feedthrough", False),
+            watch=watch,
+        )
+        nx = estimator._orders.nx
     return identify_linear(
         experiments,
         nx,

@@ -79,8 +79,8 @@ class LinearStateSpace(StateSpaceModel):
     def _identify(self, experiments, previous, watch, held_out):
         near = self._near(experiments)
         if not self._shapes_linear() and experiments.is_here:
-            return self._linear_model(near, watch).as_fit()
-        linear = self._linear_model(near, watch)
+            return self._linear_start(near, watch).as_fit()
+        linear = self._linear_start(near, watch)
         structure, theta, _ = linear.as_fit()
         result = train(
             structure,

@@ -1,7 +1,6 @@
 """Simulation of a fitted model: predictions, initial states, scores."""
 
 import warnings
-from collections.abc import Callable
 from numbers import Integral
 
 import numpy as np
@@ -17,277 +16,346 @@ from ..experiments import (
 )
 from ..records import PreparedRecord
 from ..simulation import regressors, trajectory
-from ..training import estimate_x0
-from ._fitted import Fitted
+from ..training import estimate_x0 as least_squares_x0
 
 # Single precision stays what it is, chunks are converted; nan are left to our checks.
 DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
 
 
-class SimulationMixin(Fitted):
-    """Share free-run simulation, its initial states and its scores."""
+def predict(model, u, experiment=None, x0="rest"):
+    """Simulate the output, free-run.
 
-    n_init_samples: int
-    _validate: Callable
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs. A list has one array per experiment.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    x0 : {"rest", "training"} or array_like, default="rest"
+        Initial states: at the operating point, x0 = 0; those of the training
+        experiments, `x0_`; or given, of shape (nx,) or (n_experiments, nx), as
+        `estimate_x0` returns them. None means "rest".
 
-    def predict(self, u, experiment=None, x0="rest"):
-        """Simulate the output, free-run.
+    Returns
+    -------
+    y : ndarray of shape (N,) or (N, ny), DataFrame or Series, or list of them
+        Simulated outputs, with as many dimensions as the `y` of `fit`, and a
+        DataFrame or Series of the same library and names if that was one, with
+        the index of `u`. Not finite where the simulation diverges, with a warning.
 
-        Parameters
-        ----------
-        u : array_like of shape (N, nu), or list of them
-            Inputs. A list has one array per experiment.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-        x0 : {"rest", "training"} or array_like, default="rest"
-            Initial states: at the operating point, x0 = 0; those of the training
-            experiments, `x0_`; or given, of shape (nx,) or (n_experiments, nx), as
-            `estimate_x0` returns them. None means "rest".
+    Raises
+    ------
+    ValueError
+        If `u` or `x0` has the wrong size or is not finite.
+    """
+    check_is_fitted(model)
+    as_list = is_list_of_records(u)
+    u = as_columns(u) if model.n_features_in_ == 1 else u
+    u, _, experiment = join_records(u, u, experiment)
+    index = index_of(u)
+    u = validate_data(model, u, reset=False, **DATA)
+    check_inputs(u)
+    parts, labels = split_experiments(len(u), experiment)
+    y = np.empty((len(u), len(model.C_)))
+    for part, start in zip(parts, start_states(model, x0, labels), strict=True):
+        y[part] = simulated(model, u[part], start)
+    if not np.isfinite(y).all():
+        bad = int(np.argmin(np.isfinite(y).all(axis=1)))
+        warnings.warn(
+            f"The simulation diverges before sample {bad + 1}. Keep `u` in the "
+            "range of the training data or fit a more strongly penalized model.",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    y = y[:, 0] if model._y_ndim == 1 else y
+    wrap = model._container.wrap
+    if as_list:
+        return [wrap(y[part], part_of(index, part)) for part in parts]
+    return wrap(y, index)
 
-        Returns
-        -------
-        y : ndarray of shape (N,) or (N, ny), DataFrame or Series, or list of them
-            Simulated outputs, with as many dimensions as the `y` of `fit`, and a
-            DataFrame or Series of the same library and names if that was one, with
-            the index of `u`. Not finite where the simulation diverges, with a warning.
 
-        Raises
-        ------
-        ValueError
-            If `u` or `x0` has the wrong size or is not finite.
-        """
-        check_is_fitted(self)
-        as_list = is_list_of_records(u)
-        u = as_columns(u) if self.n_features_in_ == 1 else u
-        u, _, experiment = join_records(u, u, experiment)
-        index = index_of(u)
-        u = validate_data(self, u, reset=False, **DATA)
-        check_inputs(u)
-        parts, labels = split_experiments(len(u), experiment)
-        y = np.empty((len(u), len(self.C_)))
-        for part, start in zip(parts, self._check_x0(x0, labels), strict=True):
-            y[part] = self._simulate(u[part], start)
-        if not np.isfinite(y).all():
-            bad = int(np.argmin(np.isfinite(y).all(axis=1)))
-            warnings.warn(
-                f"The simulation diverges before sample {bad + 1}. Keep `u` in the "
-                "range of the training data or fit a more strongly penalized model.",
-                RuntimeWarning,
-                stacklevel=2,
-            )
-        y = y[:, 0] if self._y_ndim == 1 else y
-        wrap = self._container.wrap
-        if as_list:
-            return [wrap(y[part], part_of(index, part)) for part in parts]
-        return wrap(y, index)
+def simulated(model, u, x0):
+    """Return the outputs of one experiment, all in the user's units.
 
-    def _simulate(self, u, x0):
-        """Return the outputs of one experiment, all in the user's units."""
-        scaling, lure = self._scaling, self._structure.lure(self._theta)
-        u_s = scaling.scale_u(u, self.input_delay_)
-        y_s = _outputs(lure, u_s, x0 / self._x_scale)
-        return y_s * scaling.y_scale + scaling.y_offset
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : ndarray of shape (N, nu)
+        Inputs.
+    x0 : ndarray of shape (nx,)
+        Initial state.
 
-    def _check_x0(self, x0, labels):
-        """Return one initial state per experiment, in the user's units."""
-        if x0 is None or (isinstance(x0, str) and x0 == "rest"):
-            return np.zeros((len(labels), self.nx_))
-        if isinstance(x0, str):
-            if x0 != "training":
-                raise ValueError(
-                    f"`x0` must be 'rest', 'training' or an array, got {x0!r}."
-                )
-            if labels != self.experiments_:
-                raise ValueError(
-                    "`experiment` must have the labels of the training for "
-                    f"x0='training', {self.experiments_}, got {labels}. Use "
-                    "`estimate_x0`."
-                )
-            return self.x0_
-        x0 = np.asarray(x0, dtype=float)
-        if x0.shape not in [(self.nx_,), (len(labels), self.nx_)]:
+    Returns
+    -------
+    y : ndarray of shape (N, ny)
+        Outputs; not finite where the simulation diverges.
+    """
+    scaling, lure = model._scaling, model._structure.lure(model._theta)
+    u_s = scaling.scale_u(u, model.input_delay_)
+    y_s = _outputs(lure, u_s, x0 / model._x_scale)
+    return y_s * scaling.y_scale + scaling.y_offset
+
+
+def start_states(model, x0, labels):
+    """Return one initial state per experiment, in the user's units.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    x0 : {"rest", "training"} or array_like
+        What a user gave.
+    labels : list
+        Labels of the experiments.
+
+    Returns
+    -------
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states.
+    """
+    if x0 is None or (isinstance(x0, str) and x0 == "rest"):
+        return np.zeros((len(labels), model.nx_))
+    if isinstance(x0, str):
+        if x0 != "training":
             raise ValueError(
-                f"`x0` must have shape ({self.nx_},) or ({len(labels)}, {self.nx_})"
-                f", got {x0.shape}. Use `estimate_x0`."
+                f"`x0` must be 'rest', 'training' or an array, got {x0!r}."
             )
-        if not np.isfinite(x0).all():
+        if labels != model.experiments_:
             raise ValueError(
-                "`x0` must be finite, got nan or infinity. Use `estimate_x0`."
+                "`experiment` must have the labels of the training for "
+                f"x0='training', {model.experiments_}, got {labels}. Use "
+                "`estimate_x0`."
             )
-        return np.broadcast_to(x0, (len(labels), self.nx_))
+        return model.x0_
+    x0 = np.asarray(x0, dtype=float)
+    if x0.shape not in [(model.nx_,), (len(labels), model.nx_)]:
+        raise ValueError(
+            f"`x0` must have shape ({model.nx_},) or ({len(labels)}, {model.nx_})"
+            f", got {x0.shape}. Use `estimate_x0`."
+        )
+    if not np.isfinite(x0).all():
+        raise ValueError("`x0` must be finite, got nan or infinity. Use `estimate_x0`.")
+    return np.broadcast_to(x0, (len(labels), model.nx_))
 
-    def estimate_x0(self, u, y, experiment=None, n_samples=None):
-        """Estimate the initial state of every experiment from its first samples.
 
-        Parameters
-        ----------
-        u : array_like of shape (N, nu)
-            Inputs.
-        y : array_like of shape (N,) or (N, ny)
-            Outputs.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-        n_samples : int or None, default=None
-            Number of first samples to use; None means the parameter
-            `n_init_samples`.
+def estimate_x0(model, u, y, experiment=None, n_samples=None):
+    """Estimate the initial state of every experiment from its first samples.
 
-        Returns
-        -------
-        x0 : ndarray of shape (n_experiments, nx)
-            States at the first sample of every experiment: least squares, with
-            states of unit variance as prior where the samples say little.
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    n_samples : int or None, default=None
+        Number of first samples to use; None means the parameter
+        `n_init_samples`.
 
-        Raises
-        ------
-        ValueError
-            If `u` or `y` has the wrong size, or `n_samples` is no positive integer.
-        """
-        check_is_fitted(self)
-        window = self.n_init_samples if n_samples is None else n_samples
-        if not isinstance(window, Integral) or window < 1:
-            raise ValueError(
-                f"`n_samples` must be a positive integer or None, got {n_samples!r}. "
-                "None takes `n_init_samples`."
-            )
-        u, y, parts = self._test_data(u, y, experiment)
-        return np.vstack(
+    Returns
+    -------
+    x0 : ndarray of shape (n_experiments, nx)
+        States at the first sample of every experiment: least squares, with
+        states of unit variance as prior where the samples say little.
+
+    Raises
+    ------
+    ValueError
+        If `u` or `y` has the wrong size, or `n_samples` is no positive integer.
+    """
+    check_is_fitted(model)
+    window = model.n_init_samples if n_samples is None else n_samples
+    if not isinstance(window, Integral) or window < 1:
+        raise ValueError(
+            f"`n_samples` must be a positive integer or None, got {n_samples!r}. "
+            "None takes `n_init_samples`."
+        )
+    u, y, parts = labeled_data(model, u, y, experiment)[:3]
+    return np.vstack(
+        [
+            initial_state(model, u_s, y_s, window)
+            for u_s, y_s in model._experiments(u, y, parts)
+        ]
+    )
+
+
+def labeled_data(model, u, y, experiment):
+    """Return checked data, the samples of every experiment, and their labels.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    experiment : array_like of shape (N,) or None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    data : tuple
+        Inputs, outputs, one slice per experiment, and its label.
+    """
+    u = as_columns(u) if model.n_features_in_ == 1 else u
+    u, y, experiment = join_records(u, y, experiment)
+    u, y = model._validate(u, y, reset=False)
+    ny, found = len(model._scaling.y_offset), 1 if y.ndim == 1 else y.shape[1]
+    if found != ny:  # one column would be broadcast
+        raise ValueError(
+            f"`y` must have the outputs of the training, {ny}, got {found}. Leave "
+            "what was not measured as columns of nan."
+        )
+    return u, y, *split_experiments(len(u), experiment)
+
+
+def initial_state(model, u_s, y_s, window):
+    """Return the state at the first sample of one scaled experiment.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u_s : array of shape (N, nu)
+        Scaled inputs.
+    y_s : array of shape (N, ny)
+        Scaled outputs.
+    window : int
+        Samples to estimate it from.
+
+    Returns
+    -------
+    x0 : ndarray of shape (nx,)
+        The state, in the user's units.
+    """
+    noise = model.cost_  # outputs are scaled to unit variance, as states are
+    x0 = least_squares_x0(
+        model._structure, model._theta, [(u_s, y_s)], window=window, noise=noise
+    )[0]
+    return x0 * model._x_scale
+
+
+def prepare_records(model, u, y, experiment=None):
+    """Return records as all that judges a model takes them.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    records : list of PreparedRecord
+        One per experiment: signals in all units, and the initial state that its
+        first `n_init_samples` samples, at most a quarter of it, tell.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the data do not fit the model.
+    """
+    check_is_fitted(model)
+    u, y, parts = labeled_data(model, u, y, experiment)[:3]
+    y = np.asarray(y.reshape(len(y), -1), dtype=float)
+    records = []
+    for part, (u_s, y_s) in zip(parts, model._experiments(u, y, parts), strict=True):
+        start = min(model.n_init_samples, len(u_s) // 4)
+        x0 = initial_state(model, u_s, y_s, start)
+        raw = part, u[part], y[part]
+        records.append(PreparedRecord(*raw, u_s, y_s, x0, start, model._scaling))
+    return records
+
+
+def score(model, u, y, experiment=None):
+    """Return R2 of the free-run simulation.
+
+    The initial state of every experiment is estimated from its first
+    `n_init_samples` samples (at most a quarter of it), which are not scored.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    score : float
+        Coefficient of determination, averaged over the outputs; -inf if the
+        simulation diverges.
+    """
+    y_true, y_pred = model.simulate_test(u, y, experiment)
+    if not np.isfinite(y_pred).all():
+        return -np.inf
+    measured = ~np.isnan(y_true)
+    if not (measured.sum(axis=0) >= 2).all():
+        columns = ", ".join(map(str, np.flatnonzero(measured.sum(axis=0) < 2)))
+        raise ValueError(
+            "`y` must have at least two measured samples in every column behind "
+            f"those that estimate the initial states, got fewer in column "
+            f"{columns}. Score a longer record."
+        )
+    return float(
+        np.mean(
             [
-                self._initial_state(u_s, y_s, window)
-                for u_s, y_s in self._experiments(u, y, parts)
+                r2_score(t[m], p[m])
+                for t, p, m in zip(y_true.T, y_pred.T, measured.T, strict=True)
             ]
         )
+    )
 
-    def _test_data(self, u, y, experiment):
-        """Return checked inputs and outputs and the samples of every experiment."""
-        return self._labeled_data(u, y, experiment)[:3]
 
-    def _labeled_data(self, u, y, experiment):
-        """Return what `_test_data` does, and the labels of the experiments."""
-        u = as_columns(u) if self.n_features_in_ == 1 else u
-        u, y, experiment = join_records(u, y, experiment)
-        u, y = self._validate(u, y, reset=False)
-        ny, found = len(self._scaling.y_offset), 1 if y.ndim == 1 else y.shape[1]
-        if found != ny:  # one column would be broadcast
-            raise ValueError(
-                f"`y` must have the outputs of the training, {ny}, got {found}. Leave "
-                "what was not measured as columns of nan."
-            )
-        return u, y, *split_experiments(len(u), experiment)
+def simulate_test(model, u, y, experiment=None):
+    """Return measured and simulated outputs under the scoring policy.
 
-    def _initial_state(self, u_s, y_s, window):
-        """Return the state at the first sample of one scaled experiment."""
-        noise = self.cost_  # outputs are scaled to unit variance, as states are
-        x0 = estimate_x0(
-            self._structure, self._theta, [(u_s, y_s)], window=window, noise=noise
-        )[0]
-        return x0 * self._x_scale
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
 
-    def prepare_records(self, u, y, experiment=None):
-        """Return records as all that judges a model takes them.
-
-        Parameters
-        ----------
-        u : array_like of shape (N, nu), or list of them
-            Inputs.
-        y : array_like of shape (N,) or (N, ny), or list of them
-            Outputs; nan where not measured.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-
-        Returns
-        -------
-        records : list of PreparedRecord
-            One per experiment: signals in all units, and the initial state that its
-            first `n_init_samples` samples, at most a quarter of it, tell.
-
-        Raises
-        ------
-        NotFittedError
-            If the model is not fitted.
-        ValueError
-            If the data do not fit the model.
-        """
-        check_is_fitted(self)
-        u, y, parts = self._test_data(u, y, experiment)
-        y = np.asarray(y.reshape(len(y), -1), dtype=float)
-        records = []
-        for part, (u_s, y_s) in zip(parts, self._experiments(u, y, parts), strict=True):
-            start = min(self.n_init_samples, len(u_s) // 4)
-            x0 = self._initial_state(u_s, y_s, start)
-            raw = part, u[part], y[part]
-            records.append(PreparedRecord(*raw, u_s, y_s, x0, start, self._scaling))
-        return records
-
-    def score(self, u, y, experiment=None):
-        """Return R2 of the free-run simulation.
-
-        The initial state of every experiment is estimated from its first
-        `n_init_samples` samples (at most a quarter of it), which are not scored.
-
-        Parameters
-        ----------
-        u : array_like of shape (N, nu)
-            Inputs.
-        y : array_like of shape (N,) or (N, ny)
-            Outputs.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-
-        Returns
-        -------
-        score : float
-            Coefficient of determination, averaged over the outputs; -inf if the
-            simulation diverges.
-        """
-        y_true, y_pred = self.simulate_test(u, y, experiment)
-        if not np.isfinite(y_pred).all():
-            return -np.inf
-        measured = ~np.isnan(y_true)
-        if not (measured.sum(axis=0) >= 2).all():
-            columns = ", ".join(map(str, np.flatnonzero(measured.sum(axis=0) < 2)))
-            raise ValueError(
-                "`y` must have at least two measured samples in every column behind "
-                f"those that estimate the initial states, got fewer in column "
-                f"{columns}. Score a longer record."
-            )
-        return float(
-            np.mean(
-                [
-                    r2_score(t[m], p[m])
-                    for t, p, m in zip(y_true.T, y_pred.T, measured.T, strict=True)
-                ]
-            )
-        )
-
-    def simulate_test(self, u, y, experiment=None):
-        """Return measured and simulated outputs under the scoring policy.
-
-        Parameters
-        ----------
-        u : array_like of shape (N, nu)
-            Inputs.
-        y : array_like of shape (N,) or (N, ny)
-            Outputs.
-        experiment : array_like of shape (N,) or None, default=None
-            Label of the experiment of every sample.
-
-        Returns
-        -------
-        y_true : ndarray of shape (n_scored, ny)
-            Measured outputs without the samples that estimate the initial states.
-        y_pred : ndarray of shape (n_scored, ny)
-            Simulated outputs at the same samples.
-        """
-        records = self.prepare_records(u, y, experiment)
-        lure = self._structure.lure(self._theta)
-        y_true, y_pred = [], []
-        for record in records:
-            y_hat = _outputs(lure, record.u_s, record.x0 / self._x_scale)
-            y_true.append(record.y[record.scored])
-            y_pred.append(y_hat[record.scored])
-        scaling = self._scaling
-        y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
-        return np.vstack(y_true), y_pred
+    Returns
+    -------
+    y_true : ndarray of shape (n_scored, ny)
+        Measured outputs without the samples that estimate the initial states.
+    y_pred : ndarray of shape (n_scored, ny)
+        Simulated outputs at the same samples.
+    """
+    records = model.prepare_records(u, y, experiment)
+    lure = model._structure.lure(model._theta)
+    y_true, y_pred = [], []
+    for record in records:
+        y_hat = _outputs(lure, record.u_s, record.x0 / model._x_scale)
+        y_true.append(record.y[record.scored])
+        y_pred.append(y_hat[record.scored])
+    scaling = model._scaling
+    y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
+    return np.vstack(y_true), y_pred
 
 
 def _outputs(lure, u_s, x0):

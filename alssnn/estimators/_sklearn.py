@@ -2,36 +2,43 @@
 
 from functools import cache
 from importlib import metadata
-from typing import ClassVar
-
-from sklearn.base import RegressorMixin
-from sklearn.utils.metadata_routing import UNUSED
 
 
-class ScikitLearnMixin(RegressorMixin):
-    """Declare tags, default requests of metadata, and the link of the HTML display."""
+def with_tags(tags):
+    """Return the tags of a regressor as those of a dynamical system.
 
-    # labels go where records go, without set_fit_request by the user
-    __metadata_request__fit: ClassVar[dict] = {"u": UNUSED, "experiment": True}
-    __metadata_request__predict: ClassVar[dict] = {"u": UNUSED, "experiment": True}
-    __metadata_request__score: ClassVar[dict] = {"u": UNUSED, "experiment": True}
+    Parameters
+    ----------
+    tags : sklearn.utils.Tags
+        Tags of a regressor.
 
-    _doc_link_module = "alssnn"
+    Returns
+    -------
+    tags : sklearn.utils.Tags
+        The same object.
+    """
+    tags.target_tags.multi_output = True
+    # a strictly proper dynamical system cannot fit shuffled static data
+    tags.regressor_tags.poor_score = True
+    tags.non_deterministic = False
+    return tags
 
-    @property
-    def _doc_link_template(self):
-        """Page of the class in the manual; empty unless the package names a manual."""
-        manual = manual_url()
-        return f"{manual}/generated/alssnn.{type(self).__name__}.html" if manual else ""
 
-    def __sklearn_tags__(self):
-        """Return the tags."""
-        tags = super().__sklearn_tags__()
-        # a strictly proper dynamical system cannot fit shuffled static data
-        tags.target_tags.multi_output = True
-        tags.regressor_tags.poor_score = True
-        tags.non_deterministic = False
-        return tags
+def manual_page(name):
+    """Return the page of a class in the manual.
+
+    Parameters
+    ----------
+    name : str
+        Name of the class.
+
+    Returns
+    -------
+    address : str
+        Its address; empty unless the package names a manual.
+    """
+    manual = manual_url()
+    return f"{manual}/generated/alssnn.{name}.html" if manual else ""
 
 
 @cache

@@ -35,6 +35,7 @@ from ._inputs import ALL, check_choice, held_columns, seen_columns
 from ._integrators import keeps_start, regular, with_integrators
 from ._judge import own_judge
 from ._options import estimator, option
+from ._simulation import labeled_data
 from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -221,7 +222,9 @@ class Ssnn(StateSpaceModel):
                 f"{type(validation).__name__}."
             )
         u_v, y_v, *labels = validation
-        u_v, y_v, parts = self._test_data(u_v, y_v, labels[0] if labels else None)
+        u_v, y_v, parts = labeled_data(self, u_v, y_v, labels[0] if labels else None)[
+            :3
+        ]
         return self._experiments(u_v, y_v, parts)
 
     def _judge(self, experiments):
@@ -314,7 +317,7 @@ class Ssnn(StateSpaceModel):
             decay = chosen if is_auto else {"alpha": self.alpha}
         else:
             near = self._near(experiments)
-            linear = self._linear_model(near, watch)
+            linear = self._linear_start(near, watch)
             if self._phi is not None:
                 self._x_scale = np.ones(1)  # a basis of its own
             linear, plain = self._declared(linear)

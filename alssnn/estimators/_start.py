@@ -10,6 +10,9 @@ import numpy as np
 
 from ..given_system import LINEAR, GivenSystem
 from ..linear_model import LinearModel, normalize
+from ._checks import order_choices
+from ._integrators import check_given_integrators, identified_linear
+from ._judge import reproducing
 
 
 def portable(start):
@@ -28,6 +31,52 @@ def portable(start):
     if not all(hasattr(start, name) for name in (*LINEAR, "dt")):
         return start
     return GivenSystem.of(start)
+
+
+def linear_start(estimator, experiments, watch):
+    """Return the linear model from which a fit starts, given or identified.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    experiments : sequence of tuple of array
+        Scaled experiments.
+    watch : Watch
+        What follows the fit.
+
+    Returns
+    -------
+    model : LinearModel
+        The model in scaled deviations.
+    x_scale : ndarray of shape (nx,)
+        States of the user over those of the model.
+
+    Raises
+    ------
+    ValueError
+        If the model that the user gives does not fit.
+    """
+    if estimator.linear_start is None:
+        model = identified_linear(estimator, experiments, watch)
+        if estimator.integrators_ == 0:
+            model = reproducing(estimator, model, experiments)
+        return model, np.ones(len(model.A))
+    model, x_scale = given_model(
+        estimator.linear_start,
+        estimator._scaling,
+        experiments,
+        estimator.dt,
+        getattr(estimator, "feedthrough", False),
+    )
+    choices = order_choices(estimator.nx)
+    if choices is not None and len(model.A) not in choices:
+        raise ValueError(
+            "`nx` must be 'auto' or the order of `linear_start`, "
+            f"{len(model.A)}, got {estimator.nx}."
+        )
+    check_given_integrators(estimator, model.A, len(model.C))
+    return model, x_scale
 
 
 def given_model(start, scaling, experiments, dt, feedthrough):

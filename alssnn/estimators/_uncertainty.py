@@ -17,6 +17,7 @@ from ..uncertainty import (
     residual_moments,
     score_covariance,
 )
+from ._simulation import labeled_data
 
 
 def parameter_covariance(model, u, y, experiment=None):
@@ -209,7 +210,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             "`data` must be a tuple (u, y) or (u, y, experiment), got "
             f"{type(data).__name__}. Pass the training data."
         )
-    u, y, parts = model._test_data(*data, *[None] * (3 - len(data)))
+    u, y, parts = labeled_data(model, *data, *[None] * (3 - len(data)))[:3]
     if len(u) != covariance.n_samples:
         raise ValueError(
             f"`data` must be the {covariance.n_samples} samples of `covariance`, "
@@ -244,7 +245,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
 def _gauss_newton(model, u, y, experiment):
     """Return the Gauss-Newton matrices of the training and its residuals."""
     check_is_fitted(model)
-    u, y, parts = model._test_data(u, y, experiment)
+    u, y, parts = labeled_data(model, u, y, experiment)[:3]
     experiments = model._experiments(u, y, parts)
     structure, theta = model._structure, model._theta
     penalized, terms = model._criterion_terms(structure)

@@ -3,7 +3,7 @@
 import control
 import numpy as np
 
-from ..plant import signal_names
+from ..plant import as_plant, signal_names
 from .checks import check_point
 
 
@@ -103,20 +103,22 @@ class Block:
         return np.concatenate([y, x]) if self.with_state else y
 
 
-def to_nlsys(plant):
+def to_nlsys(model):
     """Return a plant as a system of python-control.
 
     Parameters
     ----------
-    plant : Plant
-        The plant; the past of late inputs becomes further states.
+    model : estimator or Plant
+        Fitted model, or its `plant_`; the past of late inputs becomes further states.
 
     Returns
     -------
     sys : control.NonlinearIOSystem
-        Discrete-time system from u to y, in the user's units.
+        Discrete-time system from u to y in the user's units, operating point included,
+        with the names of the columns of the training data. From the same initial state
+        it responds as `predict` does.
     """
-    plant = plant.late()
+    plant = as_plant(model).late()
     block = Block(plant)
     return control.nlsys(
         block.update,

@@ -317,7 +317,7 @@ def check_plant(plant, own):
         If sizes or sampling times do not fit, or it is continuous in time.
     """
     if is_model(plant):
-        plant = to_nlsys(as_plant(plant))
+        plant = to_nlsys(plant)
     if isinstance(plant, control.TransferFunction):
         plant = control.ss(plant)
     if not isinstance(plant, control.NonlinearIOSystem):

@@ -1,0 +1,69 @@
+"""A fitted model as a plant, and how linear it is."""
+
+import numpy as np
+
+from ..linearizability import measure
+from ..plant import Plant, forms, signal_names
+
+
+def linearizability(model, u, y, experiment=None):
+    """Measure how linear the model is once h is cancelled.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu)
+        Inputs.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs; they set the initial states and the size of the output.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    record : Linearizability
+        The output-referred linearization error (eq. gauge), in all and in
+        frequency bands, the paper's ratios, both of the model and of the closed
+        loop u = v - h with the recorded input as v, the gains of A, and the share
+        of samples outside the region of the training data. It prints as a table.
+
+    Notes
+    -----
+    The initial state of every experiment is estimated from its first
+    `n_init_samples` samples (at most a quarter of it), which are measured as well.
+    Costs four simulations.
+    """
+    records = model.prepare_records(u, y, experiment)
+    return measure(model.plant_, records, output_names=model.output_names_)
+
+
+def make_plant(model):
+    """Return the plant of a fitted model.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    plant : Plant
+        The model as an immutable value.
+    """
+    scaling, (nx, nu) = model._scaling, model.B_.shape
+    return Plant(
+        **forms(model._structure, model._theta, model._units()),
+        u_offset=scaling.u_offset,
+        y_offset=scaling.y_offset,
+        u_scale=scaling.u_scale,
+        y_scale=scaling.y_scale,
+        x_scale=np.broadcast_to(model._x_scale, nx),
+        dt=float(model.dt),
+        inputs=signal_names(getattr(model, "feature_names_in_", None), "u", nu),
+        outputs=signal_names(model.output_names_, "y", len(model.C_)),
+        name=type(model).__name__,
+        delay=model.input_delay_,
+        noise=model.cost_,
+        region=getattr(model, "_region", None),
+    )
