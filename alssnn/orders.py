@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .holdout import hold_out
+from .initial_states import WINDOW, estimate_x0
 from .subspace import identify_linear, largest_order
-from .training import WINDOW, estimate_x0
 
 SAMPLES = 8_000  # of a record, on which orders are compared
 PATIENCE = 3  # larger orders without a gain, after which the search ends

@@ -1,9 +1,5 @@
 """Training: from a linear model to fitted networks, coarse to fine.
 
-The networks start with zero output weights, so that the start *is* the linear model,
-and with inner weights spread over what the data show: the pre-activation of a neuron
-has a random direction in its (unit variance) inputs and is zero at a random sample.
-
 Long records are trained coarse to fine: the liveliest stretch takes most of the
 iterations, three times as many samples some, and all samples the last few.  Several
 random starts compete on the stretch; the best of them goes on.
@@ -15,164 +11,22 @@ at a small gamma at once ends in worse optima, often with an unstable A.
 All arrays here are scaled deviations (`experiments`).
 """
 
-from functools import partial
-
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.optimize import OptimizeResult
 
-from .criterion import DIVERGED_NORM, Criterion, Restricted
+from .criterion import DIVERGED_NORM, Criterion
+from .initial_states import WINDOW, estimate_x0
+from .limits import Limits
 from .linear_model import stabilize
 from .mapping import Held
-from .optimizers import minimize, single_threaded
-from .simulation import simulate
-from .stability import Contractive, Schur
-from .structures import ONE
+from .optimizers import single_threaded
 from .watch import INTERRUPTED, Patience, Watch
 
-INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
-INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
-START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 ONLY_STAGE = "train"  # label of a training that is one search
 LEAST_MOVE = 1e-9  # relative change of the parameters that ends a stage
 MIDDLE = 3  # times the samples of the first stages: a stretch between them and all
-WINDOW = 200  # samples from which the initial state of a long record is restarted
-
-
-def initial_theta(structure, linear, experiments, rng, bounds=None):
-    """Return a start: the linear model plus networks of zero output.
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of the model.
-    linear : LinearModel
-        Linear start; its C is that of the structure, a constant or a parameter.
-    experiments : sequence of tuple of ndarray
-        Pairs (u, y) of scaled deviations.
-    rng : numpy.random.Generator
-        Source of the inner weights.
-    bounds : dict of str to tuple of ndarray, or None, default=None
-        Bounds of parameters by name: inner weights that they hold are zero, and what
-        a neuron sees of the others has the whole slope.
-
-    Returns
-    -------
-    theta : ndarray of shape (n_params,)
-        Flat parameters.
-    """
-    p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
-    pick = rng.integers(len(experiments))
-    u, y = (signal[:START_SAMPLES] for signal in experiments[pick])
-    X = simulate(
-        structure.lure(structure.join(p)), u, structure.initial_state(linear.x0[pick])
-    )
-    X = X[:-1, : structure.n_x0]
-    if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
-        X = np.zeros_like(X)
-    y_hat = X @ linear.C.T + u @ linear.D.T
-    signals = {
-        ONE: np.ones((len(u), 1)),
-        structure.states[0]: X,
-        structure.measured: np.where(np.isnan(y), y_hat, y),
-    }
-    first = structure.nx
-    for axis in structure.inputs:
-        where = structure.cols[axis]
-        signals[axis] = u[:, where.start - first : where.stop - first]
-
-    def behind(term, first, samples):
-        # what stands in a term behind its first factors
-        q = {**structure.constants, **structure.split(structure.join(p))}
-        value = columns(term.cols, samples).T
-        for factor in reversed(term.factors[first:]):
-            value = factor.value(q) @ value
-        return term.gain * value.T
-
-    def columns(axis, samples):
-        if axis in signals:
-            return signals[axis][samples]
-        is_layer = axis in structure.layers
-        terms = (structure.layers if is_layer else structure.signals)[axis].terms
-        v = sum(behind(term, 0, samples) for term in terms)
-        return structure.activation(axis).value(v) if is_layer else v
-
-    for axis in structure.neurons:
-        inner: dict[str, list] = {}
-        biases = []
-        for term in structure.layers[axis].terms:
-            name = structure.leading(term)
-            if name is None or name in p:  # weights may be shared by several layers
-                continue
-            if len(structure.shapes[name]) == 2:
-                inner.setdefault(name, []).append(term)
-            else:
-                biases.append(name)
-        if not inner:
-            continue
-        size = structure.sizes[axis]
-        samples = rng.integers(len(u), size=size)
-        free = {name: _free_weights(structure, name, bounds or {}) for name in inner}
-        width = sum(weights.any(axis=0).sum() for weights in free.values())
-        bias = np.zeros(size)
-        for name, terms in inner.items():
-            shape = structure.shapes[name]
-            scale = INITIAL_SLOPE / np.sqrt(max(width, 1))
-            p[name] = rng.normal(scale=scale, size=shape) * free[name]
-            seen = sum(behind(term, 1, samples) for term in terms)
-            bias -= np.sum(p[name] * seen, axis=1)
-        p |= dict.fromkeys(biases, bias)
-    return structure.join(p)
-
-
-def _free_weights(structure, name, bounds):
-    """Return which weights of a layer no equal bounds hold."""
-    low, high = bounds.get(name, (-np.inf, np.inf))
-    return np.broadcast_to(np.not_equal(low, high), structure.shapes[name])
-
-
-def estimate_x0(structure, theta, experiments, *, window, noise):
-    """Estimate the initial state of every experiment from its first samples.
-
-    Maximum a posteriori: states have unit variance, outputs the variance `noise`
-    around those of the model.  The prior matters where a window says little about a
-    state that decays slowly; as the noise vanishes, it becomes least squares.
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of the model.
-    theta : ndarray of shape (n_params,)
-        Parameters, held.
-    experiments : sequence of tuple of ndarray
-        Pairs (u, y) of scaled deviations.
-    window : int
-        Number of samples used at the beginning of every experiment.
-    noise : float
-        Mean square of the output error of the model, outputs of unit variance.
-
-    Returns
-    -------
-    x0 : ndarray of shape (n_experiments, n_x0)
-        Initial states; zero where the model diverges within the window.
-    """
-    plain = structure.observe(structure.measured)
-    one = partial(_estimate_one, plain, theta, window, noise)
-    return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
-
-
-def _estimate_one(structure, theta, window, noise, u, y):
-    """Return the estimate of the initial state of one experiment."""
-    u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
-    if len(u) == 0:
-        return x0  # an experiment too short to spend samples on it
-    criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
-    mask = np.arange(criterion.n) >= structure.n_params
-    problem = Restricted(criterion, criterion.join(theta, x0), mask)
-    if not problem.norm(x0) < DIVERGED_NORM:
-        return x0  # nothing to estimate: the caller's simulation will show it
-    return minimize(problem, x0, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
 
 
 def train(
@@ -537,98 +391,3 @@ class Validation:
         x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise)
         norm = error.norm(error.join(theta, x0))
         return norm if norm < DIVERGED_NORM else np.inf
-
-
-class Limits:
-    """Keep parameters where they may be: a contraction, bounds, held entries.
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of the model.
-    phi : float or None, default=None
-        Rate of stability by construction (eq. contract); None leaves A free.
-    bounds : dict of str to tuple of ndarray, or None, default=None
-        Lower and upper bounds of parameters by name; equal ones hold an entry.
-    at_rest : bool, default=False
-        Whether the initial states are held at zero.
-    radius : float or None, default=None
-        Largest modulus of an eigenvalue of an A that is free; None means no limit.
-    """
-
-    def __init__(self, structure, phi=None, bounds=None, at_rest=False, radius=None):
-        self.phi, self.radius = phi, radius
-        self.at_rest = at_rest
-        self.low = np.full(structure.n_params, -np.inf)
-        self.high = np.full(structure.n_params, np.inf)
-        for name, (low, high) in (bounds or {}).items():
-            where, shape = structure.slices[name], structure.shapes[name]
-            self.low[where] = np.broadcast_to(low, shape).ravel()
-            self.high[where] = np.broadcast_to(high, shape).ravel()
-        # a contraction leaves integrators alone, whose columns of A are held
-        A = structure.slices.get("A", slice(0))
-        held = (self.low[A] == self.high[A]).reshape(structure.shapes.get("A", (0, 0)))
-        self.n_integrators = int(held.all(axis=0).sum())
-        if self.n_integrators == len(held):
-            self.phi = self.radius = None  # nothing is left to contract
-
-    def clip(self, theta):
-        """Return parameters moved into their bounds.
-
-        Parameters
-        ----------
-        theta : ndarray of shape (n_params,)
-            Flat parameters.
-
-        Returns
-        -------
-        theta : ndarray of shape (n_params,)
-            Flat parameters.
-        """
-        return np.clip(theta, self.low, self.high)
-
-    def minimize(self, criterion, free, *, method="lm", **options):
-        """Minimize a criterion within the limits.
-
-        Parameters
-        ----------
-        criterion : Criterion
-            Criterion of (theta, x0).
-        free : ndarray of shape (n,)
-            Start, within the limits.
-        method : {"lm", "trf"}, default="lm"
-            Method of `optimizers.minimize`; bounds take "trf" in any case.
-        **options : dict
-            Further options of `optimizers.minimize`.
-
-        Returns
-        -------
-        result : OptimizeResult
-            Its outcome, with the whole free vector in ``x``.
-        """
-        problem, start = criterion, free
-        if self.phi is not None:
-            problem = Contractive(criterion, self.phi, self.n_integrators)
-            start = problem.from_free(free)
-        elif self.radius is not None:
-            problem = Schur(criterion, self.radius, self.n_integrators)
-        low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
-        n_params = len(self.low)
-        low[:n_params], high[:n_params] = self.low, self.high
-        if self.at_rest:
-            low[n_params:] = high[n_params:] = 0.0
-        held = low == high
-        part = Restricted(problem, start, ~held) if held.any() else None
-        bounds = low[~held], high[~held]
-
-        def whole(x):
-            x = part.complete(x) if part else x
-            return problem.to_free(x) if self.phi is not None else x
-
-        if np.isfinite(bounds).any():
-            method, options["bounds"] = "trf", bounds
-        result = minimize(
-            part or problem, start[~held], method=method, to_point=whole, **options
-        )
-        result.x = whole(result.x)
-        return result

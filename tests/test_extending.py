@@ -22,8 +22,9 @@ from alssnn.kernels import differentiate
 from alssnn.metrics import rmse
 from alssnn.optimizers import minimize
 from alssnn.simulation import channels, simulate
+from alssnn.starts import initial_theta
 from alssnn.subspace import LinearModel, identify_linear
-from alssnn.training import initial_theta, train
+from alssnn.training import train
 from helpers import assert_jacobian
 from models import fl_ssnn, gr_ssnn
 

@@ -10,8 +10,8 @@ from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 from alssnn.models import state_space
+from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
-from alssnn.training import initial_theta
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, record
 
 QUICK = {"nx": 3, "max_iter": 15, "tol": 1e-3, "random_state": 0}

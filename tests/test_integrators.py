@@ -12,11 +12,11 @@ from alssnn import LinearStateSpace
 from alssnn.criterion import Criterion
 from alssnn.feedback import designed_loop, lqr
 from alssnn.integrators import count_integrators, decouple, integrator_entries
+from alssnn.limits import Limits
 from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.stability import Contractive, contractive_basis
 from alssnn.subspace import identify_linear
-from alssnn.training import Limits
 from helpers import assert_jacobian
 from models import al_ssnn, fl_ssnn, gr_ssnn
 

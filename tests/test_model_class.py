@@ -16,7 +16,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.frozen import FrozenEstimator
 
 import alssnn
-from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, training
+from alssnn import Activation, AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, starts
 from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.delays import estimate_delays
 from alssnn.estimators import _base
@@ -850,7 +850,7 @@ def test_the_memory_of_a_fit_does_not_grow_with_the_record(tmp_path, monkeypatch
     u, y = disk[:, :1], disk[:, 1:]
     # what looks at so many samples at most, at so few
     monkeypatch.setattr(_base, "DELAY_SAMPLES", 1000)
-    monkeypatch.setattr(training, "START_SAMPLES", 1000)
+    monkeypatch.setattr(starts, "START_SAMPLES", 1000)
     model = fl_ssnn(1, n_h=1, max_iter=1, polish_iter=1, random_state=0)
     model.set_params(coarse_samples=2000, input_delay="auto")
     model.set_params(linear_start=([[0.5]], [[1.0]], [[1.0]]))  # quicker than N4SID

@@ -12,11 +12,13 @@ import alssnn
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn import search as searching
 from alssnn.criterion import Criterion
+from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
 from alssnn.orders import Orders, compare_orders
 from alssnn.search import ALPHAS, Found, Recipe, search
-from alssnn.training import Limits, initial_theta, train
+from alssnn.starts import initial_theta
+from alssnn.training import train
 from alssnn.watch import Watch
 from helpers import simulate_linear
 

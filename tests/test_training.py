@@ -2,11 +2,13 @@ import numpy as np
 import pytest
 
 from alssnn.criterion import Criterion
+from alssnn.initial_states import estimate_x0
 from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contractive_basis
-from alssnn.training import estimate_x0, initial_theta, train
+from alssnn.starts import initial_theta
+from alssnn.training import train
 from alssnn.watch import Watch
 from helpers import random_theta
 

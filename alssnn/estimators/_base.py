@@ -6,7 +6,6 @@ from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from scipy.optimize import OptimizeResult
 from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
 from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
@@ -424,23 +423,6 @@ class StateSpaceModel(
         """Return the structure with its penalized channels, and their weights."""
         weight = self._output_weight(structure.sizes["y"])
         return structure, {"weights": {"y": weight}}
-
-    def _snapshot(self, structure, step, point):
-        """Return the attributes of a model fitted with what a search has reached."""
-        shown = object.__new__(type(self))
-        shown.__dict__.update(vars(self))
-        theta, x0 = np.split(point, [structure.n_params])
-        shown._structure, shown._theta = structure, theta
-        result = OptimizeResult(
-            x0=x0.reshape(-1, structure.n_x0),
-            cost=step.cost,
-            nfev=step.iteration + 1,
-            success=False,
-            message="in training",
-        )
-        shown._publish(result, Watch())
-        ours = vars(self)
-        return {k: v for k, v in vars(shown).items() if ours.get(k) is not v}
 
     def _publish(self, result, watch):
         """Set the fitted attributes, in the user's units."""

@@ -9,6 +9,11 @@ the linear start only show that they go on.
 Older versions have no callbacks: `set_callbacks` does not exist there.
 """
 
+import numpy as np
+from scipy.optimize import OptimizeResult
+
+from ..watch import Watch
+
 try:
     from sklearn.callback import CallbackSupportMixin, with_callbacks
 except ImportError:  # scikit-learn < 1.9
@@ -21,7 +26,42 @@ except ImportError:  # scikit-learn < 1.9
         return method
 
 
-__all__ = ["CallbackSupportMixin", "Callbacks", "with_callbacks"]
+__all__ = ["CallbackSupportMixin", "Callbacks", "snapshot", "with_callbacks"]
+
+
+def snapshot(model, structure, step, point):
+    """Return the attributes of a model fitted with what a search has reached.
+
+    Parameters
+    ----------
+    model : estimator
+        Estimator in its fit.
+    structure : Structure
+        Structure of the search.
+    step : Step
+        What the search has just done.
+    point : ndarray of shape (n,)
+        Its parameters, then the initial states.
+
+    Returns
+    -------
+    attributes : dict
+        What differs from those of the estimator.
+    """
+    shown = object.__new__(type(model))
+    shown.__dict__.update(vars(model))
+    theta, x0 = np.split(point, [structure.n_params])
+    shown._structure, shown._theta = structure, theta
+    result = OptimizeResult(
+        x0=x0.reshape(-1, structure.n_x0),
+        cost=step.cost,
+        nfev=step.iteration + 1,
+        success=False,
+        message="in training",
+    )
+    shown._publish(result, Watch())
+    ours = vars(model)
+    return {k: v for k, v in vars(shown).items() if ours.get(k) is not v}
 
 
 class Callbacks:

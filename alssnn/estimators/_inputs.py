@@ -2,12 +2,14 @@
 
 The structure of a model is the same whatever its networks see.  The columns of their
 first layers that belong to signals they do not see are held at zero
-(`training.Limits`), and everything made of the parameters is right without knowing.
+(`limits.Limits`), and everything made of the parameters is right without knowing.
 """
 
 from numbers import Integral
 
 import numpy as np
+
+from ._integrators import keeps_start
 
 ALL = "all"
 SIGNALS = {"x": "state", "u": "input", "y": "output"}
@@ -148,3 +150,85 @@ def held_columns(structure, seen):
                 high = np.broadcast_to(free, structure.shapes[name])
                 bounds[name] = -high, high
     return bounds
+
+
+def check_inputs(estimator):
+    """Refuse choices of inputs and outputs before anything is identified.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+
+    Raises
+    ------
+    ValueError
+        If a choice does not fit the signals, or the other options.
+    """
+    has_h = np.any(getattr(estimator, "n_h", 0)) and estimator.feedback == "output"
+    if (
+        has_h
+        and estimator.h_inputs is None
+        and estimator.integrators not in (0, "auto")
+    ):
+        raise ValueError(
+            "`h_inputs` must say which outputs h sees beside integrators with "
+            "feedback='output', got None. List those that do not integrate, or "
+            "take feedback='state', where h does not see integrators."
+        )
+    seen(
+        estimator,
+        {"u": estimator.n_features_in_, "y": len(estimator._scaling.y_offset)},
+    )
+
+
+def seen(estimator, sizes):
+    """Return which columns of signals of known sizes the networks see.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+    sizes : dict of str to int
+        Number of signals, by letter.
+
+    Returns
+    -------
+    seen : dict of tuple of str to ndarray of bool
+        By network and letter: which columns it sees.
+
+    Raises
+    ------
+    ValueError
+        If a choice does not fit the signals.
+    """
+    of_h = ("x",) if estimator.feedback == "state" else ("y",)
+    choices = {
+        "h": check_choice("h_inputs", estimator.h_inputs, of_h),
+        "g": check_choice("g_inputs", estimator.g_inputs, ("x", "u")),
+    }
+    if estimator.integrators_:  # a shift of an integrator shifts the output alone
+        choices["k"] = {"x": ALL, "u": ALL}
+    n = estimator.integrators_
+    own_basis = estimator.linear_start is not None and keeps_start(estimator)
+    names = {
+        "u": getattr(estimator, "feature_names_in_", None),
+        "y": estimator.output_names_,
+    }
+    columns_of = {}
+    for net, by_signal in choices.items():
+        argument = f"{net}_inputs"
+        for signal, items in by_signal.items():
+            if signal == "x" and items not in (ALL, []) and not own_basis:
+                raise ValueError(
+                    f"`{argument}` must be 'all' of the states unless they are "
+                    f"those of `linear_start`, got {items!r}. Numbers need a basis "
+                    "that stays what it is: give `linear_start`, with "
+                    "stability=None."
+                )
+            if signal in sizes:
+                hidden = n if signal == "x" else 0
+                size = sizes[signal] - hidden
+                columns = seen_columns(argument, signal, items, size, names.get(signal))
+                columns_of[net, signal] = np.append(columns, np.zeros(hidden, bool))
+    return columns_of

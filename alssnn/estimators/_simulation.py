@@ -14,9 +14,9 @@ from ..experiments import (
     split_experiments,
     stack_experiments,
 )
+from ..initial_states import estimate_x0 as least_squares_x0
 from ..records import PreparedRecord
 from ..simulation import regressors, trajectory
-from ..training import estimate_x0 as least_squares_x0
 
 # Single precision stays what it is, chunks are converted; nan are left to our checks.
 DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}

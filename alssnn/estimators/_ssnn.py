@@ -13,35 +13,30 @@ from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..criterion import Criterion
+from ..initial_states import WINDOW, estimate_x0
 from ..integrators import decouple
+from ..limits import Limits
 from ..linear_model import stabilize
 from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_orders
 from ..search import Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
-from ..training import (
-    WINDOW,
-    Limits,
-    Validation,
-    estimate_x0,
-    initial_theta,
-    train,
-)
+from ..starts import initial_theta
+from ..training import train
 from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
-from ._callbacks import with_callbacks
-from ._inputs import ALL, check_choice, held_columns, seen_columns
-from ._integrators import keeps_start, regular, with_integrators
+from ._callbacks import snapshot, with_callbacks
+from ._held_out import hold_out
+from ._inputs import check_inputs, held_columns, seen
+from ._integrators import regular, with_integrators
 from ._judge import own_judge
 from ._options import estimator, option
-from ._simulation import labeled_data
 from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
 SETTLED = "as many steps as hidden samples allow"
 LEFT_LINEAR = "the networks do not help: this is the linear model"
-MIN_VALIDATION = 8  # samples: two for an initial state, six that count
 
 
 @estimator
@@ -202,96 +197,8 @@ class Ssnn(StateSpaceModel):
         return self._fit(u, y, experiment, validation)
 
     def _hold_out(self, u, y, parts, validation):
-        self._check_inputs()
-        experiments = self._experiments(u, y, parts)
-        if validation is not None:
-            return experiments, self._judge(self._given(validation))
-        if self.validation_fraction is None:
-            return experiments, None
-        cuts = [len(u) - int(self.validation_fraction * len(u)) for u, _ in experiments]
-        # slices of the whole: what comes late at the tail was sent before it
-        tails = [(u[c:], y[c:]) for (u, y), c in zip(experiments, cuts, strict=True)]
-        parts = [slice(p.start, p.start + c) for p, c in zip(parts, cuts, strict=True)]
-        return self._experiments(u, y, parts), self._judge(tails)
-
-    def _given(self, validation):
-        """Return the scaled experiments that the user holds out."""
-        if not isinstance(validation, tuple | list) or len(validation) not in (2, 3):
-            raise ValueError(
-                "`validation` must be a tuple (u, y) or (u, y, experiment), got "
-                f"{type(validation).__name__}."
-            )
-        u_v, y_v, *labels = validation
-        u_v, y_v, parts = labeled_data(self, u_v, y_v, labels[0] if labels else None)[
-            :3
-        ]
-        return self._experiments(u_v, y_v, parts)
-
-    def _judge(self, experiments):
-        """Return what judges the training by scaled experiments held out of it."""
-        shortest = min(len(u) for u, _ in experiments)
-        if shortest < MIN_VALIDATION:
-            raise ValueError(
-                f"Validation needs at least {MIN_VALIDATION} samples of every "
-                f"experiment, got {shortest}. Increase `validation_fraction`, or pass "
-                "longer records as `validation`."
-            )
-        ny = experiments[0][1].shape[1]
-        validation = Validation(
-            experiments,
-            self._output_weight(ny),
-            self.n_init_samples,
-            self.n_iter_no_change,
-        )
-        if all(np.isnan(y[:]).all() for _, y in validation.scored):
-            raise ValueError(
-                "Validation needs measured outputs behind the samples that estimate "
-                "the initial states, got none. Pass other records as `validation`."
-            )
-        return validation
-
-    def _check_inputs(self):
-        """Refuse choices of inputs and outputs before anything is identified."""
-        has_h = np.any(getattr(self, "n_h", 0)) and self.feedback == "output"
-        if has_h and self.h_inputs is None and self.integrators not in (0, "auto"):
-            raise ValueError(
-                "`h_inputs` must say which outputs h sees beside integrators with "
-                "feedback='output', got None. List those that do not integrate, or "
-                "take feedback='state', where h does not see integrators."
-            )
-        self._seen({"u": self.n_features_in_, "y": len(self._scaling.y_offset)})
-
-    def _seen(self, sizes):
-        """Return which columns of signals of known sizes the networks see."""
-        of_h = ("x",) if self.feedback == "state" else ("y",)
-        choices = {
-            "h": check_choice("h_inputs", self.h_inputs, of_h),
-            "g": check_choice("g_inputs", self.g_inputs, ("x", "u")),
-        }
-        if self.integrators_:  # a shift of an integrator shifts the output alone
-            choices["k"] = {"x": ALL, "u": ALL}
-        n = self.integrators_
-        own_basis = self.linear_start is not None and keeps_start(self)
-        names = {"u": getattr(self, "feature_names_in_", None), "y": self.output_names_}
-        seen = {}
-        for net, by_signal in choices.items():
-            argument = f"{net}_inputs"
-            for signal, items in by_signal.items():
-                if signal == "x" and items not in (ALL, []) and not own_basis:
-                    raise ValueError(
-                        f"`{argument}` must be 'all' of the states unless they are "
-                        f"those of `linear_start`, got {items!r}. Numbers need a basis "
-                        "that stays what it is: give `linear_start`, with "
-                        "stability=None."
-                    )
-                if signal in sizes:
-                    hidden = n if signal == "x" else 0
-                    size = sizes[signal] - hidden
-                    columns = seen_columns(
-                        argument, signal, items, size, names.get(signal)
-                    )
-                    seen[net, signal] = np.append(columns, np.zeros(hidden, bool))
-        return seen
+        check_inputs(self)
+        return hold_out(self, u, y, parts, validation)
 
     def _scaled_bounds(self, structure, contractive=False):
         """Return the user's bounds, and those of what the networks do not see."""
@@ -300,10 +207,10 @@ class Ssnn(StateSpaceModel):
 
     def _held_weights(self, structure):
         """Return bounds that hold at zero what the networks do not see."""
-        return held_columns(structure, self._seen(structure.sizes))
+        return held_columns(structure, seen(self, structure.sizes))
 
     def _identify(self, experiments, previous, watch, held_out):
-        self._check_inputs()
+        check_inputs(self)
         max_iter = self.max_iter
         chosen = self._decay or {"alpha": 0.0}
         self._decay = None
@@ -344,7 +251,7 @@ class Ssnn(StateSpaceModel):
             self._decay = decay
         penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
-            watch.observe.attributes = partial(self._snapshot, plain)
+            watch.observe.attributes = partial(snapshot, self, plain)
         result = train(
             penalized,
             experiments,

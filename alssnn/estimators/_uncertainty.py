@@ -8,9 +8,10 @@ from sklearn.utils import Bunch, check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ..criterion import Criterion
+from ..initial_states import estimate_x0
 from ..mapping import count_measured
 from ..optimizers import single_threaded
-from ..training import estimate_x0, train
+from ..training import train
 from ..uncertainty import (
     ParameterCovariance,
     pseudo_inverse,

@@ -1,0 +1,106 @@
+"""Where the training of networks starts: at the linear model, networks at zero.
+
+The output weights are zero, so that the start *is* the linear model; inner weights are
+spread over what the data show: the pre-activation of a neuron has a random direction in
+its (unit variance) inputs and is zero at a random sample.
+"""
+
+import numpy as np
+
+from .simulation import simulate
+from .structures import ONE
+
+INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
+START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
+
+
+def initial_theta(structure, linear, experiments, rng, bounds=None):
+    """Return a start: the linear model plus networks of zero output.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    linear : LinearModel
+        Linear start; its C is that of the structure, a constant or a parameter.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    rng : numpy.random.Generator
+        Source of the inner weights.
+    bounds : dict of str to tuple of ndarray, or None, default=None
+        Bounds of parameters by name: inner weights that they hold are zero, and what
+        a neuron sees of the others has the whole slope.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_params,)
+        Flat parameters.
+    """
+    p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
+    pick = rng.integers(len(experiments))
+    u, y = (signal[:START_SAMPLES] for signal in experiments[pick])
+    X = simulate(
+        structure.lure(structure.join(p)), u, structure.initial_state(linear.x0[pick])
+    )
+    X = X[:-1, : structure.n_x0]
+    if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
+        X = np.zeros_like(X)
+    y_hat = X @ linear.C.T + u @ linear.D.T
+    signals = {
+        ONE: np.ones((len(u), 1)),
+        structure.states[0]: X,
+        structure.measured: np.where(np.isnan(y), y_hat, y),
+    }
+    first = structure.nx
+    for axis in structure.inputs:
+        where = structure.cols[axis]
+        signals[axis] = u[:, where.start - first : where.stop - first]
+
+    def behind(term, first, samples):
+        # what stands in a term behind its first factors
+        q = {**structure.constants, **structure.split(structure.join(p))}
+        value = columns(term.cols, samples).T
+        for factor in reversed(term.factors[first:]):
+            value = factor.value(q) @ value
+        return term.gain * value.T
+
+    def columns(axis, samples):
+        if axis in signals:
+            return signals[axis][samples]
+        is_layer = axis in structure.layers
+        terms = (structure.layers if is_layer else structure.signals)[axis].terms
+        v = sum(behind(term, 0, samples) for term in terms)
+        return structure.activation(axis).value(v) if is_layer else v
+
+    for axis in structure.neurons:
+        inner: dict[str, list] = {}
+        biases = []
+        for term in structure.layers[axis].terms:
+            name = structure.leading(term)
+            if name is None or name in p:  # weights may be shared by several layers
+                continue
+            if len(structure.shapes[name]) == 2:
+                inner.setdefault(name, []).append(term)
+            else:
+                biases.append(name)
+        if not inner:
+            continue
+        size = structure.sizes[axis]
+        samples = rng.integers(len(u), size=size)
+        free = {name: _free_weights(structure, name, bounds or {}) for name in inner}
+        width = sum(weights.any(axis=0).sum() for weights in free.values())
+        bias = np.zeros(size)
+        for name, terms in inner.items():
+            shape = structure.shapes[name]
+            scale = INITIAL_SLOPE / np.sqrt(max(width, 1))
+            p[name] = rng.normal(scale=scale, size=shape) * free[name]
+            seen = sum(behind(term, 1, samples) for term in terms)
+            bias -= np.sum(p[name] * seen, axis=1)
+        p |= dict.fromkeys(biases, bias)
+    return structure.join(p)
+
+
+def _free_weights(structure, name, bounds):
+    """Return which weights of a layer no equal bounds hold."""
+    low, high = bounds.get(name, (-np.inf, np.inf))
+    return np.broadcast_to(np.not_equal(low, high), structure.shapes[name])
