@@ -17,17 +17,16 @@ Inputs that arrive late carry their past as further states, behind those of the 
 that nobody forgets them.
 """
 
-import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from . import forms
 from .lure import Lure
 from .region import Region
 from .simulation import neuron_gains, regressors
 
-ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
 NEEDS_S_AHEAD = (
     "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
     "late. Fit with input_delay=0 and more states."
@@ -150,7 +149,7 @@ class Plant:
     @cached_property
     def cancels(self):
         """Return whether v is more than u."""
-        return bool(np.any(self.virtual_rows != _only_u(self.form)))
+        return bool(np.any(self.virtual_rows != forms.only_input(self.form)))
 
     @cached_property
     def has_linear_output(self):
@@ -160,17 +159,7 @@ class Plant:
     @cached_property
     def observed(self):
         """Return the form with the channels [y; v; omega; eta] (eq. eta)."""
-        # x+ - A x - B dv and y - C x - D dv are rows of Theta, whatever made them
-        lure, nx = self.lure, self.nx
-        signals = np.vstack([lure.rows_x, lure.rows_z[: self.ny]])
-        by_v = lure.M[: len(signals), nx:]
-        rest = signals - by_v @ self.virtual_rows
-        rest[:, :nx] -= lure.M[: len(signals), :nx]
-        # what only rounding leaves of B h is zero
-        size = np.abs(signals) + np.abs(by_v) @ np.abs(self.virtual_rows)
-        rest[np.abs(rest) <= ROUNDING * size] = 0.0
-        Theta = np.vstack([lure.rows_x, lure.rows_z, rest, lure.rows_v])
-        return Lure(Theta, nx, self.nu, lure.nw, lure.sigma)
+        return forms.observed(self.lure)
 
     # -- other plants ----------------------------------------------------------------
 
@@ -198,28 +187,12 @@ class Plant:
         n = int(np.sum(self.delay))
         if n == 0:
             return self
-        nx, nu, form = self.nx, self.nu, self.form
-        Theta = np.array(form.Theta)
+        form = self.form
         if self.no_law:
-            Theta[nx + self.ny : nx + form.nz] = _only_u(form)
-        virtual = slice(nx + self.ny, nx + form.nz)
-        states, inputs, rest = np.split(Theta, [nx, nx + nu], axis=1)
-        past, now = np.zeros((len(Theta), n)), inputs.copy()
-        shift, entry = np.eye(n, k=1), np.zeros((n, nu))
-        stops = np.cumsum(self.delay)
-        for i in np.flatnonzero(self.delay):
-            oldest, newest = stops[i] - self.delay[i], stops[i] - 1
-            past[:, oldest], now[:, i] = inputs[:, i], 0.0
-            shift[newest] = 0.0
-            entry[newest, i] = 1.0
-        past[virtual], now[virtual] = 0.0, inputs[virtual]  # v is sent now, as u is
-        plus, others = np.split(np.hstack([states, past, now, rest]), [nx])
-        line = np.hstack(
-            [np.zeros((n, nx)), shift, entry, np.zeros((n, rest.shape[1]))]
-        )
+            form = forms.with_virtual(form, forms.only_input(form))
         return replace(
             self,
-            form=Lure(np.vstack([plus, line, others]), nx + n, nu, form.nw, form.sigma),
+            form=forms.late_inputs(form, self.delay),
             delay=np.zeros_like(self.delay),
             n_late=n,
         )
@@ -248,17 +221,7 @@ class Plant:
                 f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
                 "the model integrates."
             )
-        lure, nx, nu = self.lure, self.nx, self.nu
-        if kind == "input":
-            by_d = lure.Theta[:, nx : nx + nu].copy()
-        else:
-            by_d = np.eye(len(lure.Theta))[:, nx : nx + self.ny]
-        by_d[nx + self.ny : nx + lure.nz] = 0.0
-        nd = by_d.shape[1]
-        Theta = np.insert(lure.Theta, [nx] * nd, by_d, axis=1)
-        keep = np.eye(nd, Theta.shape[1], nx)  # d+ = d
-        Theta = np.insert(Theta, [nx] * nd, keep, axis=0)
-        return replace(self, form=Lure(Theta, nx + nd, nu, lure.nw, lure.sigma))
+        return replace(self, form=forms.disturbed(self.lure, kind))
 
     def close(self):
         """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).
@@ -277,15 +240,7 @@ class Plant:
         lure = self.lure
         if self.no_law:
             raise ValueError(self.no_law)
-        u = slice(lure.nx, lure.nx + lure.nu)
-        to_u = -self.virtual_rows  # u = v - h: v is affine in u with gain one
-        to_u[:, u] += 2 * np.eye(self.nu)
-        Theta = lure.Theta.copy()
-        Theta[lure.nx + self.ny : lure.nx + lure.nz] = _only_u(lure)
-        by_u = Theta[:, u].copy()
-        Theta[:, u] = 0.0
-        Theta += by_u @ to_u
-        return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+        return forms.closed(lure)
 
     def linearized(self):
         """Return the plant behind its law: v is its input, and nothing is cancelled.
@@ -301,14 +256,11 @@ class Plant:
             If the law is none of this plant, see `no_law`.
         """
         loop = self.close()
-        Theta = loop.Theta.copy()
-        Theta[self.nx + self.ny : self.nx + loop.nz] = _only_u(loop)
         ns, nu = self.law_form.nu - self.nu, self.nu
-        identity = np.eye(nu, ns + nu + 1, ns)
         return replace(
             self,
-            form=Lure(Theta, loop.nx, nu, loop.nw, loop.sigma),
-            law_form=Lure(identity, 0, ns + nu, 0),
+            form=forms.with_virtual(loop, forms.only_input(loop)),
+            law_form=Lure(np.eye(nu, ns + nu + 1, ns), 0, ns + nu, 0),
         )
 
     # -- numbers ---------------------------------------------------------------------
@@ -403,7 +355,7 @@ class Plant:
         Returns
         -------
         h : ndarray of shape (nu,) or (N, nu)
-            h(s), in the units of u; zero for a model without it.
+            Nonlinearity h(s), in the units of u; zero for a model without it.
         """
         if not self.cancels:
             return np.zeros((*s.shape[:-1], self.nu))
@@ -498,78 +450,6 @@ class Plant:
         return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
 
 
-def forms(structure, theta, units):
-    """Return the forms of a plant, in the user's units.
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of a model with the axes x, u and y.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    units : dict of str to ndarray
-        The user's units over those of theta, by axis.
-
-    Returns
-    -------
-    forms : dict
-        `form`, `law_form` and `feedback` of a `Plant`.
-    """
-    units = {**units, "v": units["u"]}
-    if "v" not in structure.signals:  # nothing that a law could cancel
-        lure = _in_units(structure.observe("y"), theta, units)
-        nx, (ny, nu) = lure.nx, (structure.sizes["y"], lure.nu)
-        Theta = np.insert(lure.Theta, [nx + ny] * nu, _only_u(lure), axis=0)
-        form = Lure(Theta, nx, nu, lure.nw, lure.sigma)
-        static = Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0)
-        return {"form": form, "law_form": static, "feedback": "output"}
-    law = structure.law()
-    return {
-        "form": _in_units(structure.observe("y", "v"), theta, units),
-        "law_form": _in_units(law, law.join(structure.split(theta)), units),
-        "feedback": "state" if law.inputs[0] == "x" else "output",
-    }
-
-
-def _in_units(structure, theta, units):
-    """Return a Lur'e form in other units, by axis."""
-    lure = structure.lure(theta)
-    by_row, by_column = (np.ones(n) for n in lure.Theta.shape)
-    for axis, unit in units.items():
-        for places, scale in ((structure.rows, by_row), (structure.cols, by_column)):
-            if axis in places:
-                scale[places[axis]] = unit
-    # one ratio: what is of one unit on both sides stays as it is, to the last digit
-    Theta = lure.Theta * (by_row[:, None] / by_column)
-    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
-
-
-def signal_names(names, letter, size):
-    """Return names of signals that python-control accepts.
-
-    Parameters
-    ----------
-    names : sequence of str or None
-        Names in the user's data, such as DataFrame columns.
-    letter : str
-        Letter of default names ``letter[0]``, ``letter[1]``, ...
-    size : int
-        Number of signals.
-
-    Returns
-    -------
-    names : list of str
-        One unique name per signal; "." means `system.signal` there and becomes "_".
-    """
-    if names is None:
-        return [f"{letter}[{i}]" for i in range(size)]
-    clean = [re.sub(r"\.", "_", str(name)) for name in names]
-    return [
-        name if clean.index(name) == i else f"{name}_{i}"
-        for i, name in enumerate(clean)
-    ]
-
-
 def is_model(candidate):
     """Tell whether something is a plant, or an estimator that has one.
 
@@ -613,8 +493,3 @@ def as_plant(model):
             f"`model` must be a fitted model or a Plant, got {type(model).__name__}."
         )
     return model.plant_
-
-
-def _only_u(lure):
-    """Return the rows of a channel that is the input itself."""
-    return np.eye(lure.nu, lure.Theta.shape[1], lure.nx)

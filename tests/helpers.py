@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from alssnn.forms import of_structure
 from alssnn.kernels import differentiate
 from alssnn.lure import Lure
-from alssnn.plant import Plant, forms
+from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
 from alssnn.simulation import neuron_gains, regressors
@@ -127,7 +128,7 @@ def plant_of_structure(structure, theta, rng, delay=0):
     nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
     unit = {axis: np.ones(n) for axis, n in zip("xuy", (nx, nu, ny), strict=True)}
     return Plant(
-        **forms(structure, theta, unit),
+        **of_structure(structure, theta, unit),
         u_offset=rng.standard_normal(nu),
         y_offset=rng.standard_normal(ny),
         u_scale=unit["u"],

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ..forms import of_structure
 from ..linearizability import measure
-from ..plant import Plant, forms, signal_names
+from ..names import signal_names
+from ..plant import Plant
 
 
 def linearizability(model, u, y, experiment=None):
@@ -53,7 +55,7 @@ def make_plant(model):
     """
     scaling, (nx, nu) = model._scaling, model.B_.shape
     return Plant(
-        **forms(model._structure, model._theta, model._units()),
+        **of_structure(model._structure, model._theta, model._units()),
         u_offset=scaling.u_offset,
         y_offset=scaling.y_offset,
         u_scale=scaling.u_scale,

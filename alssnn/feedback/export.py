@@ -3,7 +3,8 @@
 import control
 import numpy as np
 
-from ..plant import as_plant, signal_names
+from ..names import signal_names
+from ..plant import as_plant
 from .checks import check_point
 
 

@@ -1,0 +1,221 @@
+"""Lur'e forms of plants, with the channels [y; v], and what becomes of them.
+
+A `Plant` holds such a form in the user's units; its verbs change it here: past inputs
+or a disturbance become states, the law closes the loop, and what the linear part lacks
+becomes a channel.  The last nu channels are v.
+"""
+
+import numpy as np
+
+from .lure import Lure
+
+ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
+
+
+def of_structure(structure, theta, units):
+    """Return the forms of a plant, in the user's units.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model with the axes x, u and y.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    units : dict of str to ndarray
+        The user's units over those of theta, by axis.
+
+    Returns
+    -------
+    forms : dict
+        `form`, `law_form` and `feedback` of a `Plant`.
+    """
+    units = {**units, "v": units["u"]}
+    if "v" not in structure.signals:  # nothing that a law could cancel
+        lure = _in_units(structure.observe("y"), theta, units)
+        nx, (ny, nu) = lure.nx, (structure.sizes["y"], lure.nu)
+        Theta = np.insert(lure.Theta, [nx + ny] * nu, only_input(lure), axis=0)
+        form = Lure(Theta, nx, nu, lure.nw, lure.sigma)
+        static = Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0)
+        return {"form": form, "law_form": static, "feedback": "output"}
+    law = structure.law()
+    return {
+        "form": _in_units(structure.observe("y", "v"), theta, units),
+        "law_form": _in_units(law, law.join(structure.split(theta)), units),
+        "feedback": "state" if law.inputs[0] == "x" else "output",
+    }
+
+
+def _in_units(structure, theta, units):
+    """Return a Lur'e form in other units, by axis."""
+    lure = structure.lure(theta)
+    by_row, by_column = (np.ones(n) for n in lure.Theta.shape)
+    for axis, unit in units.items():
+        for places, scale in ((structure.rows, by_row), (structure.cols, by_column)):
+            if axis in places:
+                scale[places[axis]] = unit
+    # one ratio: what is of one unit on both sides stays as it is, to the last digit
+    Theta = lure.Theta * (by_row[:, None] / by_column)
+    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+
+
+def late_inputs(form, delay):
+    """Return a form with the past of late inputs as states.
+
+    Parameters
+    ----------
+    form : Lure
+        Form with the inputs that have arrived.
+    delay : ndarray of int of shape (nu,)
+        Samples by which every input arrives late.
+
+    Returns
+    -------
+    form : Lure
+        Form with sum(delay) more states: for each input its last values, oldest
+        first. Its inputs, and its v, are what is sent now.
+    """
+    nx, nu, n = form.nx, form.nu, int(np.sum(delay))
+    states, inputs, rest = np.split(form.Theta, [nx, nx + nu], axis=1)
+    past, now = np.zeros((len(form.Theta), n)), inputs.copy()
+    shift, entry = np.eye(n, k=1), np.zeros((n, nu))
+    stops = np.cumsum(delay)
+    for i in np.flatnonzero(delay):
+        oldest, newest = stops[i] - delay[i], stops[i] - 1
+        past[:, oldest], now[:, i] = inputs[:, i], 0.0
+        shift[newest] = 0.0
+        entry[newest, i] = 1.0
+    v = virtual(form)
+    past[v], now[v] = 0.0, inputs[v]  # v is sent now, as u is
+    plus, others = np.split(np.hstack([states, past, now, rest]), [nx])
+    line = np.hstack([np.zeros((n, nx)), shift, entry, np.zeros((n, rest.shape[1]))])
+    return Lure(np.vstack([plus, line, others]), nx + n, nu, form.nw, form.sigma)
+
+
+def disturbed(form, kind):
+    """Return the form of the state [x; d] with a constant disturbance d.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+    kind : {"output", "input"}
+        Whether d is added to y or to u.
+
+    Returns
+    -------
+    form : Lure
+        Form with as many more states, the last, which stay as they are; its v is that
+        of the form without d.
+    """
+    nx, nu, v = form.nx, form.nu, virtual(form)
+    if kind == "input":
+        by_d = form.Theta[:, nx : nx + nu].copy()
+    else:
+        by_d = np.eye(len(form.Theta))[:, nx : v.start]
+    by_d[v] = 0.0
+    nd = by_d.shape[1]
+    Theta = np.insert(form.Theta, [nx] * nd, by_d, axis=1)
+    keep = np.eye(nd, Theta.shape[1], nx)  # d+ = d
+    Theta = np.insert(Theta, [nx] * nd, keep, axis=0)
+    return Lure(Theta, nx + nd, nu, form.nw, form.sigma)
+
+
+def closed(form):
+    """Return the loop u = phi^-1(v, s) (eq. loop).
+
+    Parameters
+    ----------
+    form : Lure
+        Form whose v is affine in u with gain one.
+
+    Returns
+    -------
+    loop : Lure
+        Form with the input v and the channels [y; u].
+    """
+    u = slice(form.nx, form.nx + form.nu)
+    to_u = -form.Theta[virtual(form)]  # u = v - h
+    to_u[:, u] += 2 * np.eye(form.nu)
+    Theta = with_virtual(form, only_input(form)).Theta.copy()
+    by_u = Theta[:, u].copy()
+    Theta[:, u] = 0.0
+    return Lure(Theta + by_u @ to_u, form.nx, form.nu, form.nw, form.sigma)
+
+
+def observed(form):
+    """Return the form with the channels [y; v; omega; eta] (eq. eta).
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+
+    Returns
+    -------
+    form : Lure
+        The same with what the linear part lacks as further channels.
+    """
+    # x+ - A x - B dv and y - C x - D dv are rows of Theta, whatever made them
+    nx, v = form.nx, virtual(form)
+    signals, made_v = form.Theta[: v.start], form.Theta[v]
+    by_v = form.M[: v.start, nx:]
+    rest = signals - by_v @ made_v
+    rest[:, :nx] -= form.M[: v.start, :nx]
+    # what only rounding leaves of B h is zero
+    size = np.abs(signals) + np.abs(by_v) @ np.abs(made_v)
+    rest[np.abs(rest) <= ROUNDING * size] = 0.0
+    Theta = np.vstack([form.rows_x, form.rows_z, rest, form.rows_v])
+    return Lure(Theta, nx, form.nu, form.nw, form.sigma)
+
+
+def virtual(form):
+    """Return the rows of Theta that make v.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+
+    Returns
+    -------
+    rows : slice
+        The last nu channels.
+    """
+    stop = form.nx + form.nz
+    return slice(stop - form.nu, stop)
+
+
+def with_virtual(form, rows):
+    """Return a form with other rows for v.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+    rows : ndarray of shape (nu, n_columns)
+        What makes v.
+
+    Returns
+    -------
+    form : Lure
+        The new form.
+    """
+    Theta = form.Theta.copy()
+    Theta[virtual(form)] = rows
+    return Lure(Theta, form.nx, form.nu, form.nw, form.sigma)
+
+
+def only_input(form):
+    """Return the rows of a channel that is the input itself.
+
+    Parameters
+    ----------
+    form : Lure
+        Form.
+
+    Returns
+    -------
+    rows : ndarray of shape (nu, n_columns)
+        Rows of Theta.
+    """
+    return np.eye(form.nu, form.Theta.shape[1], form.nx)

@@ -1,0 +1,29 @@
+"""Names of signals."""
+
+import re
+
+
+def signal_names(names, letter, size):
+    """Return names of signals that python-control accepts.
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        Names in the user's data, such as DataFrame columns.
+    letter : str
+        Letter of default names ``letter[0]``, ``letter[1]``, ...
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    names : list of str
+        One unique name per signal; "." means `system.signal` there and becomes "_".
+    """
+    if names is None:
+        return [f"{letter}[{i}]" for i in range(size)]
+    clean = [re.sub(r"\.", "_", str(name)) for name in names]
+    return [
+        name if clean.index(name) == i else f"{name}_{i}"
+        for i, name in enumerate(clean)
+    ]
