@@ -6,18 +6,18 @@ The members between the markers are shown in the manual; the tests keep them ali
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
+import alssnn
 from alssnn import Activation
 from alssnn.certificates import iss_margin
 from alssnn.criterion import Criterion
 from alssnn.datasets import Record
 from alssnn.equations import Equations, diagonal
-from alssnn.estimators import Ssnn
+from alssnn.estimators import Networks, Ssnn, estimator, option, take
 from alssnn.kernels import differentiate
 from alssnn.metrics import rmse
 from alssnn.optimizers import minimize
@@ -95,28 +95,18 @@ def runge_kutta(nx, nu, ny, *, n_g, C, dt):
     return e.structure({"x": x + dt / 6 * (f_1 + 2 * f_2 + 2 * f_3 + f_4)}, {"y": y})
 
 
+@estimator
 class HammersteinSsnn(Ssnn):
-    """A static nonlinearity at the input of a linear system."""
+    """A static nonlinearity at the input of a linear system.
 
-    _parameter_constraints: ClassVar[dict] = {
-        **Ssnn._parameter_constraints,
-        "n_f": [int],
-        "activation": "no_validation",
-    }
+    Parameters
+    ----------
+    n_f : int, default=6
+        Neurons of the nonlinearity.
+    """
 
-    def __init__(self, nx=2, n_f=6, *, activation="tanh", dt=1.0, random_state=None):
-        self.nx = nx
-        self.n_f = n_f
-        self.activation = activation
-        self.dt = dt
-        self.random_state = random_state
-
-    # what this model does not let its user choose
-    alpha, max_iter, tol, polish_iter, coarse_samples = 0.0, 100, 1e-3, 20, None
-    n_init, n_jobs, method, warm_start, n_init_samples = 1, None, "lm", False, 20
-    input_delay, output_weight, linear_start, bounds = 0, None, None, None
-    operating_point, initial_state, verbose = "zero", "estimate", 0
-    max_time, validation_fraction, n_iter_no_change = None, None, 20
+    n_f: int = option(6, [int], kw_only=False)
+    activation: object = take(Networks, "activation")
 
     def _networks(self):
         return {"n_f": self.n_f, "activation": self.activation}
@@ -344,11 +334,14 @@ def test_a_start_of_any_structure_is_linear_with_neurons_that_are_spread(name, r
 
 
 @pytest.mark.parametrize("activation", ["tanh", SOFTSIGN], ids=["tanh", "softsign"])
-def test_estimator_of_a_declared_structure(activation):
+def test_estimator_of_a_declared_structure(activation, tmp_path):
     train_runs = [make_saturated_filter(300, random_state=i) for i in (0, 1)]
     test = make_saturated_filter(300, random_state=2)
-    model = HammersteinSsnn(2, 8, activation=activation, dt=0.1, random_state=0)
-    model.fit(*zip(*train_runs, strict=True))
+    options = {"alpha": 0.0, "max_iter": 100, "tol": 1e-3, "n_init": 1}
+    model = HammersteinSsnn(
+        2, 8, activation=activation, operating_point="zero", dt=0.1, **options
+    )
+    model.set_params(random_state=0).fit(*zip(*train_runs, strict=True))
     assert model.x0_.shape == (2, 2)
     error = rmse(*model.simulate_test(*test))
     linear = fl_ssnn(2, 0, operating_point="zero", dt=0.1).fit(
@@ -360,6 +353,15 @@ def test_estimator_of_a_declared_structure(activation):
     assert np.all(record.linearization_error > 0.05)  # f is not cancelled by a law
     with pytest.raises(ValueError, match="n_f"):
         HammersteinSsnn(n_f="many").fit(*test)
+    if activation == "tanh":  # a file holds no code
+        path = tmp_path / "model.npz"
+        model.save(path)
+        with pytest.raises(ValueError, match="got 'HammersteinSsnn'"):
+            alssnn.load(path)
+        again = alssnn.load(path, classes=[HammersteinSsnn])
+        x, u = np.ones(2), np.ones(2)
+        np.testing.assert_array_equal(again.plant_.step(x, u), model.plant_.step(x, u))
+        assert again.score(*test) == model.score(*test)
 
 
 # -- optimizer, certificate, activation ------------------------------------------------

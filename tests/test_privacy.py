@@ -14,23 +14,6 @@ import alssnn
 ROOT = Path(alssnn.__file__).parent
 MODULES = sorted(str(path.relative_to(ROOT)) for path in ROOT.rglob("*.py"))
 
-# What still reads private names of estimators. It only ever gets shorter.
-PERSISTENCE = {
-    "_container",
-    "_decay",
-    "_publish_parameters",
-    "_region",
-    "_scaling",
-    "_structure",
-    "_theta",
-    "_validate_params",
-    "_x_scale",
-    "_y_ndim",
-}
-ALLOWED = {
-    "persistence/_file.py": PERSISTENCE,
-}
-
 
 def is_private(name):
     return name.startswith("_") and not name.startswith("__")
@@ -73,17 +56,11 @@ def private_imports(tree, package):
 
 @pytest.mark.parametrize("module", MODULES)
 def test_nothing_private_is_used_elsewhere(module):
-    if module.startswith("estimators/"):  # mixins of one class
+    if module.startswith("estimators/"):  # one subject in several modules
         return
     tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
-    assert private_attributes(tree) <= ALLOWED.get(module, set())
+    assert not private_attributes(tree)
     assert not private_imports(tree, module.rpartition("/")[0])
-
-
-def test_what_is_allowed_is_still_needed():
-    for module, names in ALLOWED.items():
-        tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
-        assert private_attributes(tree) == names, f"shorten ALLOWED[{module!r}]"
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@
     AlSsnn             x+ = A x + B (u + h(y)) + g(x, u)     g penalized by gamma
     GrSsnn             x+ = A x + B u + f(x, u)              f free
 
-with y = C x for all; `Ssnn` is what models of other structures derive from.  `fit`
+with y = C x for all; `Ssnn` is what models of other structures derive from, with
+`estimator`, `option` and `take` for their options.  `fit`
 turns records into scaled deviations, identifies a linear model, trains the networks
 from it and converts the outcome to the user's units; everything else delegates
 downwards.
@@ -16,6 +17,8 @@ from ._fl_ssnn import FlSsnn
 from ._gr_ssnn import GrSsnn
 from ._linear import LinearStateSpace
 from ._load import load
+from ._networks import Networks
+from ._options import estimator, option, take
 from ._ssnn import LEFT_LINEAR, Ssnn
 
 __all__ = [
@@ -24,6 +27,10 @@ __all__ = [
     "FlSsnn",
     "GrSsnn",
     "LinearStateSpace",
+    "Networks",
     "Ssnn",
+    "estimator",
     "load",
+    "option",
+    "take",
 ]

@@ -184,6 +184,7 @@ class StateSpaceModel(
     _curve = None  # of the networks, by order
 
     # what others do with a model, and describe
+    restore = deferred("estimators._fitted", "restore")
     predict = deferred("estimators._simulation", "predict")
     estimate_x0 = deferred("estimators._simulation", "estimate_x0")
     prepare_records = deferred("estimators._simulation", "prepare_records")

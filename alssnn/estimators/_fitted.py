@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..containers import Container
+from ..region import Region
 from ..scaling import Scaling
 from ..structures import Structure
 from ._uncertainty import free_entries
@@ -33,6 +35,15 @@ class FittedModel:
         Whether the training experiments began at the operating point.
     for_control : bool
         Whether (A, B, C) is meant for the design of a controller.
+    region : Region
+        Region of the training data.
+    container : Container
+        Kind of the outputs of the training.
+    y_ndim : int
+        Their number of dimensions.
+    decay : dict or None
+        Weight of the squared network parameters that a search chose, `alpha`, and
+        what it pulls to, `center`.
     """
 
     structure: Structure
@@ -44,6 +55,10 @@ class FittedModel:
     cost: float
     at_rest: bool
     for_control: bool
+    region: Region
+    container: Container
+    y_ndim: int
+    decay: dict | None
 
 
 def fitted_model(model):
@@ -59,6 +74,7 @@ def fitted_model(model):
     fitted : FittedModel
         Its result, in scaled deviations.
     """
+    model._validate_params()  # options may have changed since
     structure = model._structure
     return FittedModel(
         structure=structure,
@@ -70,4 +86,43 @@ def fitted_model(model):
         cost=model.cost_,
         at_rest=model._at_rest,
         for_control=model._for_control,
+        region=model._region,
+        container=model._container,
+        y_ndim=model._y_ndim,
+        decay=model._decay,
     )
+
+
+def restore(model, fitted, published):
+    """Make an estimator a fitted one again.
+
+    Parameters
+    ----------
+    model : estimator
+        Estimator with the options of the fit.
+    fitted : FittedModel or namespace
+        What the fit found; what follows from options and results may be missing.
+    published : dict
+        Its other results, by the names of attributes.
+
+    Returns
+    -------
+    model : estimator
+        The fitted model.
+
+    Raises
+    ------
+    ValueError
+        If an option of the estimator is out of range.
+    """
+    model._validate_params()
+    model._structure, model._theta = fitted.structure, fitted.theta
+    model._scaling, model._x_scale = fitted.scaling, fitted.x_scale
+    model._region = fitted.region
+    if hasattr(model, "alpha"):
+        model._decay = fitted.decay
+    model._container, model._y_ndim = fitted.container, fitted.y_ndim
+    for name, value in published.items():
+        setattr(model, name, value)
+    model._publish_parameters()
+    return model

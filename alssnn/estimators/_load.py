@@ -8,13 +8,15 @@ from ._linear import LinearStateSpace
 CLASSES = {cls.__name__: cls for cls in (LinearStateSpace, FlSsnn, AlSsnn, GrSsnn)}
 
 
-def load(path):
+def load(path, classes=()):
     """Load a model that `model.save` wrote.
 
     Parameters
     ----------
     path : str or path-like
         File.
+    classes : sequence of type, default=()
+        Estimators of your own, beside those of this package.
 
     Returns
     -------
@@ -47,4 +49,4 @@ def load(path):
     """
     from ..persistence import load
 
-    return load(path, CLASSES)
+    return load(path, CLASSES | {cls.__name__: cls for cls in classes})

@@ -156,6 +156,24 @@ class Ssnn(StateSpaceModel):
         """Return the structure; models of another family declare their own."""
         return state_space(nx, nu, ny, **networks)
 
+    def declare(self, nx, nu, ny, C):
+        """Return the structure that the options ask for.
+
+        Parameters
+        ----------
+        nx, nu, ny : int
+            Number of states, inputs and outputs.
+        C : ndarray of shape (ny, nx)
+            Output matrix.
+
+        Returns
+        -------
+        structure : Structure
+            The structure.
+        """
+        networks = {**self._networks(), "feedthrough": self.feedthrough}
+        return self._declare(nx, nu, ny, C=C, **networks)
+
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks
     def fit(self, u, y, experiment=None, *, validation=None):
@@ -323,8 +341,7 @@ class Ssnn(StateSpaceModel):
             regular(self, A)[:] = stabilize(regular(self, A), inside)
             linear = replace(linear, A=A)
         nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
-        networks = {**self._networks(), "feedthrough": self.feedthrough}
-        return linear, self._declare(nx, nu, ny, C=linear.C, **networks)
+        return linear, self.declare(nx, nu, ny, linear.C)
 
     def _start(self, plain, linear, experiments, seed):
         """Return the linear model with networks of random inner weights."""
@@ -450,7 +467,6 @@ class Ssnn(StateSpaceModel):
     def _fits(self, previous):
         """Tell whether a fitted model is one that the parameters ask for."""
         structure, theta = previous
-        networks = {**self._networks(), "feedthrough": self.feedthrough}
         phi = self._phi
         nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
         if not self._allows(nx):
@@ -466,7 +482,7 @@ class Ssnn(StateSpaceModel):
         if "C" not in structure.constants:  # the linear model
             return False
         C = structure.constants["C"]
-        wanted = self._declare(nx, nu, ny, C=C, **networks)
+        wanted = self.declare(nx, nu, ny, C)
         if wanted.shapes == structure.shapes:
             held = with_integrators(self, self._held_weights(structure), structure)
             if np.any(Limits(structure, bounds=held).clip(theta) != theta):

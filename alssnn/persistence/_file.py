@@ -15,6 +15,7 @@ elsewhere.
 """
 
 from numbers import Real
+from types import SimpleNamespace
 
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
@@ -76,7 +77,8 @@ def save(model, path):
     time.
     """
     check_is_fitted(model)
-    structure, scaling = model._structure, model._scaling
+    fitted = model.fitted_
+    structure, container = fitted.structure, fitted.container
     document = {
         "alssnn": release(),
         "class": type(model).__name__,
@@ -95,25 +97,25 @@ def save(model, path):
             "train_score": encode(model.train_score_),
             "orders": encode(model.orders_),
             "alpha": encode(getattr(model, "alpha_", None)),
-            "y_ndim": model._y_ndim,
+            "y_ndim": fitted.y_ndim,
             "integrators": model.integrators_,
             "container": {
-                "library": model._container.library,
-                "is_series": model._container.is_series,
-                "names": [_encode_label(name) for name in model._container.names],
+                "library": container.library,
+                "is_series": container.is_series,
+                "names": [_encode_label(name) for name in container.names],
             },
             "experiments": [_encode_label(label) for label in model.experiments_],
             "input_names": _names(getattr(model, "feature_names_in_", None)),
             "output_names": _names(model.output_names_),
         },
     }
-    p = {**structure.constants, **structure.split(model._theta)}
+    p = {**structure.constants, **structure.split(fitted.theta)}
     arrays = {PARAMETER + name: value for name, value in p.items()}
-    arrays |= {name: getattr(scaling, name) for name in SCALING}
-    arrays["x_scale"] = model._x_scale
+    arrays |= {name: getattr(fitted.scaling, name) for name in SCALING}
+    arrays["x_scale"] = np.array(fitted.x_scale)
     arrays |= {name.rstrip("_"): getattr(model, name) for name in RESULTS}
-    arrays |= {f"region.{k}": np.asarray(getattr(model._region, k)) for k in REGION}
-    decay = model._decay or {}
+    arrays |= {f"region.{k}": np.asarray(getattr(fitted.region, k)) for k in REGION}
+    decay = fitted.decay or {}
     if "center" in decay:
         center = structure.split(decay["center"])
         arrays |= {CENTER + name: value for name, value in center.items()}
@@ -163,14 +165,16 @@ def load(path, classes):
 def _restore(cls, document, arrays):
     """Return the model of a document and its arrays; all sizes are checked."""
     model = cls(**{k: _decode_param(k, v) for k, v in document["params"].items()})
-    model._validate_params()
     nx, nu, ny = document["structure"]["sizes"]
     options = {k: decode(v) for k, v in document["structure"]["options"].items()}
     for penalty in ("penalty", "penalize_h"):  # of older files: what a fit penalized
         options.pop(penalty, None)
     is_fixed = "C" in document["structure"]["constants"]
     C = arrays[PARAMETER + "C"] if is_fixed else None
-    structure = state_space(nx, nu, ny, C=C, **options)
+    if options:
+        structure = state_space(nx, nu, ny, C=C, **options)
+    else:  # of a class that declares its own
+        structure = model.declare(nx, nu, ny, C)
     fit = document["fit"]
     n_experiments = len(fit["experiments"])
     excited = np.shape(arrays["region.whiten"])[-1]
@@ -195,55 +199,61 @@ def _restore(cls, document, arrays):
     if centered:
         shapes |= {CENTER + name: shape for name, shape in structure.shapes.items()}
     _check_arrays(arrays, shapes)
-    model._structure = structure
-    model._theta = structure.join({k: arrays[PARAMETER + k] for k in structure.shapes})
-    model._scaling = Scaling(*(arrays[name] for name in SCALING))
-    model._x_scale = arrays["x_scale"]
     region = {name: arrays[f"region.{name}"] for name in REGION}
-    model._region = Region(**{**region, "radius": region["radius"][()]})
-    for name in RESULTS:
-        setattr(model, name, arrays[name.rstrip("_")])
-    model.integrators_ = int(fit.get("integrators", 0))  # older files have none
-    model._publish_parameters()
-    model.cost_ = float(_finite("cost", fit["cost"]))
-    model.n_iter_, model.converged_ = int(fit["n_iter"]), bool(fit["converged"])
-    model.message_ = str(fit.get("message", ""))
-    model.history_ = [_decode_step(step) for step in fit.get("history", ())]
-    _restore_choices(model, fit)
+    container = fit.get("container", {})  # files without it are of arrays
+    results, decay = _results(model, fit, arrays)
     if centered:
         center = {name: arrays[CENTER + name] for name in structure.shapes}
-        model._decay = {"alpha": model.alpha_, "center": structure.join(center)}
-    model.experiments_ = fit["experiments"]
-    model.n_features_in_ = nu
-    if fit["input_names"] is not None:
-        model.feature_names_in_ = np.array(fit["input_names"], dtype=object)
-    model.output_names_ = fit["output_names"]
-    model._y_ndim = fit["y_ndim"]
-    container = fit.get("container", {})  # files without it are of arrays
-    model._container = Container(
-        container.get("library"),
-        container.get("is_series", False),
-        tuple(container.get("names", ())),
+        decay = {"alpha": results["alpha_"], "center": structure.join(center)}
+    fitted = SimpleNamespace(
+        structure=structure,
+        theta=structure.join({k: arrays[PARAMETER + k] for k in structure.shapes}),
+        scaling=Scaling(*(arrays[name] for name in SCALING)),
+        x_scale=arrays["x_scale"],
+        region=Region(**{**region, "radius": region["radius"][()]}),
+        container=Container(
+            container.get("library"),
+            container.get("is_series", False),
+            tuple(container.get("names", ())),
+        ),
+        y_ndim=fit["y_ndim"],
+        decay=decay,
     )
-    _check_fit(model, nu, ny)
-    return model
+    _check_fit(fitted, results, nu, ny)
+    return model.restore(fitted, results)
 
 
-def _restore_choices(model, fit):
-    """Set what a search chose and how it compared; older files do not tell."""
-    model.train_score_ = float(decode(fit.get("train_score", {"float": "nan"})))
+def _results(model, fit, arrays):
+    """Return published results by name, and the decay; older files do not tell all."""
     orders = decode(fit.get("orders", {"dict": []}))
     if any(errors.keys() != {int(nx) for nx in errors} for errors in orders.values()):
         raise ValueError(f"orders {orders} are not integers")
-    model.orders_ = {
-        str(kind): {nx: float(error) for nx, error in errors.items()}
-        for kind, errors in orders.items()
+    results = {
+        **{name: arrays[name.rstrip("_")] for name in RESULTS},
+        "integrators_": int(fit.get("integrators", 0)),
+        "cost_": float(_finite("cost", fit["cost"])),
+        "n_iter_": int(fit["n_iter"]),
+        "converged_": bool(fit["converged"]),
+        "message_": str(fit.get("message", "")),
+        "history_": [_decode_step(step) for step in fit.get("history", ())],
+        "train_score_": float(decode(fit.get("train_score", {"float": "nan"}))),
+        "orders_": {
+            str(kind): {nx: float(error) for nx, error in errors.items()}
+            for kind, errors in orders.items()
+        },
+        "experiments_": fit["experiments"],
+        "n_features_in_": len(arrays["u_offset"]),
+        "output_names_": fit["output_names"],
     }
+    if fit["input_names"] is not None:
+        results["feature_names_in_"] = np.array(fit["input_names"], dtype=object)
+    decay = None
     if hasattr(model, "alpha"):
         alpha = decode(fit.get("alpha"))
         given = 0.0 if model.alpha == "auto" else model.alpha
-        model.alpha_ = float(given if alpha is None else alpha)
-        model._decay = {"alpha": model.alpha_} if model.alpha == "auto" else None
+        results["alpha_"] = float(given if alpha is None else alpha)
+        decay = {"alpha": results["alpha_"]} if model.alpha == "auto" else None
+    return results, decay
 
 
 def _check_arrays(arrays, shapes):
@@ -265,24 +275,25 @@ def _check_arrays(arrays, shapes):
         raise ValueError("input_delay is negative")
 
 
-def _check_fit(model, nu, ny):
+def _check_fit(fitted, results, nu, ny):
     """Refuse names and labels that do not fit the sizes."""
     for names, size in (
-        (getattr(model, "feature_names_in_", None), nu),
-        (model.output_names_, ny),
+        (results.get("feature_names_in_"), nu),
+        (results["output_names_"], ny),
     ):
         strings = names is None or all(isinstance(name, str) for name in names)
         if not strings or (names is not None and len(names) != size):
             raise ValueError(f"{size} signals are named {names}")
-    if not isinstance(model.experiments_, list) or not model.experiments_:
-        raise ValueError(f"the experiments are labeled {model.experiments_}")
-    container = model._container
+    labels = results["experiments_"]
+    if not isinstance(labels, list) or not labels:
+        raise ValueError(f"the experiments are labeled {labels}")
+    container = fitted.container
     if container.library not in (None, "pandas", "polars"):
         raise ValueError(f"the outputs are of the library {container.library!r}")
     if len(container.names) != (0 if container.library is None else ny):
         raise ValueError(f"{ny} outputs are labeled {container.names}")
-    if model._y_ndim not in (1, 2) or (model._y_ndim == 1 and ny > 1):
-        raise ValueError(f"{ny} outputs have {model._y_ndim} dimensions")
+    if fitted.y_ndim not in (1, 2) or (fitted.y_ndim == 1 and ny > 1):
+        raise ValueError(f"{ny} outputs have {fitted.y_ndim} dimensions")
 
 
 def _finite(name, value):
