@@ -733,3 +733,23 @@ def test_what_a_fit_found_is_a_value(mimo):
         fitted.cost = 0.0
     with pytest.raises(NotFittedError):
         assert fl_ssnn().fitted_
+
+
+@pytest.mark.parametrize(("n", "start"), [(16, 4), (40, 10), (1000, 50)])
+def test_at_most_a_quarter_of_an_experiment_is_spent_on_its_initial_state(
+    mimo, n, start
+):
+    u, y = mimo
+    u, y = np.resize(u, (n, u.shape[1])), np.resize(y, (n, y.shape[1]))
+    model = LinearStateSpace(nx=2).fit(*mimo)
+    assert [record.start for record in model.prepare_records(u, y)] == [start]
+    assert len(model.simulate_test(u, y)[0]) == n - start
+
+
+def test_a_warm_start_of_another_order_begins_anew(mimo):
+    u, y = mimo
+    model = al_ssnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)
+    model.set_params(nx=3).fit(u, y)
+    cold = clone(model).set_params(warm_start=False).fit(u, y)
+    assert model.nx_ == 3
+    np.testing.assert_array_equal(model.A_, cold.A_)
