@@ -65,9 +65,11 @@ class FrequencyBand:
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
-    >>> band = model.parameter_covariance(*record).frequency_response()
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> y = np.convolve(u, [0, 1, 0.8, 0.64])[:500] + 0.1 * e
+    >>> model = alssnn.LinearStateSpace(nx=3).fit(u[:, None], y)
+    >>> band = model.parameter_covariance(u[:, None], y).frequency_response()
     >>> low, high = band.magnitude_band(0.95)
     >>> bool(np.all(low <= abs(band.response))), bool(band.covers(band.response).all())
     (True, True)
@@ -161,11 +163,13 @@ class PoleRegions:
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
-    >>> regions = model.parameter_covariance(*record).poles()
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> y = np.convolve(u, [0, 1, 0.8, 0.64])[:500] + 0.1 * e
+    >>> model = alssnn.LinearStateSpace(nx=3).fit(u[:, None], y)
+    >>> regions = model.parameter_covariance(u[:, None], y).poles()
     >>> regions.modulus_std.shape, regions.ellipses(n_points=16).shape
-    ((4,), (4, 16))
+    ((3,), (3, 16))
     """
 
     poles: np.ndarray
@@ -207,7 +211,11 @@ class PoleRegions:
         # one degree of freedom for a real pole, two for a complex one
         radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - _check_level(level)))
         axes = Q * (np.sqrt(np.maximum(values, 0.0)) * radius[:, None])[:, None, :]
-        points = axes @ circle if self.holds else np.full((*axes.shape[:2], n_points), np.nan)
+        points = (
+            axes @ circle
+            if self.holds
+            else np.full((*axes.shape[:2], n_points), np.nan)
+        )
         return self.poles[:, None] + points[:, 0] + 1j * points[:, 1]
 
 
@@ -248,11 +256,13 @@ class ParameterCovariance:
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
-    >>> covariance = model.parameter_covariance(*record)
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> y = np.convolve(u, [0, 1, 0.8, 0.64])[:500] + 0.1 * e
+    >>> model = alssnn.LinearStateSpace(nx=3).fit(u[:, None], y)
+    >>> covariance = model.parameter_covariance(u[:, None], y)
     >>> covariance.poles().poles.shape, covariance.noise_covariance.shape
-    ((4,), (1, 1))
+    ((3,), (1, 1))
     """
 
     theta: np.ndarray
@@ -350,9 +360,7 @@ class ParameterCovariance:
         dG *= scale[..., None]
         jacobian = np.stack([dG.real, dG.imag], axis=-2)
         covariance = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
-        return FrequencyBand(
-            omega, (CR @ B + D) * scale, covariance, self.holds
-        )
+        return FrequencyBand(omega, (CR @ B + D) * scale, covariance, self.holds)
 
     def poles(self):
         """Return the poles of the linear part with their uncertainty.
