@@ -120,7 +120,8 @@ class Noise:
     Examples
     --------
     >>> from alssnn.noise import fit_noise, Moments
-    >>> v = np.convolve(np.random.default_rng(0).standard_normal(5000), 0.9 ** np.arange(99))
+    >>> white = np.random.default_rng(0).standard_normal(5000)
+    >>> v = np.convolve(white, 0.9 ** np.arange(99))
     >>> moments = Moments(30, 1)
     >>> moments.add(v[:, None])
     >>> fit_noise(moments).forward[0]
@@ -296,18 +297,14 @@ def fit_noise(moments):
     Gamma = Gamma / np.outer(size, size)
     Gamma[0] += RIDGE * np.eye(ny)
     n = float(np.mean(np.diag(moments.pairs[0])))  # measured samples of an output
-    best, criterion, deviances = None, np.inf, []
-    for fit in _whittle(Gamma):
-        order, V = len(fit[0]), fit[2]
-        deviances.append(n * np.linalg.slogdet(V)[1])
-        value = deviances[-1] + 2 * order * ny**2
-        if value < criterion:
-            best, criterion = fit, value
-    assert best is not None  # order 0 always is one
-    order = len(best[0])
-    gain = deviances[0] - deviances[order]
-    p_white = float(chi2.sf(gain, order * ny**2)) if order else 1.0
-    return Noise(*best, p_white).rescale(size)
+    fits = list(_whittle(Gamma))
+    deviance = np.array([n * np.linalg.slogdet(V)[1] for _, _, V, _ in fits])
+    freedom = ny**2 * np.arange(len(fits))
+    order = int(np.argmin(deviance + 2 * freedom))
+    gain = deviance[0] - deviance[order]
+    p_white = float(chi2.sf(gain, freedom[order])) if order else 1.0
+    A, B, V, U = fits[order]
+    return Noise(A, B, V, U, p_white).rescale(size)
 
 
 def _whittle(Gamma):

@@ -510,7 +510,7 @@ def _measured(parts, y):
 def weighting_p_value(
     structure, theta, x0, experiments, output_weight, noise, score, free
 ):
-    """Return how likely the noise moves the fit so if it is weighed (eq. weighting).
+    """Return how likely weighing the noise moves a sound fit as far (eq. weighting).
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
     python -m benchmarks.coverage [--seeds 200] [--samples 1000]
 
-A linear plant of two states is identified from many records that differ in their noise
-and their input.  Counted is how often the 95 % bands of the magnitude (ten frequencies),
+A linear plant of two states is identified from many records that differ in noise and
+input.  Counted is how often the 95 % bands of the magnitude (at ten frequencies),
 ellipses of the response in the complex plane and regions of the poles cover those of
 the plant; and how often the result says that no band can (`holds`), which is right in a
 closed loop with noise that is correlated over time.  Those fits do not count for the

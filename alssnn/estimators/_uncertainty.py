@@ -50,10 +50,10 @@ def parameter_covariance(model, u, y, experiment=None):
     Warns
     -----
     UserWarning
-        If the fit moves more than the noise allows when its color is weighed: the record
-        of a closed loop, or a model that is too small. The simulation error is biased
-        then, no interval covers the truth, and the result has `holds` False and no
-        bands.
+        If the fit moves more than the noise allows when its color is weighed
+        (eq. weighting): the record of a closed loop, or a model that is too small. The
+        simulation error is biased then, no interval covers the truth, and the result
+        has `holds` False and no bands.
 
     Notes
     -----
@@ -83,7 +83,7 @@ def parameter_covariance(model, u, y, experiment=None):
         noise = noise.rescale(np.sqrt(np.diag(count) / np.diag(freedom)))
         F = score_covariance(*simulated, weight, noise)
         p = weighting_p_value(*simulated, weight, noise, F, fit.free)
-    P = fit.inverse @ F @ fit.inverse
+    P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
     reason = ""
     if p < WEIGHTING_LEVEL:
         reason = (
@@ -181,9 +181,9 @@ def sample_models(
     data : tuple of array_like or None, default=None
         The training data (u, y) or (u, y, experiment): every draw is then the
         optimum of the training cost for y plus a draw of the noise, as correlated
-        over time as the residuals are (eq. bootstrap). None draws parameters from their normal approximation,
-        which is of use where the data determine all of them, as for a linear
-        model.
+        over time as the residuals are (eq. bootstrap). None draws parameters from
+        their normal approximation, which is of use where the data determine all of
+        them, as for a linear model.
     max_iter : int, default=30
         Largest number of trial steps of every draw from `data`.
     tol : float, default=1e-4
