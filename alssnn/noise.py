@@ -324,7 +324,7 @@ def _whittle(Gamma):
         )
         V, U = V - last @ delta.T, U - first @ delta
         V, U = (V + V.T) / 2, (U + U.T) / 2
-        if min(np.linalg.eigvalsh(V)[0], np.linalg.eigvalsh(U)[0]) < RIDGE:
+        if min(np.linalg.eigvalsh(V)[0], np.linalg.eigvalsh(U)[0]) < RIDGE / 2:
             return  # gaps, or a residual that its past tells
         yield A, B, V, U
 

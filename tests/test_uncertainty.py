@@ -392,6 +392,16 @@ def test_the_autoregression_of_records_with_gaps(rng):
     np.testing.assert_allclose(after, Gamma[1], rtol=0.25, atol=0.01)
 
 
+def test_outputs_with_the_same_noise(rng):
+    v = lfilter([1], [1, -0.9], rng.standard_normal((2000, 1)), axis=0)
+    moments = Moments(20, 2)
+    moments.add(v * [1.0, 2.0])
+    noise = fit_noise(moments)
+    drawn = noise.draw(5000, np.random.RandomState(0))
+    assert noise.order > 0
+    np.testing.assert_allclose(drawn[:, 1], 2 * drawn[:, 0], atol=0.01 * drawn.std())
+
+
 def test_white_noise_stays_white(rng):
     moments = Moments(20, 1)
     moments.add(np.zeros((100, 1)))
