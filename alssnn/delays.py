@@ -8,8 +8,9 @@ which a cross-correlation hides below its band.
 
 Simulation: a smooth input can be foretold from the past of the output alone, which
 would excuse any delay one sample ahead.  So linear models are fitted for the delays
-that prediction allows, and the largest one whose simulation error is no more than a
-trifle above the least is taken.
+that prediction allows, and the largest one whose simulation error is not above the
+least by more than chance is taken.  Chance knows of the color of the noise: sums of
+squares of slow errors differ by far more than those of white ones.
 """
 
 from numbers import Integral
@@ -19,9 +20,10 @@ from scipy.linalg import qr
 from scipy.stats import chi2
 
 from .experiments import stretch
-from .linear_model import simulation_error
+from .noise import Moments, fit_noise, highest_order
 from .orders import compare_orders
 from .regression import Triangle, lagged
+from .simulation import regressors, trajectory
 from .subspace import identify_linear
 
 PAST = 10  # samples of every output in the regression
@@ -32,6 +34,7 @@ PREDICTED = 20_000  # samples of the regression
 SIMULATED = 5_000  # samples on which linear models are compared
 STEPS = 5  # of the refinement of each
 TRIFLE = 0.001  # relative growth of the simulation error that is none
+MARGIN = 2.0  # standard errors of a growth that may be chance
 
 
 def estimate_delays(experiments, nx, *, feedthrough=False, max_delay=50):
@@ -76,7 +79,7 @@ def estimate_delays(experiments, nx, *, feedthrough=False, max_delay=50):
         trials = np.tile(delay, (delay[i] + 1, 1))
         trials[:, i] = np.arange(delay[i] + 1)
         errors = _simulation_errors(experiments, trials, nx, feedthrough)
-        delay[i] = np.flatnonzero(errors <= (1 + TRIFLE) * errors.min())[-1]
+        delay[i] = _largest_by_chance(errors)
     return delay
 
 
@@ -121,14 +124,56 @@ def _longest(experiments, n_samples):
 
 
 def _simulation_errors(experiments, delays, nx, feedthrough):
-    """Return the simulation error of a linear model for every row of delays."""
+    """Return the errors (N, ny) of a linear model, per row of delays and experiment."""
     before = delays.max()
     errors = []
     for delay in delays:
         pairs = _delayed(experiments, delay, before)
         model = identify_linear(pairs, nx, feedthrough=feedthrough, max_iter=STEPS)
-        errors.append(simulation_error(pairs, model))
-    return np.array(errors)
+        lure = model.structure.lure(model.structure.join(vars(model)))
+        Theta_y = lure.Theta[lure.nx : lure.nx + lure.nz].T
+        errors.append(
+            [
+                np.vstack(
+                    [
+                        y[part] - regressors(lure, X[:-1], u_part) @ Theta_y
+                        for part, u_part, X in trajectory(lure, u, x0)
+                    ]
+                )
+                for (u, y), x0 in zip(pairs, model.x0, strict=True)
+            ]
+        )
+    return errors
+
+
+def _largest_by_chance(errors):
+    """Return the last of several models that is worse than the best by chance alone.
+
+    Judged is the sum of d_k = |e_k|^2 - |e_k of the best|^2 by its standard error, that
+    of an autoregression of d (eq. margin).
+    """
+    squares = [[np.nansum(E**2, axis=1) for E in parts] for parts in errors]
+    sums = np.array([sum(np.sum(part) for part in parts) for parts in squares])
+    least = int(np.argmin(sums))
+    count = sum(len(part) for part in squares[least])
+    for i in range(len(sums) - 1, least, -1):
+        growth = [a - b for a, b in zip(squares[i], squares[least], strict=True)]
+        mean = (sums[i] - sums[least]) / count
+        spread = _long_run([part - mean for part in growth], count)
+        margin = max(MARGIN * np.sqrt(count * spread), 2 * TRIFLE * sums[least])
+        if sums[i] - sums[least] <= margin:
+            return i
+    return least
+
+
+def _long_run(parts, count):
+    """Return the variance of a sum over its number of terms, which are correlated."""
+    moments = Moments(min(highest_order(count, 1), max(map(len, parts)) - 1), 1)
+    for part in parts:
+        moments.start()
+        moments.add(part[:, None])
+    noise = fit_noise(moments)
+    return float(noise.innovation[0, 0] / (1.0 - noise.forward.sum()) ** 2)
 
 
 def _delayed(experiments, delay, before):

@@ -1,19 +1,20 @@
 r"""How far the parameters of a fitted model can be trusted: what noise does to them.
 
-To first order, noise e with covariance Lambda, white over time, moves the optimum
-(eq. sandwich) by
+To first order, noise e at the outputs moves the optimum (eq. sandwich) by
 
-    delta = -H^+ F' e,     H = J'J of the cost,     F = d yhat / d(theta, x0), weighted
+    delta = -H^+ sum_k F_k' e_k,     H = J'J of the cost,     F = d yhat / d(theta, x0),
 
-so that the covariance of (theta, x0) is the sandwich
+F weighted, so that the covariance of (theta, x0) is the sandwich
 
-    P = H^+ (sum_k F_k' Lambda F_k) H^+,       Lambda = E'E / (N - n_effective / ny)
+    P = H^+ (sum_k,l F_k' Gamma(k-l) F_l) H^+,          Gamma(k-l) = E[e_k e_l']
 
-with E the (N, ny) residuals of the training data.  H holds the penalties of the
-training, whose bias P does not tell; without them P is the inverse of the information.
-The state basis is not identifiable: H is singular along changes of it, ^+ is the
-pseudo-inverse, and entries of A, B, C alone have no standard error worth the name.
-What does not depend on the basis has one: the frequency response, by
+with the covariance function Gamma of the residuals of the training data, as that of an
+autoregression (`noise`), and scaled for what the parameters took out of them.  White
+noise is the case Gamma(l) = 0 but for l = 0.  H holds the penalties of the training,
+whose bias P does not tell; without them, in white noise, P is the inverse of the
+information.  The state basis is not identifiable: H is singular along changes of it, ^+
+is the pseudo-inverse, and entries of A, B, C alone have no standard error worth the
+name.  What does not depend on the basis has one: the frequency response, by
 
     dG = C R dA R B + C R dB + dC R B + dD,      R = (z I - A)^-1
 
@@ -22,9 +23,10 @@ and the poles, by d lambda_i = l_i dA r_i / (l_i r_i) with left and right eigenv
 The effective number of parameters (eq. effective) is tr(H^+ J_y'J_y), the rank of the
 Gauss-Newton matrix where nothing is penalized.
 
-It takes the noise for white and added to the output, the model structure for right and
-the deviation for small.  Residuals that are still correlated, over time or with u, make
-all of this optimistic.
+It takes the noise for added to the output and independent of u, the model structure for
+right and the deviation for small.  Noise that is correlated over time and reaches u by
+feedback biases the simulation error: no interval around the fit covers the truth then.
+That is tested (`weighting_p_value`, eq. weighting), and said.
 """
 
 from dataclasses import dataclass
@@ -33,12 +35,16 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eig, eigh
 from scipy.special import chdtri, ndtri
+from scipy.stats import chi2
 from sklearn.utils import check_random_state
 
+from .noise import Moments, Noise
 from .simulation import regressors, sensitivities, trajectory
 
 RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
 N_FREQUENCIES = 200  # of a frequency response, by default
+WEIGHTING_LEVEL = 0.01  # chance of calling a sound fit biased
+LOSS = 0.1  # relative excess of a variance that is worth a test
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +59,17 @@ class FrequencyBand:
         G from every input to every output, in units of y per unit of u.
     covariance : ndarray of shape (n_frequencies, ny, nu, 2, 2)
         Covariance of (Re G, Im G).
+    holds : bool, default=True
+        Whether intervals of this width cover the truth; see `ParameterCovariance`.
+        If not, limits are nan.
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
-    >>> band = model.parameter_covariance(*record).frequency_response()
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> y = np.convolve(u, [0, 1, 0.8, 0.64])[:500] + 0.1 * e
+    >>> model = alssnn.LinearStateSpace(nx=3).fit(u[:, None], y)
+    >>> band = model.parameter_covariance(u[:, None], y).frequency_response()
     >>> low, high = band.magnitude_band(0.95)
     >>> bool(np.all(low <= abs(band.response))), bool(band.covers(band.response).all())
     (True, True)
@@ -67,6 +78,7 @@ class FrequencyBand:
     omega: np.ndarray
     response: np.ndarray
     covariance: np.ndarray
+    holds: bool = True
 
     @property
     def magnitude_std(self):
@@ -93,7 +105,7 @@ class FrequencyBand:
         Returns
         -------
         low, high : ndarray of shape (n_frequencies, ny, nu)
-            Limits; none is negative.
+            Limits; none is negative. Nan where there is no such band (`holds`).
 
         Raises
         ------
@@ -101,6 +113,7 @@ class FrequencyBand:
             If `level` is not between 0 and 1.
         """
         half = ndtri((1 + _check_level(level)) / 2) * self.magnitude_std
+        half = half if self.holds else np.full_like(half, np.nan)
         size = np.abs(self.response)
         return np.maximum(size - half, 0.0), size + half
 
@@ -117,7 +130,8 @@ class FrequencyBand:
         Returns
         -------
         covered : ndarray of bool of shape (n_frequencies, ny, nu)
-            Whether the response is inside.
+            Whether the response is inside; nowhere if there is no such ellipse
+            (`holds`).
 
         Raises
         ------
@@ -129,7 +143,7 @@ class FrequencyBand:
         weighted = np.linalg.pinv(self.covariance, hermitian=True) @ d[..., None]
         # chi2 of two degrees of freedom
         square = (d[..., None, :] @ weighted)[..., 0, 0]
-        return square <= chdtri(2, 1 - _check_level(level))
+        return self.holds & (square <= chdtri(2, 1 - _check_level(level)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +157,24 @@ class PoleRegions:
     covariance : ndarray of shape (nx, 2, 2)
         Covariance of (Re, Im) of every pole; that of a real pole is singular. Large
         for poles that almost coincide, where the first order says little.
+    holds : bool, default=True
+        Whether regions of this size cover the truth; see `ParameterCovariance`. If
+        not, their boundaries are nan.
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
-    >>> regions = model.parameter_covariance(*record).poles()
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> y = np.convolve(u, [0, 1, 0.8, 0.64])[:500] + 0.1 * e
+    >>> model = alssnn.LinearStateSpace(nx=3).fit(u[:, None], y)
+    >>> regions = model.parameter_covariance(u[:, None], y).poles()
     >>> regions.modulus_std.shape, regions.ellipses(n_points=16).shape
-    ((4,), (4, 16))
+    ((3,), (3, 16))
     """
 
     poles: np.ndarray
     covariance: np.ndarray
+    holds: bool = True
 
     @property
     def modulus_std(self):
@@ -176,7 +196,8 @@ class PoleRegions:
         Returns
         -------
         points : ndarray of complex of shape (nx, n_points)
-            Closed curves in the complex plane; for a real pole an interval.
+            Closed curves in the complex plane; for a real pole an interval. Nan if
+            there is no such region (`holds`).
 
         Raises
         ------
@@ -190,7 +211,11 @@ class PoleRegions:
         # one degree of freedom for a real pole, two for a complex one
         radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - _check_level(level)))
         axes = Q * (np.sqrt(np.maximum(values, 0.0)) * radius[:, None])[:, None, :]
-        points = axes @ circle
+        points = (
+            axes @ circle
+            if self.holds
+            else np.full((*axes.shape[:2], n_points), np.nan)
+        )
         return self.poles[:, None] + points[:, 0] + 1j * points[:, 1]
 
 
@@ -221,14 +246,23 @@ class ParameterCovariance:
         Sampling time, in seconds.
     input_delay : ndarray of int of shape (nu,)
         Samples by which each input arrives late.
+    noise : Noise
+        Correlation of the output noise over time, in the units of y.
+    p_weighting : float
+        How likely the fit moves as it does when the noise is weighed by its color, if
+        the model is right and u does not depend on the noise (eq. weighting).
+    reason : str
+        Why no interval around the fit covers the truth; "" if one does.
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
-    >>> covariance = model.parameter_covariance(*record)
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> y = np.convolve(u, [0, 1, 0.8, 0.64])[:500] + 0.1 * e
+    >>> model = alssnn.LinearStateSpace(nx=3).fit(u[:, None], y)
+    >>> covariance = model.parameter_covariance(u[:, None], y)
     >>> covariance.poles().poles.shape, covariance.noise_covariance.shape
-    ((4,), (1, 1))
+    ((3,), (1, 1))
     """
 
     theta: np.ndarray
@@ -241,13 +275,22 @@ class ParameterCovariance:
     units: dict
     dt: float
     input_delay: np.ndarray
+    noise: Noise
+    p_weighting: float
+    reason: str
 
     def __repr__(self):
         """Return the figures in one line."""
         return (
             f"ParameterCovariance(n_params={len(self.theta)}, rank={self.rank}, "
-            f"n_effective={self.n_effective:.4g}, n_samples={self.n_samples})"
+            f"n_effective={self.n_effective:.4g}, n_samples={self.n_samples}, "
+            f"holds={self.holds})"
         )
+
+    @property
+    def holds(self):
+        """Return whether intervals of this width cover the truth; see `reason`."""
+        return not self.reason
 
     def _linear(self):
         """Return (A, B, C, D) of scaled deviations."""
@@ -317,7 +360,7 @@ class ParameterCovariance:
         dG *= scale[..., None]
         jacobian = np.stack([dG.real, dG.imag], axis=-2)
         covariance = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
-        return FrequencyBand(omega, (CR @ B + D) * scale, covariance)
+        return FrequencyBand(omega, (CR @ B + D) * scale, covariance, self.holds)
 
     def poles(self):
         """Return the poles of the linear part with their uncertainty.
@@ -334,7 +377,8 @@ class ParameterCovariance:
         d = np.einsum("ki,li->ikl", left, right).reshape(len(poles), -1)
         jacobian = np.stack([d.real, d.imag], axis=1)
         P = self.covariance[where, where]
-        return PoleRegions(poles, jacobian @ P @ np.swapaxes(jacobian, 1, 2))
+        covariance = jacobian @ P @ np.swapaxes(jacobian, 1, 2)
+        return PoleRegions(poles, covariance, self.holds)
 
     def sample(self, n_models=1, random_state=None):
         """Draw parameters from their normal approximation.
@@ -377,8 +421,21 @@ def _check_level(level):
     return level
 
 
-def residual_moments(structure, theta, x0, experiments):
-    """Return the outer products of the simulation errors.
+def _residuals(structure, theta, x0, experiments):
+    """Yield, of every experiment, what yields the errors of its simulation in parts."""
+    ny = structure.sizes["y"]
+    lure = structure.lure(theta)
+    Theta_y = lure.Theta[lure.nx : lure.nx + ny].T
+    for (u, y), start in zip(experiments, x0, strict=True):
+        runs = trajectory(lure, u, structure.initial_state(start))
+        yield (
+            regressors(lure, X[:-1], u_part) @ Theta_y - y[part]
+            for part, u_part, X in runs
+        )
+
+
+def residual_moments(structure, theta, x0, experiments, n_lags=0):
+    """Return sums of lagged products of the simulation errors.
 
     Parameters
     ----------
@@ -390,30 +447,24 @@ def residual_moments(structure, theta, x0, experiments):
         Initial states.
     experiments : sequence of tuple of array
         Pairs (u, y) of scaled deviations; nan where an output was not measured.
+    n_lags : int, default=0
+        Largest lag.
 
     Returns
     -------
-    EE : ndarray of shape (ny, ny)
-        Sums of products of errors where both outputs were measured.
-    count : ndarray of shape (ny, ny)
-        Numbers of these samples.
+    moments : Moments
+        Sums and numbers of pairs that were measured.
     """
-    ny = structure.sizes["y"]
-    EE, count = np.zeros((ny, ny)), np.zeros((ny, ny))
-    lure = structure.lure(theta)
-    Theta_y = lure.Theta[lure.nx : lure.nx + ny].T
-    for (u, y), start in zip(experiments, x0, strict=True):
-        for part, u_part, X in trajectory(lure, u, structure.initial_state(start)):
-            E = regressors(lure, X[:-1], u_part) @ Theta_y - y[part]
-            measured = (~np.isnan(E)).astype(float)
-            E = np.nan_to_num(E)
-            EE += E.T @ E
-            count += measured.T @ measured
-    return EE, count
+    moments = Moments(n_lags, structure.sizes["y"])
+    for parts in _residuals(structure, theta, x0, experiments):
+        moments.start()
+        for E in parts:
+            moments.add(E)
+    return moments
 
 
-def score_covariance(structure, theta, x0, experiments, output_weight, Lambda):
-    """Return the covariance of half the gradient of the cost.
+def score_covariance(structure, theta, x0, experiments, output_weight, noise):
+    """Return the covariance of half the gradient of the cost (eq. colored).
 
     Parameters
     ----------
@@ -427,26 +478,109 @@ def score_covariance(structure, theta, x0, experiments, output_weight, Lambda):
         Pairs (u, y) of scaled deviations; nan where an output was not measured.
     output_weight : ndarray of shape (ny,)
         Weight of the squared error of every output over the number of samples.
-    Lambda : ndarray of shape (ny, ny)
-        Covariance of the noise, white over time.
+    noise : Noise
+        Autoregression of the noise.
 
     Returns
     -------
     covariance : ndarray of shape (n, n)
-        Sum of F_k' W Lambda W F_k, over (theta, x0 of all experiments).
+        Sum of F_k' W Gamma(k-l) W F_l, over (theta, x0 of all experiments).
     """
     n_params, n_x0 = structure.n_params, structure.n_x0
     n = n_params + n_x0 * len(experiments)
     total = np.zeros((n, n))
-    values, Q = eigh(Lambda)
-    root = (Q * np.sqrt(np.maximum(values, 0.0))).T  # root' root = Lambda
+    values, Q = eigh(noise.backward_innovation)
+    root = (Q * np.sqrt(np.maximum(values, 0.0))).T  # root' root is that covariance
     for i, ((u, y), start) in enumerate(zip(experiments, x0, strict=True)):
         where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
-        for part, _, J in sensitivities(structure, theta, start, u, output_weight):
-            J[np.isnan(y[part])] = 0.0
-            J = np.matmul(root, J).reshape(-1, J.shape[-1])
-            total[np.ix_(where, where)] += J.T @ J
+        parts = _measured(sensitivities(structure, theta, start, u, output_weight), y)
+        for Z in noise.color(parts):
+            Z = np.matmul(root, Z).reshape(-1, Z.shape[-1])
+            total[np.ix_(where, where)] += Z.T @ Z
     return total
+
+
+def _measured(parts, y):
+    """Yield sensitivities, zero where the output was not measured."""
+    for part, _, J in parts:
+        J[np.isnan(y[part])] = 0.0
+        yield J
+
+
+def weighting_p_value(
+    structure, theta, x0, experiments, output_weight, noise, score, free
+):
+    """Return how likely weighing the noise moves a sound fit as far (eq. weighting).
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model, without penalized channels.
+    theta : ndarray of shape (n_params,)
+        Parameters.
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations; nan where an output was not measured.
+    output_weight : ndarray of shape (ny,)
+        Weight of the squared error of every output over the number of samples.
+    noise : Noise
+        Autoregression of the noise.
+    score : ndarray of shape (n, n)
+        What `score_covariance` returns.
+    free : ndarray of bool of shape (n,)
+        Entries of (theta, x0 of all experiments) that nothing holds.
+
+    Returns
+    -------
+    p : float
+        Probability of a step as large as that from the least squares of the
+        simulation error to those of the whitened one; 1 for white noise.
+    """
+    n_params, n_x0 = structure.n_params, structure.n_x0
+    n = n_params + n_x0 * len(experiments)
+    H, g = np.zeros((2, n, n)), np.zeros((2, n))  # as they are, and whitened
+    sqrt_W = np.sqrt(output_weight)[:, None]
+    whiten = np.linalg.inv(np.linalg.cholesky(noise.innovation))
+    for i, ((u, y), start) in enumerate(zip(experiments, x0, strict=True)):
+        where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
+        rows = _rows(structure, theta, start, u, y)
+        for now, before in noise.whiten(rows):
+            for which, (root, block) in enumerate(((sqrt_W, now), (whiten, before))):
+                if which:
+                    block = np.matmul(root, block)
+                else:
+                    block = np.nan_to_num(root * block)
+                block = block.reshape(-1, block.shape[-1])
+                block = block[np.isfinite(block).all(axis=1)]
+                J, r = block[:, :-1], block[:, -1]
+                H[which][np.ix_(where, where)] += J.T @ J
+                g[which][where] += J.T @ r
+    H, g, score = (M[..., free] for M in (H, g, score))
+    H, score = H[:, free], score[free]
+    plain = pseudo_inverse(H[0])[0]
+    P = plain @ score @ plain
+    size = np.sqrt(np.diag(H[1]))
+    size = np.where(size > 0, size, 1.0)
+    values, Q = eigh(H[1] / np.outer(size, size))
+    seen = values > RANK_FLOOR * max(values[-1], 0.0)
+    root = size[:, None] * Q[:, seen] * np.sqrt(values[seen])  # root root' = H[1]
+    step = (Q[:, seen] / size[:, None] / np.sqrt(values[seen])).T @ g[1]
+    step -= root.T @ plain @ g[0]
+    loss, U = eigh(root.T @ P @ root)  # variance over the least possible one
+    told = loss - 1 > LOSS
+    square = np.sum((U[:, told].T @ step) ** 2 / (loss[told] - 1))
+    return float(chi2.sf(square, told.sum())) if told.any() else 1.0
+
+
+def _rows(structure, theta, x0, u, y):
+    """Yield [J, y - yhat] of one experiment; nan where not measured."""
+    ones = np.ones(structure.sizes["y"])
+    for part, Z, J in sensitivities(structure, theta, x0, u, ones):
+        E = y[part] - Z
+        rows = np.concatenate([J, E[:, :, None]], axis=2)
+        rows[np.isnan(E)] = np.nan
+        yield rows
 
 
 def pseudo_inverse(H):

@@ -5,11 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_lyapunov
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from alssnn import LinearStateSpace, stack_experiments
 from alssnn.datasets import make_pendulum
+from alssnn.delays import estimate_delays
+from alssnn.noise import Moments, Noise, _whittle, fit_noise
+from alssnn.plotting import BodeDisplay
 from alssnn.uncertainty import FrequencyBand, PoleRegions
+from benchmarks.coverage import covered, make_record
 from helpers import complex_step, simulate_linear
 from models import al_ssnn, fl_ssnn
 
@@ -330,3 +336,180 @@ def test_the_band_covers_the_truth_as_often_as_it_says():
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
     assert np.mean(ellipse) == pytest.approx(0.95, abs=0.02)
     assert np.mean(inside, axis=0).min() > 0.85
+
+
+# -- correlated noise ------------------------------------------------------------------
+
+A_NOISE = np.array([[0.8, 0.3], [-0.2, 0.5]])  # not symmetric: time has a direction
+
+
+def covariance_function(n_lags):
+    Gamma_0 = solve_discrete_lyapunov(A_NOISE, np.diag([1.0, 0.5]))
+    return np.array(
+        [np.linalg.matrix_power(A_NOISE, k) @ Gamma_0 for k in range(n_lags)]
+    )
+
+
+def test_colored_sensitivities_are_the_quadratic_form(rng):
+    Gamma = covariance_function(60)
+    *_, fit = _whittle(Gamma[:4])
+    noise = Noise(*fit, 0.0)
+    np.testing.assert_allclose(noise.forward[0], A_NOISE, atol=1e-12)
+    np.testing.assert_allclose(noise.forward[1:], 0, atol=1e-12)
+    np.testing.assert_allclose(noise.innovation, np.diag([1.0, 0.5]), atol=1e-12)
+    J = rng.standard_normal((60, 2, 3))
+    J[10:20, 1] = 0.0  # not measured
+    expected = sum(
+        J[k].T @ (Gamma[k - m] if k >= m else Gamma[m - k].T) @ J[m]
+        for k in range(60)
+        for m in range(60)
+    )
+    total = sum(
+        np.einsum("kia,ij,kjb->ab", Z, noise.backward_innovation, Z)
+        for Z in noise.color([J[:7], J[7:9], J[9:]])
+    )
+    np.testing.assert_allclose(total, expected, rtol=1e-6)
+
+
+def test_the_autoregression_of_records_with_gaps(rng):
+    moments = Moments(20, 2)
+    white = rng.standard_normal((8000, 2)) * np.sqrt([1.0, 0.5])
+    v = np.zeros((8000, 2))
+    for k in range(1, 8000):
+        v[k] = A_NOISE @ v[k - 1] + white[k]
+    v[rng.random(v.shape) < 0.2] = np.nan
+    for part in np.split(v, [3000, 3010]):
+        moments.start()
+        for chunk in np.array_split(part, 3):
+            moments.add(chunk)
+    noise = fit_noise(moments)
+    np.testing.assert_allclose(noise.forward[0], A_NOISE, atol=0.06)
+    assert noise.p_white < 1e-6
+    scaled = noise.rescale(np.array([2.0, 0.1])).draw(20_000, np.random.RandomState(0))
+    Gamma = covariance_function(2) * np.outer([2.0, 0.1], [2.0, 0.1])
+    np.testing.assert_allclose(np.cov(scaled.T), Gamma[0], rtol=0.2)
+    after = scaled[1:].T @ scaled[:-1] / 20_000
+    np.testing.assert_allclose(after, Gamma[1], rtol=0.25, atol=0.01)
+
+
+def test_outputs_with_the_same_noise(rng):
+    v = lfilter([1], [1, -0.9], rng.standard_normal((2000, 1)), axis=0)
+    moments = Moments(20, 2)
+    moments.add(v * [1.0, 2.0])
+    noise = fit_noise(moments)
+    drawn = noise.draw(5000, np.random.RandomState(0))
+    assert noise.order > 0
+    np.testing.assert_allclose(drawn[:, 1], 2 * drawn[:, 0], atol=0.01 * drawn.std())
+
+
+def test_white_noise_stays_white(rng):
+    moments = Moments(20, 1)
+    moments.add(np.zeros((100, 1)))
+    assert fit_noise(moments).order == 0  # nothing at all
+    moments.add(rng.standard_normal((2000, 1)))
+    assert fit_noise(moments).p_white > 1e-3
+
+
+@pytest.mark.parametrize("case", ["AR(.9)", "process"])
+def test_bands_cover_in_correlated_noise(case):
+    """White noise taken for granted, 70 % of the magnitudes were covered."""
+    found = []
+    for seed in range(30):
+        u, y = make_record(case, 500, seed)
+        model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # 1 % may say no
+            found.append(model.parameter_covariance(u, y))
+    assert sum(not covariance.holds for covariance in found) <= 2
+    shares = [np.mean(covered(covariance)[0]) for covariance in found]
+    # 30 records: 4 % is one standard error if all frequencies were one
+    assert np.mean(shares) > 0.85
+
+
+def test_a_closed_loop_has_no_bands(rng):
+    u, y = make_record("process, closed loop", 4000, 0)
+    model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
+    with pytest.warns(UserWarning, match="No confidence band holds"):
+        covariance = model.parameter_covariance(u, y)
+    assert not covariance.holds and "feedback" in covariance.reason
+    band = covariance.frequency_response(OMEGA)
+    assert (
+        np.isnan(band.magnitude_band()).all() and not band.covers(band.response).any()
+    )
+    assert np.isnan(covariance.poles().ellipses()).all()
+    assert np.all(band.magnitude_std > 0)  # what noise does to the biased fit
+    axes = BodeDisplay.from_estimator(model, band=band).axes_
+    labels = [text.get_text() for text in axes[0, 0].get_legend().get_texts()]
+    assert "no confidence band holds" in labels
+
+
+@pytest.mark.parametrize("case", ["white, closed loop", "process"])
+def test_sound_records_have_bands(case):
+    u, y = make_record(case, 4000, 0)
+    model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    assert covariance.holds and covariance.reason == ""
+    band = covariance.frequency_response(OMEGA)
+    axes = BodeDisplay.from_estimator(model, band=band).axes_
+    labels = [text.get_text() for text in axes[0, 0].get_legend().get_texts()]
+    assert "confidence" in labels
+
+
+def test_a_slow_output_has_the_noise_of_its_samples(rng):
+    """Of lags that no pair of samples has, nothing is asked."""
+    u, y = make_record("AR(.9)", 3000, 0)
+    model = LinearStateSpace(nx=2, operating_point="zero")
+    full = model.fit(u, y).parameter_covariance(u, y).frequency_response(OMEGA)
+    y[1::2] = np.nan
+    covariance = model.fit(u, y).parameter_covariance(u, y)
+    assert covariance.noise.order >= 2
+    slow = covariance.frequency_response(OMEGA).magnitude_std
+    # slow noise: half of the samples have nearly as much to say
+    assert np.all(slow[0] < 1.3 * full.magnitude_std[0])
+
+
+def test_experiments_in_correlated_noise(rng):
+    parts = [make_record("AR(.9)", 500, seed) for seed in range(4)]
+    u, y = stacked = stack_experiments(*map(list, zip(*parts, strict=True)))[:2]
+    label = np.repeat(range(4), 500)
+    model = LinearStateSpace(nx=2, operating_point="zero").fit(*stacked, label)
+    covariance = model.parameter_covariance(u, y, label)
+    np.testing.assert_allclose(covariance.noise.forward[0], 0.9, atol=0.1)
+    magnitude, *_ = covered(covariance)
+    assert covariance.holds and magnitude.mean() > 0.5
+    draws = model.sample_models(covariance, 1, 0, data=(u, y, label))
+    assert draws[0].x0_.shape == (4, 2)
+
+
+def test_refits_draw_the_noise_as_correlated_as_it_is():
+    u, y = make_record("AR(.9)", 1000, 0)
+    model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    models = model.sample_models(covariance, 40, random_state=0, data=(u, y))
+    G = np.array([response(m.A_, m.B_, m.C_, OMEGA[:3]) for m in models])
+    band = covariance.frequency_response(OMEGA[:3])
+    ratio = np.abs(G).std(0) / band.magnitude_std
+    # 40 draws: 11 % is one standard error
+    np.testing.assert_allclose(ratio, 1, atol=0.35)
+    drawn = covariance.noise.draw(20_000, np.random.RandomState(0))[:, 0]
+    assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.05)
+
+
+def test_auto_finds_the_delay_in_colored_noise():
+    """White noise of the same size would differ by far less."""
+    pole, found = 0.95, []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        u = rng.standard_normal((1000, 1))
+        late = np.vstack([np.zeros((3, 1)), u[:-3]])
+        y = simulate_linear(
+            np.array([[0.7, 0.2], [-0.1, 0.5]]),
+            np.array([[1.0], [-0.5]]),
+            np.array([[1.0, 0.0]]),
+            late,
+        )
+        noise = rng.standard_normal(1000) * np.sqrt(1 - pole**2)
+        y[:, 0] += 0.1 * y.std() * lfilter([1], [1, -pole], noise)
+        u, y = (u - u.mean()) / u.std(), (y - y.mean()) / y.std()
+        found.append(int(estimate_delays([(u, y)], 2)[0]))
+    assert found.count(3) >= 24

@@ -1,22 +1,25 @@
 """What a fitted model knows of its own uncertainty: covariance, criteria, samples."""
 
 import copy
+import warnings
 
 import numpy as np
-from scipy.linalg import eigh
 from sklearn.utils import Bunch, check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ..criterion import Criterion
 from ..initial_states import estimate_x0
 from ..mapping import count_measured
+from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
 from ..training import train
 from ..uncertainty import (
+    WEIGHTING_LEVEL,
     ParameterCovariance,
     pseudo_inverse,
     residual_moments,
     score_covariance,
+    weighting_p_value,
 )
 from ._simulation import labeled_data
 
@@ -46,29 +49,50 @@ def parameter_covariance(model, u, y, experiment=None):
         If the simulation diverges on the data, or an output has too few measured
         samples for the parameters.
 
+    Warns
+    -----
+    UserWarning
+        If the fit moves more than the noise allows when its color is weighed
+        (eq. weighting): the record of a closed loop, or a model that is too small. The
+        simulation error is biased then, no interval covers the truth, and the result
+        has `holds` False and no bands.
+
     Notes
     -----
-    Costs a few passes over the sensitivities. It takes white output noise, an
-    optimum that was reached, and no active bound; entries held by equal bounds
-    are certain. Of a contractive model, A counts as free.
+    Costs a few passes over the sensitivities. The noise may have any color, and be
+    that of the process where the model is linear; the color is that of the residuals.
+    It takes u independent of the noise, an optimum that was reached, and no active
+    bound; entries held by equal bounds are certain. Of a contractive model, A counts as
+    free. Whether the model is right is for `validate` to say.
     """
-    fit = _gauss_newton(model, u, y, experiment)
+    fit = _gauss_newton(model, u, y, experiment, correlated=True)
     n_params = model._structure.n_params
-    freedom = fit.count - fit.n_effective / len(fit.EE)
+    EE, count = fit.moments.products[0], fit.moments.pairs[0]
+    freedom = count - fit.n_effective / len(EE)
     if not np.diag(freedom).min() > 0.5:  # rounded: a whole sample is left
         raise ValueError(
             "`y` must have more measured samples of every output than parameters "
-            f"per output ({fit.n_effective / len(fit.EE):.1f}), got "
-            f"{int(np.diag(fit.count).min())}. Take a longer record or a smaller "
+            f"per output ({fit.n_effective / len(EE):.1f}), got "
+            f"{int(np.diag(count).min())}. Take a longer record or a smaller "
             "model."
         )
-    Lambda = np.where(fit.count > 0, fit.EE / np.maximum(freedom, 1.0), 0.0)
+    Lambda = np.where(count > 0, EE / np.maximum(freedom, 1.0), 0.0)
     weight = fit.output_weight / fit.n_measured
+    simulated = model._structure, model._theta, fit.x0, fit.experiments
+    noise = fit_noise(fit.moments)
     with single_threaded():
-        F = score_covariance(
-            model._structure, model._theta, fit.x0, fit.experiments, weight, Lambda
+        # what the parameters took out of the residuals (eq. effective)
+        noise = noise.rescale(np.sqrt(np.diag(count) / np.diag(freedom)))
+        F = score_covariance(*simulated, weight, noise)
+        p = weighting_p_value(*simulated, weight, noise, F, fit.free)
+    P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
+    reason = ""
+    if p < WEIGHTING_LEVEL:
+        reason = (
+            "The fit moves more than noise allows when its color is weighed "
+            f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."
         )
-    P = fit.inverse @ F @ fit.inverse
+        warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
     scale = model._scaling.y_scale
     return ParameterCovariance(
         theta=model._theta.copy(),
@@ -81,6 +105,9 @@ def parameter_covariance(model, u, y, experiment=None):
         units=model._units(),
         dt=model.dt,
         input_delay=model.input_delay_,
+        noise=noise.rescale(scale),
+        p_weighting=p,
+        reason=reason,
     )
 
 
@@ -155,10 +182,10 @@ def sample_models(
         Source of the draws.
     data : tuple of array_like or None, default=None
         The training data (u, y) or (u, y, experiment): every draw is then the
-        optimum of the training cost for y plus a draw of the noise
-        (eq. bootstrap). None draws parameters from their normal approximation,
-        which is of use where the data determine all of them, as for a linear
-        model.
+        optimum of the training cost for y plus a draw of the noise, as correlated
+        over time as the residuals are (eq. bootstrap). None draws parameters from
+        their normal approximation, which is of use where the data determine all of
+        them, as for a linear model.
     max_iter : int, default=30
         Largest number of trial steps of every draw from `data`.
     tol : float, default=1e-4
@@ -219,16 +246,14 @@ def _refits(model, covariance, n_models, random_state, data, **options):
         )
     experiments = model._experiments(u, y, parts)
     scale = model._scaling.y_scale
-    values, Q = eigh(covariance.noise_covariance / np.outer(scale, scale))
-    root = np.sqrt(np.maximum(values, 0.0)) * Q  # root root' = Lambda
+    noise = covariance.noise.rescale(1 / scale)
     structure, terms = model._criterion_terms(model._structure)
     phi, radius = getattr(model, "_phi", None), getattr(model, "_radius", None)
     random_state = check_random_state(random_state)
     for _ in range(n_models):
         noisy = []
         for u_s, y_s in experiments:
-            noise = random_state.standard_normal((len(u_s), len(root))) @ root.T
-            noisy.append((u_s, y_s[:] + noise))
+            noisy.append((u_s, y_s[:] + noise.draw(len(u_s), random_state)))
         result = train(
             structure,
             noisy,
@@ -243,7 +268,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
         yield result.theta, result.x0 * model._x_scale
 
 
-def _gauss_newton(model, u, y, experiment):
+def _gauss_newton(model, u, y, experiment, correlated=False):
     """Return the Gauss-Newton matrices of the training and its residuals."""
     check_is_fitted(model)
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
@@ -270,7 +295,11 @@ def _gauss_newton(model, u, y, experiment):
                 "`u` and `y` must be data that the model can simulate, got a "
                 "simulation that diverges. Pass the training data."
             ) from None
-        EE, count = residual_moments(structure, theta, x0, experiments)
+        ny = structure.sizes["y"]
+        n_measured = sum(count_measured(y_s) for _, y_s in experiments) / ny
+        n_lags = highest_order(int(n_measured), ny) if correlated else 0
+        n_lags = min(n_lags, longest - 1)
+        moments = residual_moments(structure, theta, x0, experiments, n_lags)
     free = free_entries(model, len(JJ[0]))
     H, H_y = (M[np.ix_(free, free)] for M in JJ)
     inverse = np.zeros_like(JJ[0])
@@ -279,13 +308,13 @@ def _gauss_newton(model, u, y, experiment):
         experiments=experiments,
         x0=x0,
         inverse=inverse,
+        free=free,
         rank=pseudo_inverse(H_y)[1],
         n_effective=float(np.sum(inverse * JJ[1])),
-        EE=EE,
-        count=count,
+        moments=moments,
         output_weight=weights["y"],
         n_samples=sum(len(u_s) for u_s, _ in experiments),
-        n_measured=sum(count_measured(y_s) for _, y_s in experiments) / len(EE),
+        n_measured=n_measured,
     )
 
 
@@ -315,10 +344,11 @@ def free_entries(model, n):
 def _criterion_value(model, fit, price):
     """Return -2 log L + price n_effective, in the units of y."""
     scale = model._scaling.y_scale
-    measured = np.diag(fit.count)
-    Lambda = fit.EE / np.maximum(fit.count, 1) * np.outer(scale, scale)
+    EE, count = fit.moments.products[0], fit.moments.pairs[0]
+    measured = np.diag(count)
+    Lambda = EE / np.maximum(count, 1) * np.outer(scale, scale)
     with np.errstate(divide="ignore"):
-        if np.all(fit.count == fit.n_samples):
+        if np.all(count == fit.n_samples):
             deviance = fit.n_samples * np.linalg.slogdet(Lambda)[1]
         else:  # outputs that were measured apart: as if their noise were, too
             deviance = float(np.sum(measured * np.log(np.diag(Lambda))))

@@ -24,9 +24,10 @@ class BodeDisplay:
         Names of the signals.
     responses : sequence of tuple, default=()
         Tuples (label, frequencies, G) of further responses.
-    band : tuple of ndarray or None, default=None
-        Frequencies, lower and upper limits of the magnitude, of shapes (m,) and
-        (m, ny, nu): confidence in the linear response.
+    band : FrequencyBand, tuple of ndarray or None, default=None
+        Confidence in the linear response: what ``frequency_response`` of a covariance
+        returns, or frequencies, lower and upper limits of the magnitude, of shapes (m,)
+        and (m, ny, nu). Where no band holds, the legend says so.
 
     Attributes
     ----------
@@ -79,9 +80,10 @@ class BodeDisplay:
             Number of sines per amplitude.
         period : int, default=1024
             Samples of the slowest sine.
-        band : tuple of ndarray or None, default=None
-            Confidence band of the linear response: frequencies, lower and upper
-            limits of the magnitude, of shapes (m,) and (m, ny, nu).
+        band : FrequencyBand, tuple of ndarray or None, default=None
+            Confidence band of the linear response: what ``frequency_response`` of a
+            covariance returns, or frequencies, lower and upper limits of the
+            magnitude, of shapes (m,) and (m, ny, nu).
         ax : sequence of matplotlib.axes.Axes or None, default=None
             Axes; None makes a figure.
         **kwargs : dict
@@ -153,7 +155,7 @@ class BodeDisplay:
         """
         _, ny, nu = self.G.shape
         axes = grid_of_axes(ax, (2 * ny, nu), size=(6.0, 2.3), sharex=True)
-        self._check_band(ny, nu)
+        band = self._limits(ny, nu)
         linear = {"color": "k", "linewidth": 1.6, **kwargs}
         curves = [("(A, B, C, D)", self.frequencies, self.G, linear)]
         for i, (label, f, G) in enumerate(self.responses):
@@ -162,10 +164,15 @@ class BodeDisplay:
         for i in range(ny):
             for j in range(nu):
                 magnitude, phase = axes[2 * i : 2 * i + 2, j]
-                if self.band is not None:
-                    f, low, high = self.band
+                if band is not None:
+                    f, low, high = (np.asarray(part) for part in band)
+                    holds = np.isfinite(low[:, i, j]).any()
                     magnitude.fill_between(
-                        f, low[:, i, j], high[:, i, j], color="0.85", label="confidence"
+                        f,
+                        low[:, i, j],
+                        high[:, i, j],
+                        color="0.85",
+                        label="confidence" if holds else "no confidence band holds",
                     )
                 for label, f, G, style in curves:
                     response = G[:, i, j]
@@ -181,16 +188,21 @@ class BodeDisplay:
         self.axes_, self.figure_ = axes, axes[0, 0].figure
         return self
 
-    def _check_band(self, ny, nu):
-        if self.band is None:
-            return
-        shapes = [np.shape(part) for part in self.band]
-        n = len(self.band[0]) if len(shapes) == 3 else 0
+    def _limits(self, ny, nu):
+        """Return frequencies in Hz, lower and upper limits; None without a band."""
+        band = self.band
+        if hasattr(band, "magnitude_band"):
+            band = (band.omega / (2 * np.pi), *band.magnitude_band())
+        if band is None:
+            return None
+        shapes = [np.shape(part) for part in band]
+        n = len(band[0]) if len(shapes) == 3 else 0
         if shapes != [(n,), (n, ny, nu), (n, ny, nu)]:
             raise ValueError(
                 f"`band` must hold frequencies, lower and upper limits of shapes (n,) "
                 f"and (n, {ny}, {nu}), got {shapes}."
             )
+        return band
 
 
 def _degrees(response):
