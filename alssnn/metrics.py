@@ -189,9 +189,9 @@ def _relative_error(y_true, y_pred):
 
 def _aggregate(values, multioutput):
     """Return the mean of `values` as a float, or `values` themselves."""
-    if multioutput == "uniform_average":
+    if isinstance(multioutput, str) and multioutput == "uniform_average":
         return float(values.mean())
-    if multioutput == "raw_values":
+    if isinstance(multioutput, str) and multioutput == "raw_values":
         return values
     raise ValueError(
         "`multioutput` must be 'uniform_average' or 'raw_values', got "
