@@ -298,7 +298,7 @@ def _best_index(cv_results, *, limit, names):
 
 
 def _check_limit(limit):
-    if isinstance(limit, bool) or not isinstance(limit, Real) or not limit > 0:
+    if isinstance(limit, bool) or not isinstance(limit, Real) or not float(limit) > 0:
         raise ValueError(
             f"`linearization_error` must be positive, got {limit!r}. It is a share: "
             "0.05 allows 5 % of the output."

@@ -190,7 +190,11 @@ def check_gate(gate):
     """
     if gate is None:
         return None
-    if isinstance(gate, bool) or not isinstance(gate, Real) or not 0 < gate < np.inf:
+    if (
+        isinstance(gate, bool)
+        or not isinstance(gate, Real)
+        or not 0 < float(gate) < np.inf
+    ):
         raise ValueError(
             f"`gate` must be a positive number or None, got {reprlib.repr(gate)}. It "
             "counts standard deviations; try 10."

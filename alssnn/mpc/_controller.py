@@ -155,7 +155,7 @@ class LinearizingMPC:
         ):
             if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
                 raise ValueError(f"`{name}` must be a positive integer, got {value!r}.")
-        if not isinstance(tol, Real) or not 0 < tol < 1:
+        if not isinstance(tol, Real) or not 0 < float(tol) < 1:
             raise ValueError(f"`tol` must lie between 0 and 1, got {tol!r}. Try 1e-6.")
         self.horizon, self.n_passes = int(horizon), int(n_passes)
         self._plant = plant = as_plant(model)
