@@ -345,8 +345,11 @@ def _solve(pairs, model, offset):
     criterion, free, _ = _criterion(pairs, model)
     mask = _free(criterion, False, False, offset)
     restricted = Restricted(criterion, free, mask)
-    with single_threaded():
-        JJ, Jr, _ = restricted.normal_equations(free[mask])
+    try:
+        with single_threaded():
+            JJ, Jr, _ = restricted.normal_equations(free[mask])
+    except FloatingPointError:  # they overflow: the model is left as it is
+        return model
     size = np.sqrt(np.maximum(np.diag(JJ), np.finfo(float).tiny))
     step = lstsq(JJ / np.outer(size, size), -Jr / size)[0] / size
     theta, x0 = criterion.split(restricted.complete(free[mask] + step))

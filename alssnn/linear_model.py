@@ -1,9 +1,10 @@
 """Linear models in scaled deviations: their error, their stability, their basis."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import eigh, lstsq, solve_discrete_lyapunov
+from scipy.linalg import LinAlgWarning, eigh, lstsq, solve_discrete_lyapunov
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
@@ -122,7 +123,10 @@ class AllEntries(Criterion):
             is_linear[self.structure.slices[name]] = False
         part = Restricted(self, self.start, is_linear)
         # the residual is linear in (B, D, x0): one Gauss-Newton step solves
-        JJ, Jr, _ = part.normal_equations(self.start[is_linear])
+        try:
+            JJ, Jr, _ = part.normal_equations(self.start[is_linear])
+        except FloatingPointError:  # they overflow: the start is left as it is
+            return self.matrices(self.start)
         return self.matrices(part.complete(self.start[is_linear] - lstsq(JJ, Jr)[0]))
 
 
@@ -189,7 +193,8 @@ def normalize(model, experiments):
     std : ndarray of shape (nx,)
         States before over states after.
     """
-    std = np.sqrt(np.diag(_state_covariance(model, experiments)))
+    variance = np.diag(_state_covariance(model, experiments))
+    std = np.sqrt(np.maximum(variance, 0.0))  # rounding goes below
     std = np.where((std > 0) & np.isfinite(std), std, 1.0)
     scaled = replace(
         model,
@@ -222,14 +227,19 @@ def decorrelate(model, experiments):
         The model in this basis; as it is where a state does not move.
     """
     model, _ = normalize(model, experiments)
-    variance, V = eigh(_state_covariance(model, experiments))
+    covariance = _state_covariance(model, experiments)
+    if not np.isfinite(covariance).all():
+        return model
+    variance, V = eigh(covariance)
     radius = np.abs(np.linalg.eigvals(model.A)).max()
     if not variance[0] > LEAST_VARIANCE * variance[-1] or not radius < 1:
         return model
     T = (V / np.sqrt(variance)).T  # T cov T' = I
     T_inv = V * np.sqrt(variance)
     A, C = T @ model.A @ T_inv, model.C @ T_inv
-    energy, U = eigh(solve_discrete_lyapunov(A.T, C.T @ C))
+    with warnings.catch_warnings():  # any order of the states is one
+        warnings.simplefilter("ignore", LinAlgWarning)
+        energy, U = eigh(solve_discrete_lyapunov(A.T, C.T @ C))
     U = U[:, np.argsort(-energy)]
     # an eigenvector has no sign of its own: rounding is not to choose the basis
     seen = C @ U
@@ -244,8 +254,9 @@ def decorrelate(model, experiments):
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _state_covariance(model, experiments):
-    """Return the covariance of the simulated states."""
+    """Return the covariance of the simulated states, not finite if they diverge."""
     structure = model.structure
     lure = structure.lure(structure.join(vars(model)))
     count, total, square = 0, 0.0, 0.0

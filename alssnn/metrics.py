@@ -11,6 +11,8 @@ and deviations are those of the samples that were measured: nan in `y_true` does
 count. No function here removes a transient: slice both arguments first.
 """
 
+import reprlib
+
 import numpy as np
 from sklearn.utils import check_array
 
@@ -142,13 +144,21 @@ def _check_outputs(y_true, y_pred):
     checked = []
     for name, y in (("y_true", y_true), ("y_pred", y_pred)):
         finite = "allow-nan" if name == "y_true" else True
-        y = check_array(
-            y,
-            ensure_2d=False,
-            dtype=np.float64,
-            ensure_all_finite=finite,
-            input_name=name,
-        )
+        try:
+            y = check_array(
+                y,
+                ensure_2d=False,
+                dtype=np.float64,
+                ensure_all_finite=finite,
+                input_name=name,
+            )
+        except (TypeError, ValueError) as error:
+            if name in str(error):
+                raise
+            raise ValueError(
+                f"`{name}` must be an array of numbers of shape (N,) or (N, ny), got "
+                f"{reprlib.repr(y)}: {str(error).partition(chr(10))[0]}"
+            ) from error
         checked.append(y.reshape(len(y), -1))
     y_true, y_pred = checked
     for axis, what in enumerate(("samples", "outputs")):
@@ -189,9 +199,9 @@ def _relative_error(y_true, y_pred):
 
 def _aggregate(values, multioutput):
     """Return the mean of `values` as a float, or `values` themselves."""
-    if multioutput == "uniform_average":
+    if isinstance(multioutput, str) and multioutput == "uniform_average":
         return float(values.mean())
-    if multioutput == "raw_values":
+    if isinstance(multioutput, str) and multioutput == "raw_values":
         return values
     raise ValueError(
         "`multioutput` must be 'uniform_average' or 'raw_values', got "

@@ -112,8 +112,8 @@ def minimize(
     start = time.perf_counter()
     if not criterion.norm(free) < DIVERGED_NORM:
         raise ValueError(
-            "The model diverges from its initial parameters. Scale the data, shorten "
-            "the records, or start from a stable linear model."
+            "The model diverges from its initial parameters. Scale `u` and `y`, "
+            "shorten the records, or give a stable `linear_start`."
         )
     search = _Search(criterion, free, watch, patience, to_point, label)
     options = {

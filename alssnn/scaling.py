@@ -91,9 +91,9 @@ class Scaling:
         nu, ny = len(u_mean), len(y_mean)
         if not np.isfinite(y_mean).all():
             raise ValueError(
-                "Input y contains NaN at every sample of column "
-                f"{_columns(~np.isfinite(y_mean))}. Leave an output that was never "
-                "measured out."
+                "`y` must have a measured sample in every column. Input y contains NaN "
+                f"at every sample of column {_columns(~np.isfinite(y_mean))}. Leave an "
+                "output that was never measured out."
             )
         still = ~_moves(u_low, u_high)
         if still.any():

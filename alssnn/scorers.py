@@ -18,7 +18,7 @@ the operating point and knows no experiments.
 """
 
 from functools import partial
-from numbers import Integral
+from numbers import Integral, Real
 
 import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
@@ -185,7 +185,7 @@ def k_step(steps, *, metric="nrmse"):
             "`neg_nrmse` scores the free run."
         )
     signs = {"rmse": -1, "nrmse": -1, "fit_percent": 1}
-    if metric not in signs:
+    if not isinstance(metric, str) or metric not in signs:
         raise ValueError(
             f"`metric` must be 'rmse', 'nrmse' or 'fit_percent', got {metric!r}."
         )
@@ -298,7 +298,7 @@ def _best_index(cv_results, *, limit, names):
 
 
 def _check_limit(limit):
-    if not limit > 0:
+    if isinstance(limit, bool) or not isinstance(limit, Real) or not float(limit) > 0:
         raise ValueError(
             f"`linearization_error` must be positive, got {limit!r}. It is a share: "
             "0.05 allows 5 % of the output."

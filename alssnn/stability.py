@@ -17,10 +17,18 @@ where A/r is a contraction already: the basis, in which the states have unit var
 and are uncorrelated, changes no more than it must.
 """
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag, cholesky, eigh, solve_discrete_lyapunov, svd
+from scipy.linalg import (
+    LinAlgWarning,
+    block_diag,
+    cholesky,
+    eigh,
+    solve_discrete_lyapunov,
+    svd,
+)
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, LeastSquares
@@ -154,8 +162,14 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
     excess, V = eigh(np.eye(len(A)) - (A / r).T @ (A / r))
     if excess.min() >= -ROUNDING:
         return replace(model, A=A)  # nothing to do: keep the basis
-    P = solve_discrete_lyapunov((A / r).T, V * np.maximum(excess, 0.0) @ V.T)
-    T = cholesky(P)  # P = T'T
+    with warnings.catch_warnings():  # the search tells what it is worth
+        warnings.simplefilter("ignore", LinAlgWarning)
+        P = solve_discrete_lyapunov((A / r).T, V * np.maximum(excess, 0.0) @ V.T)
+    try:
+        T = cholesky(P)  # P = T'T
+    except np.linalg.LinAlgError:  # P >= I has lost its digits
+        values, V = eigh(P)
+        T = np.sqrt(np.maximum(values, 1.0))[:, None] * V.T
     T /= np.sqrt(np.mean(T**2) * len(T))
     T_inv = np.linalg.inv(T)
     return replace(

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import r2_score, root_mean_squared_error
 
+from alssnn import scorers
 from alssnn.metrics import fit_percent, nrmse, rmse
 
 METRICS = [rmse, nrmse, fit_percent]
@@ -140,3 +141,23 @@ def test_errors(metric, y_true, y_pred, message):
 def test_unknown_multioutput(metric, multioutput):
     with pytest.raises(ValueError, match="`multioutput` must be 'uniform_average' or"):
         metric([1.0, 2.0], [1.0, 2.0], multioutput=multioutput)
+
+
+@pytest.mark.parametrize("bad", [["a", "b"], 1.0, [[[1.0]]], [1j, 2j], [[1], [1, 2]]])
+def test_arguments_that_are_no_outputs_are_named(bad):
+    for arguments, name in (
+        ((bad, [1.0, 2.0]), "y_true"),
+        (([1.0, 2.0], bad), "y_pred"),
+    ):
+        with pytest.raises(ValueError, match=name):
+            rmse(*arguments)
+
+
+@pytest.mark.parametrize("bad", [np.ones(2), [], {}, None])
+def test_choices_that_are_none_are_named(bad):
+    with pytest.raises(ValueError, match="`multioutput`"):
+        rmse([1.0, 2.0], [1.0, 2.0], multioutput=bad)
+    with pytest.raises(ValueError, match="`metric`"):
+        scorers.k_step(2, metric=bad)
+    with pytest.raises(ValueError, match="`linearization_error`"):
+        scorers.accuracy_subject_to(linearization_error=bad)

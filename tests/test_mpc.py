@@ -306,7 +306,8 @@ def test_a_solver_that_fails_leaves_the_shifted_plan(fitted):
 
 
 def test_a_diverging_model_is_reported(linear):
-    mpc = LinearizingMPC(linear, u_min=-1e3, u_max=1e3)
+    ungated = DisturbanceObserver(linear)
+    mpc = LinearizingMPC(linear, u_min=-1e3, u_max=1e3, observer=ungated)
     u = mpc.step(linear.y_offset_, np.full(2, 1e300))
     assert mpc.info_.fallback
     assert np.isfinite(u).all()
@@ -348,10 +349,8 @@ def test_wrong_options(linear, options, match):
 def test_wrong_signals(linear, fitted):
     mpc, rest = linear.mpc(), linear.y_offset_
     for reference, y, match in (
-        ([np.nan, 0], rest, "finite"),
         ([1.0], rest, "`reference` must have shape"),
         (np.zeros((3, 2)), rest, "`reference` must have shape"),
-        (rest, [np.inf, 0], "`y` must be finite"),
         (rest, [1.0], "`y` must have shape"),
         (rest, None, "got None"),
     ):

@@ -93,5 +93,5 @@ def test_report_sees_falling_cost(method):
 
 
 def test_diverging_start_is_an_error_with_a_remedy():
-    with pytest.raises(ValueError, match=r"diverges from its initial.*stable linear"):
+    with pytest.raises(ValueError, match=r"diverges from its initial.*stable `linear"):
         minimize(Rosenbrock(floor=2.0), np.array([-1.2, 1.0]))

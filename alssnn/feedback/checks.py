@@ -1,6 +1,41 @@
 """Arguments of designs, observers and loops: their sizes, signs and sampling times."""
 
+import reprlib
+from numbers import Real
+
 import numpy as np
+
+
+def as_numbers(name, value):
+    """Return an array of real numbers.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like
+        The argument.
+
+    Returns
+    -------
+    value : ndarray of float
+        The numbers; nan and inf are left to the caller.
+
+    Raises
+    ------
+    ValueError
+        If they are none.
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in "biufO":  # text is no number, even if it reads as one
+            return given.astype(float)
+    except (TypeError, ValueError, OverflowError):  # ragged, or other objects
+        pass
+    raise ValueError(
+        f"`{name}` must be real numbers, got {type(value).__name__} "
+        f"{reprlib.repr(value)}. Give a number or an array of them."
+    )
 
 
 def check_point(name, value, size, missing=False):
@@ -15,7 +50,7 @@ def check_point(name, value, size, missing=False):
     size : int
         Its length.
     missing : bool, default=False
-        Whether entries may be nan.
+        Whether entries may be nan or infinite, which count as not measured: nan.
 
     Returns
     -------
@@ -29,13 +64,15 @@ def check_point(name, value, size, missing=False):
     """
     if value is None:
         return np.zeros(size)
-    value = np.asarray(value, dtype=float)
+    value = as_numbers(name, value)
     if value.shape != (size,):
         raise ValueError(
             f"`{name}` must have shape ({size},), got {value.shape}. Give one value "
             "per signal."
         )
-    if not (np.isfinite(value) | (missing & np.isnan(value))).all():
+    if missing:
+        return np.where(np.isfinite(value), value, np.nan)
+    if not np.isfinite(value).all():
         raise ValueError(
             f"`{name}` must be finite, got {value}. Replace nan and inf, for "
             "example by the last value."
@@ -67,7 +104,7 @@ def check_weight(name, value, size, *, definite=False):
     ValueError
         If the size is wrong or the matrix is not as required.
     """
-    value = np.asarray(value, dtype=float)
+    value = as_numbers(name, value)
     if value.shape != (size, size):
         raise ValueError(
             f"`{name}` must have shape ({size}, {size}), got {value.shape}. Multiply "
@@ -124,13 +161,45 @@ def _limit(name, value, size, default):
     """Return a limit for every signal."""
     if value is None:
         return np.full(size, default)
-    value = np.asarray(value, dtype=float)
+    value = as_numbers(name, value)
     if value.shape not in [(), (size,)] or np.isnan(value).any():
         raise ValueError(
             f"`{name}` must be a number or have shape ({size},), without NaN, got "
             f"{value}. Use -inf or inf for signals without a limit."
         )
     return np.broadcast_to(value, size).copy()
+
+
+def check_gate(gate):
+    """Return the number of standard deviations that an innovation may have.
+
+    Parameters
+    ----------
+    gate : float or None
+        The argument `gate`; None means no gate.
+
+    Returns
+    -------
+    gate : float or None
+        The number.
+
+    Raises
+    ------
+    ValueError
+        If it is not positive.
+    """
+    if gate is None:
+        return None
+    if (
+        isinstance(gate, bool)
+        or not isinstance(gate, Real)
+        or not 0 < float(gate) < np.inf
+    ):
+        raise ValueError(
+            f"`gate` must be a positive number or None, got {reprlib.repr(gate)}. It "
+            "counts standard deviations; try 10."
+        )
+    return float(gate)
 
 
 def check_dt(name, sys, dt):

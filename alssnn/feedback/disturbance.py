@@ -34,6 +34,8 @@ class DisturbanceObserver(Observer):
         Covariance of the change of d per sample, in the units of y or u squared. None
         means that d drifts by a hundredth of the standard deviation of the training
         data per sample.
+    gate : float or None, default=None
+        Largest innovation that corrects the estimate in full, as for `Observer`.
 
     Attributes
     ----------
@@ -62,9 +64,11 @@ class DisturbanceObserver(Observer):
     (1500, 5)
     """
 
-    def __init__(self, model, Q=None, R=None, disturbance="output", Q_d=None):
-        super().__init__(model, Q, R)
-        if disturbance not in ("output", "input"):
+    def __init__(
+        self, model, Q=None, R=None, disturbance="output", Q_d=None, gate=None
+    ):
+        super().__init__(model, Q, R, gate=gate)
+        if not isinstance(disturbance, str) or disturbance not in ("output", "input"):
             raise ValueError(
                 f"`disturbance` must be 'output' or 'input', got {disturbance!r}. "
                 "Use 'input' if the model integrates."
@@ -81,7 +85,7 @@ class DisturbanceObserver(Observer):
         size = np.concatenate([np.ones(plant.nx - len(scale)), scale])
         _check_detectable(A * size / size[:, None], C / plant.y_scale[:, None])
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
-        self.gain = self._gain(self._P_inf, C)
+        self._set_gain(C)
         self.reset()
 
 

@@ -13,7 +13,7 @@ import control
 import numpy as np
 
 from ..plant import as_plant
-from .checks import check_limits
+from .checks import as_numbers, check_limits
 from .export import signal_names
 
 
@@ -88,6 +88,12 @@ class LinearizingLaw:
         -------
         u : ndarray of shape (nu,) or (N, nu)
             Input for the plant, within the limits.
+
+        Raises
+        ------
+        ValueError
+            If `v` or `s` has the wrong number of columns or is not finite, or both
+            differ in rows.
         """
         return self.split(v, s)[0]
 
@@ -112,7 +118,8 @@ class LinearizingLaw:
         Raises
         ------
         ValueError
-            If `v` or `s` has the wrong number of columns, or both differ in rows.
+            If `v` or `s` has the wrong number of columns or is not finite, or both
+            differ in rows.
         """
         v = _rows("v", v, len(self.u_min))
         s = _rows("s", s, self._size)
@@ -121,8 +128,23 @@ class LinearizingLaw:
                 "`v` and `s` must have the same number of rows, got "
                 f"{len(v)} and {len(s)}."
             )
-        wanted = v - self.h(s)
+        return self._split(v, s)
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _split(self, v, s):
+        """Return the input and what was cut off; the limits hold for nan, too.
+
+        Loops have signals that overflow. An input that is not a number is then the one
+        at the operating point, or its limit, and nothing counts as cut off.
+        """
+        wanted = v - self.plant.cancelled(s)
         u = np.clip(wanted, self.u_min, self.u_max)
+        limited = np.isfinite(self.u_min) | np.isfinite(self.u_max)
+        lost = np.isnan(u) & limited
+        if lost.any():
+            rest = np.clip(self.plant.u_offset, self.u_min, self.u_max)
+            u = np.where(lost, rest, u)
+            return u, np.where(lost, 0.0, wanted - u)
         return u, wanted - u
 
     def h(self, s):
@@ -130,15 +152,20 @@ class LinearizingLaw:
 
         Parameters
         ----------
-        s : ndarray of shape (ns,) or (N, ns)
+        s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
 
         Returns
         -------
         h : ndarray of shape (nu,) or (N, nu)
             Nonlinearity at the input, in the units of u; zero for a model without it.
+
+        Raises
+        ------
+        ValueError
+            If `s` has the wrong number of columns or is not finite.
         """
-        return self.plant.cancelled(s)
+        return self.plant.cancelled(_rows("s", s, self._size))
 
     def output(self, t, x, signals, params):
         """Return u for the stacked inputs (v, s), for python-control.
@@ -157,10 +184,10 @@ class LinearizingLaw:
         Returns
         -------
         u : ndarray of shape (nu,)
-            Input for the plant.
+            Input for the plant, within the limits whatever the signals are.
         """
         v, s = np.split(signals, [len(self.u_min)])
-        return self(v, s)
+        return self._split(v, s)[0]
 
     def output_and_cut(self, t, x, signals, params):
         """Return u and the part cut off for the stacked inputs (v, s).
@@ -182,7 +209,7 @@ class LinearizingLaw:
             Input for the plant, then what `split` says was cut off.
         """
         v, s = np.split(signals, [len(self.u_min)])
-        return np.concatenate(self.split(v, s))
+        return np.concatenate(self._split(v, s))
 
     def to_nlsys(self, with_cut=False):
         """Return the law as a static block of python-control.
@@ -219,10 +246,15 @@ class LinearizingLaw:
 
 def _rows(name, value, size):
     """Return one sample or one per row."""
-    value = np.asarray(value, dtype=float)
+    value = as_numbers(name, value)
     if value.ndim not in (1, 2) or value.shape[-1] != size:
         raise ValueError(
             f"`{name}` must have shape ({size},) or (N, {size}), got {value.shape}. "
             "Time runs down the rows."
+        )
+    if not np.isfinite(value).all():
+        raise ValueError(
+            f"`{name}` must be finite, got nan or inf. Hold the last value where one "
+            "is missing."
         )
     return value

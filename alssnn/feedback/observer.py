@@ -8,6 +8,11 @@ so that x_hat_k uses y up to sample k and u up to sample k - 1 and is there in t
 u_k = v_k - h(x_hat_k); where y depends on u of the same sample, C x_k is c(x_k, u_k)
 and u_k has to be known.  The gain M is constant, from the stationary Riccati equation
 at the operating point ("kalman"), or follows the linearization along the way ("ekf").
+
+A y that is not finite was not measured.  With a gate, an innovation y - C x beyond so
+many of its standard deviations counts as one of that size: a spike moves the estimate
+no further than noise may, and an estimate that is truly off still comes back, in steps
+of that size, whereas an observer that drops what surprises it can lock itself out.
 """
 
 import control
@@ -15,7 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..plant import as_plant
-from .checks import check_point, check_weight
+from .checks import as_numbers, check_gate, check_point, check_weight
 from .export import signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
@@ -40,11 +45,18 @@ class Observer:
     kind : {"kalman", "ekf"}, default="kalman"
         Constant gain for the linearization at the operating point, or extended
         Kalman filter with the analytic Jacobian. Both predict by the whole model.
+    gate : float or None, default=None
+        Largest innovation that corrects the estimate in full, in its predicted
+        standard deviations, the roots of the diagonal of C P C' + R; larger ones are
+        cut to it, output by output. None means no gate. Values about 10 stop spikes
+        of the sensor; lower ones slow down the way back from a wrong start.
 
     Attributes
     ----------
     kind : str
         Kind of observer.
+    gate : float or None
+        The gate.
     Q, R : ndarray
         Covariances in use.
     gain : ndarray of shape (nx, ny)
@@ -57,13 +69,16 @@ class Observer:
     NotFittedError
         If the model is not fitted.
     ValueError
-        If `kind` is unknown, `Q` or `R` is not a covariance of the right size, or
-        the model is not detectable.
+        If `kind` is unknown, `Q` or `R` is not a covariance of the right size, `gate`
+        is not positive, or the model is not detectable.
 
     Notes
     -----
     `control.dlqe` returns the covariance P of the predicted state, from which
     M = P C' (C P C' + R)^-1.
+
+    An estimate that overflows, as of a model that diverges, is given up: the observer
+    starts anew from the operating point.
 
     Examples
     --------
@@ -73,13 +88,13 @@ class Observer:
     (1500, 6)
     """
 
-    def __init__(self, model, Q=None, R=None, kind="kalman"):
-        if kind not in ("kalman", "ekf"):
+    def __init__(self, model, Q=None, R=None, kind="kalman", gate=None):
+        if not isinstance(kind, str) or kind not in ("kalman", "ekf"):
             raise ValueError(
                 f"`kind` must be 'kalman' or 'ekf', got {kind!r}. Use the default, "
                 "'kalman'."
             )
-        self.kind = kind
+        self.kind, self.gate = kind, check_gate(gate)
         self.plant = plant = as_plant(model).late()
         ny, n_late = plant.ny, plant.n_late
         nx = plant.nx - n_late
@@ -93,7 +108,7 @@ class Observer:
         self.R = check_weight("R", R, ny, definite=True)
         A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
-        self.gain = self._gain(self._P_inf, C)
+        self._set_gain(C)
         self.reset()
 
     def reset(self, x0=None):
@@ -122,7 +137,8 @@ class Observer:
             Input since the last measurement, u_{k-1} in the user's units; ignored
             in the first step.
         y : array_like of shape (ny,)
-            New measurement y_k, in the user's units; nan where nothing was measured.
+            New measurement y_k, in the user's units; what is nan or infinite was not
+            measured.
         u_now : array_like of shape (nu,) or None, default=None
             Input u_k of the same sample, where y depends on it (D or k).
 
@@ -144,7 +160,7 @@ class Observer:
             self.x_hat, self._P = self._predict(self.x_hat, self._P, u)
         self._started = True
         self.x_hat, self._P = self._correct(self.x_hat, self._P, y, u_now)
-        return self.x_hat
+        return self.x_hat.copy()
 
     def filter(self, u, y, x0=None):
         """Return the estimates along a record.
@@ -154,7 +170,7 @@ class Observer:
         u : array_like of shape (N, nu)
             Inputs.
         y : array_like of shape (N, ny)
-            Outputs.
+            Outputs; nan or infinite where not measured.
         x0 : array_like of shape (nx,) or None, default=None
             Estimate before the first measurement.
 
@@ -172,7 +188,7 @@ class Observer:
         -----
         The observer itself, its state included, does not change.
         """
-        u, y = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
+        u, y = as_numbers("u", u), as_numbers("y", y)
         nu, ny = self.plant.nu, len(self.R)
         if y.ndim == 1 and ny == 1:
             y = y[:, None]
@@ -296,28 +312,52 @@ class Observer:
         return z[:nx], z[nx:].reshape(-1, nx)  # a constant gain needs no covariance
 
     def _gain(self, P, C):
+        """Return the gain, and the covariance of the innovation."""
         PC = P @ C.T  # (nx, ny)
-        return np.linalg.solve(C @ PC + self.R, PC.T).T
+        S = C @ PC + self.R
+        return np.linalg.solve(S, PC.T).T, S
 
+    def _set_gain(self, C):
+        """Set the stationary gain, and the innovations that go with it."""
+        self.gain, S = self._gain(self._P_inf, C)
+        self._deviation = np.sqrt(np.diag(S))
+
+    @np.errstate(over="ignore", invalid="ignore")
     def _correct(self, x, P, y, u=None):
-        """Return state and covariance after a measurement; nan corrects nothing."""
-        M = self.gain
+        """Return state and covariance after a measurement.
+
+        What is not finite corrects nothing, nor does what the estimate cannot hold.
+        """
+        M, P_new, deviation = self.gain, P, self._deviation
         if self.kind == "ekf":
             at = self.plant.u_offset if u is None else u
             C = self.plant.jacobian(x, at)[2]
-            C = np.where(np.isnan(y)[:, None], 0.0, C)
-            M = self._gain(P, C)
-            P = P - M @ C @ P
-            P = (P + P.T) / 2
+            C = np.where(np.isfinite(y)[:, None], C, 0.0)
+            M, S = self._gain(P, C)
+            P_new = P - M @ C @ P
+            P_new, deviation = (P_new + P_new.T) / 2, np.sqrt(np.diag(S))
         error = y - self.plant.output(x, u)
-        return x + M @ np.where(np.isnan(error), 0.0, error), P
+        error = np.where(np.isfinite(error), error, 0.0)
+        if self.gate is not None:
+            error = np.clip(error, -self.gate * deviation, self.gate * deviation)
+        x_new = x + M @ error
+        return (x_new, P_new) if _finite(x_new, P_new) else (x, P)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _predict(self, x, P, u):
-        """Return state and covariance one sample later."""
+        """Return state and covariance one sample later, the start if they overflow."""
+        x_new, P_new = self.plant.step(x, u), P
         if self.kind == "ekf":
             A = self.plant.jacobian(x, u)[0]
-            P = A @ P @ A.T + self.Q
-        return self.plant.step(x, u), P
+            P_new = A @ P @ A.T + self.Q
+        if _finite(x_new, P_new):
+            return x_new, P_new
+        start = self._start_covariance() if self.kind == "ekf" else P
+        return np.zeros_like(x), start
+
+
+def _finite(*arrays):
+    return all(np.isfinite(array).all() for array in arrays)
 
 
 def stationary_covariance(A, C, Q, R):

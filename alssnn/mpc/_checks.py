@@ -3,11 +3,13 @@
 import numpy as np
 
 from ..feedback import DisturbanceObserver, Observer
-from ..feedback.checks import check_limits
+from ..feedback.checks import as_numbers, check_limits
 
 
-def check_references(reference, horizon, ny):
+def check_references(reference, horizon, ny, last):
     """Return references of y, one row or one per sample of the horizon.
+
+    One that is not finite is that of the sample before.
 
     Parameters
     ----------
@@ -17,6 +19,8 @@ def check_references(reference, horizon, ny):
         Number of samples of the horizon.
     ny : int
         Number of outputs.
+    last : ndarray of shape (ny,)
+        Reference of the last step.
 
     Returns
     -------
@@ -26,9 +30,9 @@ def check_references(reference, horizon, ny):
     Raises
     ------
     ValueError
-        If the shape is wrong or a value not finite.
+        If the shape is wrong.
     """
-    r = np.asarray(reference, dtype=float)
+    r = as_numbers("reference", reference)
     shape = r.shape
     if r.ndim == 0 and ny == 1:
         r = r.reshape(1)
@@ -39,12 +43,14 @@ def check_references(reference, horizon, ny):
             f"`reference` must have shape ({ny},) or ({horizon}, {ny}), got {shape}. "
             "Give one value per output."
         )
-    if not np.isfinite(r).all():
-        raise ValueError(
-            "`reference` must be finite, got nan or inf. Free an output by a zero in "
-            "`Q_target` instead."
-        )
-    return r
+    if np.isfinite(r).all():
+        return r
+    r = np.vstack([last, r])
+    source = np.where(np.isfinite(r), np.arange(len(r))[:, None], 0)
+    return np.take_along_axis(r, np.maximum.accumulate(source), axis=0)[1:]
+
+
+GATE = 100.0  # standard deviations: far beyond what a sound loop shows
 
 
 def check_observer(observer, plant):
@@ -70,7 +76,7 @@ def check_observer(observer, plant):
         If it is one of another model.
     """
     if observer is None:
-        return DisturbanceObserver(plant)
+        return DisturbanceObserver(plant, gate=GATE)
     if not isinstance(observer, Observer):
         raise TypeError(
             f"`observer` must be an Observer, got {type(observer).__name__}. Use "
@@ -133,7 +139,7 @@ def check_penalty(slack_weight):
     ValueError
         If they are not two positive numbers.
     """
-    prices = np.asarray(slack_weight, dtype=float)
+    prices = as_numbers("slack_weight", slack_weight)
     if prices.shape != (2,) or not (np.isfinite(prices).all() and np.all(prices > 0)):
         raise ValueError(
             "`slack_weight` must be a pair of positive numbers, got "
@@ -168,7 +174,7 @@ def check_signal(name, value, n, size):
     """
     if value is None and n is not None:
         return np.zeros((n, size))
-    value = np.asarray(value, dtype=float)
+    value = as_numbers(name, value)
     signal = value[:, None] if value.ndim == 1 and size == 1 else value
     rows = "N" if n is None else n
     if signal.shape != (max(signal.size // size, 1) if n is None else n, size):

@@ -6,7 +6,7 @@ what is public has the units of the user.
 """
 
 import time
-from numbers import Integral
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -67,9 +67,10 @@ class LinearizingMPC:
         Linear and quadratic price of an excess s of a soft bound, p s + w s^2 / 2 with
         outputs in standard deviations, in a cost of which all terms are halved.
     observer : Observer, DisturbanceObserver or None, default=None
-        Source of the estimates; None means ``DisturbanceObserver(model)``. Without a
-        disturbance there is an offset where the plant differs from the model. The
-        controller steps and resets it.
+        Source of the estimates; None means ``DisturbanceObserver(model, gate=100)``,
+        which spikes of a sensor do not lead astray. Without a disturbance there is an
+        offset where the plant differs from the model. The controller steps and resets
+        it.
     n_passes : int, default=2
         How many programs are solved per sample, each with h and the residual along the
         plan of the one before.
@@ -152,9 +153,9 @@ class LinearizingMPC:
             ("n_passes", n_passes),
             ("max_iter", max_iter),
         ):
-            if not isinstance(value, Integral) or value < 1:
+            if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
                 raise ValueError(f"`{name}` must be a positive integer, got {value!r}.")
-        if not 0 < tol < 1:
+        if not isinstance(tol, Real) or not 0 < float(tol) < 1:
             raise ValueError(f"`tol` must lie between 0 and 1, got {tol!r}. Try 1e-6.")
         self.horizon, self.n_passes = int(horizon), int(n_passes)
         self._plant = plant = as_plant(model)
@@ -219,6 +220,7 @@ class LinearizingMPC:
         self.observer.reset(np.concatenate([x0, np.zeros(nd)]))
         u = self._model.u_offset if u is None else check_point("u", u, self._nu)
         self._u = np.asarray(u, dtype=float)
+        self._reference = self._plant.y_offset
         self._rest.reset()
         self._planner.reset()
         self.info_ = None
@@ -232,42 +234,49 @@ class LinearizingMPC:
         ----------
         reference : array_like of shape (ny,) or (horizon, ny)
             Reference of the outputs, in the units of y, constant or for the next
-            `horizon` samples; a number if there is one output.
+            `horizon` samples; a number if there is one output. One that is nan or
+            infinite is that of the sample before, at first the operating point.
         y : array_like of shape (ny,)
-            New measurement.
+            New measurement; what is nan or infinite was not measured.
         u_applied : array_like of shape (nu,) or None, default=None
-            Input that the plant received since the last measurement; None means what
-            the last step returned.
+            Input that the plant received since the last measurement; None, or a value
+            that is nan or infinite, means what the last step returned.
 
         Returns
         -------
         u : ndarray of shape (nu,)
-            Input for the plant, within its limits.
+            Input for the plant, finite and within its limits.
 
         Raises
         ------
         ValueError
-            If a size is wrong or a value not finite.
+            If a size is wrong.
         """
         start = time.perf_counter()
-        references = check_references(reference, self.horizon, self._ny)
+        references = check_references(
+            reference, self.horizon, self._ny, self._reference
+        )
         if y is None:
-            raise ValueError("`y` must be a measurement, got None. Hold the last one.")
-        y = check_point("y", np.atleast_1d(y), self._ny)
+            raise ValueError(
+                "`y` must be a measurement, got None. Give nan where there is none."
+            )
+        y = check_point("y", np.atleast_1d(y), self._ny, missing=True)
         if u_applied is not None:
-            self._u = check_point("u_applied", u_applied, self._nu)
+            given = check_point("u_applied", u_applied, self._nu, missing=True)
+            self._u = np.where(np.isnan(given), self._u, given)
+        self._reference = references[0]
         z = self.observer.step(self._u, y)
         x, d = z[: self._nx], z[self._nx :]
         rest, planner, last = self._rest, self._planner, self._u
         planner.shift(rest.U[-1])
         rest.resize(len(references))
-        y0 = self._model.output(np.zeros((1, self._nx)), d)[0]
-        goals, soft_bounds = (
-            (references - y0) / self._model.y_scale,
-            self._soft.around(y0),
-        )
         solutions, settled = [], False
         with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
+            y0 = self._model.output(np.zeros((1, self._nx)), d)[0]
+            goals, soft_bounds = (
+                (references - y0) / self._model.y_scale,
+                self._soft.around(y0),
+            )
             for _ in range(self.n_passes):
                 if not settled:
                     target_status, settled = rest.improve(d, goals, soft_bounds)

@@ -10,6 +10,7 @@ import io
 import json
 import sys
 import tokenize
+import warnings
 import zipfile
 import zlib
 from numbers import Integral, Real
@@ -32,6 +33,8 @@ DAMAGED = (
     MemoryError,  # an array claims to be huge
     SyntaxError,  # the header of an array is no literal
     tokenize.TokenError,
+    OverflowError,  # a shape that no machine can count
+    UserWarning,  # the header of an array is one of Python 2
 )
 VERSION = 1  # the newest schema, the one that is written
 
@@ -99,7 +102,9 @@ def read(path):
     if not data.startswith(b"PK"):
         raise ValueError(_refusal(path, "another type of file"))
     try:
-        _check_sizes(data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            _check_sizes(data)
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = dict(file)
     except DAMAGED as error:

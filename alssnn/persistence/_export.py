@@ -146,6 +146,11 @@ def _observer_gain(late, observer):
             f"`observer` must have a constant gain, kind='kalman', got "
             f"{observer.kind!r}. Use `model.observer`."
         )
+    if observer.gate is not None:
+        raise ValueError(
+            f"`observer` must have no gate, which is not exported, got gate="
+            f"{observer.gate:g}. Gate y before it reaches the code."
+        )
     if not np.array_equal(observer.plant.form.Theta, late.form.Theta):
         raise ValueError(
             "`observer` must estimate the states of this model alone, got one of "

@@ -1,0 +1,110 @@
+"""Every fit ends in a model that can be used, or in a refusal that says why."""
+
+import copy
+import pickle
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from hypothesis import event, given
+from hypothesis import strategies as st
+from sklearn.base import clone
+
+import alssnn
+from fuzzing import cases, check_refusal, only_warnings_for_users
+from records import models, records
+
+
+def fit(model, record):
+    """Return the fitted model, or None if it was refused."""
+    try:
+        return model.fit(*record)
+    except (ValueError, TypeError) as error:
+        check_refusal(error)
+        event("refused")
+        return None
+
+
+@cases(130)
+@given(models(), records(), st.booleans())
+def test_a_fit_is_a_model_or_a_refusal(model, record, again):
+    check(model, record, again)
+
+
+def check(model, record, again):
+    """Fit a model, and assert what holds for every fit."""
+    given_ = copy.deepcopy(record)
+    with only_warnings_for_users():
+        fitted = fit(model, record)
+        assert pickle.dumps(record) == pickle.dumps(given_)  # nan and objects, too
+        if fitted is None:
+            assert not hasattr(model, "A_")
+            return
+        event("fitted")
+        u, y, experiment = record
+        for name, value in [*fitted.params_.items(), ("x0_", fitted.x0_)]:
+            assert np.isfinite(value).all(), name
+        assert np.isfinite(fitted.cost_)
+        y_hat = fitted.predict(u, experiment, x0="training")
+        assert y_hat.shape == y.shape
+        check_cost(fitted)
+        try:
+            score = fitted.score(*record)
+            assert np.isfinite(score) or score == -np.inf
+        except ValueError as error:
+            check_refusal(error)
+        if again and (model.get_params().get("random_state", 0) is not None):
+            twin = clone(model).fit(*record)
+            np.testing.assert_array_equal(twin._theta, fitted._theta)
+        check_file(fitted, u, experiment)
+
+
+def check_cost(model):
+    """Assert that training made nothing worse than the linear start."""
+    if model.get_params().get("validation_fraction"):
+        return  # hidden samples choose, not the cost
+    history = [s for s in model.history_ if "coarse" not in s.label]
+    linear = [s.cost for s in history if s.label.startswith("linear")]
+    last = history[-1].label if history else ""
+    starts = [s.cost for s in history if s.label == last][:1]
+    if linear and not last.startswith("linear"):
+        assert model.cost_ <= (1 + 1e-6) * max(linear[-1], *starts), model.history_
+
+
+def check_file(model, u, experiment):
+    """Assert that a saved model is the same one."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.npz"
+        try:
+            model.save(path)
+        except (ValueError, TypeError) as error:  # an option that no file holds
+            check_refusal(error)
+            return
+        loaded = alssnn.load(path)
+    np.testing.assert_array_equal(
+        loaded.predict(u, experiment), model.predict(u, experiment)
+    )
+    assert loaded.cost_ == model.cost_
+
+
+SHORT = st.integers(1, 4)
+
+
+@cases(10)
+@given(SHORT, st.sampled_from(["score", "simulate_test", "validate", "estimate_x0"]))
+def test_records_of_a_few_samples(n, method):
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=(60, 1)), rng.normal(size=60)
+    model = alssnn.LinearStateSpace(nx=1).fit(u, y)
+    with only_warnings_for_users():
+        try:
+            result = getattr(model, method)(u[:n], y[:n])
+        except ValueError as error:
+            check_refusal(error)
+            assert str(error).startswith("`y` must have at least")
+        else:
+            assert np.isfinite(
+                np.hstack([np.ravel(part) for part in result])
+                if isinstance(result, tuple)
+                else result
+            ).all()
