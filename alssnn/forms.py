@@ -53,8 +53,8 @@ def _in_units(structure, theta, units):
         for places, scale in ((structure.rows, by_row), (structure.cols, by_column)):
             if axis in places:
                 scale[places[axis]] = unit
-    # one ratio: what is of one unit on both sides stays as it is, to the last digit
-    Theta = lure.Theta * (by_row[:, None] / by_column)
+    # as parameters are rescaled, to the last digit; what is one stays one
+    Theta = lure.Theta * by_row[:, None] / by_column
     return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
 
 
