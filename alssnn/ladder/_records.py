@@ -32,7 +32,7 @@ class Rung:
     fit_percent : ndarray of shape (ny,)
         Fit of the test output, in percent; -inf if the simulation diverges.
     linearization_error : ndarray of shape (ny,)
-        Per output, rms(e) / rms(y) on the test data (eq. gauge); inf if e diverges.
+        Per output, rms(e) / std(y) on the test data (eq. gauge); inf if e diverges.
     spectral_radius : float
         Largest modulus of the eigenvalues of A.
     seconds : float
@@ -150,7 +150,7 @@ class Ladder:
         notes = [
             f"RMSE in the units of y{average}; fit of the test output; nonlinear rest: "
             "part of the output that is not the response of (A, B, C), once h (if any) "
-            "is cancelled, rms(e) / rms(y)."
+            "is cancelled, rms(e) / std(y)."
         ]
         if not all(row.converged for row in self.rows):
             notes.append(f"* stopped before the cost settled: {self._late_falls()}")

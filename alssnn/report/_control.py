@@ -70,7 +70,7 @@ def linearity(model, test, record):
     parts = [
         paragraph(
             "The linearization error is the share of the output that is not the "
-            "response of (A, B, C) once h is cancelled, rms(e) / rms(y). It does not "
+            "response of (A, B, C) once h is cancelled, rms(e) / std(y). It does not "
             "depend on the state basis; ratios and gains do. "
             + (record.no_law or "Closed loop: u = v - h, with the recorded input as v.")
         ),
@@ -78,7 +78,7 @@ def linearity(model, test, record):
         heading("By frequency"),
         paragraph(
             "e and the output itself in frequency bands: rms in the band, in % of "
-            "rms(y) over all frequencies."
+            "std(y) over all frequencies."
         ),
         table(header, by_band),
     ]

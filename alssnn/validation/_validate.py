@@ -57,7 +57,7 @@ def validate(
     horizons : sequence of int, default=(1, 2, 5, 10, 20, 50)
         Samples ahead at which predictions are compared.
     linear_within : float, default=0.05
-        Share rms(e) / rms(y) up to which the model counts as linearizable.
+        Share rms(e) / std(y) up to which the model counts as linearizable.
     exact : bool, default=False
         Whether the tests of residuals take the parameters for exact. By default, what
         other values of the parameters would explain to first order is no fault, so
@@ -241,4 +241,4 @@ def _linear(linear, within, decides):
         )
     if not decides:
         sentence += " This model was not made for control: reported only."
-    return Check("linearizability", passed, error, "rms(e) / rms(y)", decides, sentence)
+    return Check("linearizability", passed, error, "rms(e) / std(y)", decides, sentence)
