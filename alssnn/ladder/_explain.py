@@ -43,6 +43,37 @@ def explain(rows, dt):
     )
 
 
+def fault(row, lti=None):
+    """Say why a model should not be used, if it should not.
+
+    Parameters
+    ----------
+    row : Rung
+        Row of the model.
+    lti : Rung or None, default=None
+        Row of the linear model.
+
+    Returns
+    -------
+    sentence : str
+        The reason; empty if there is none.
+    """
+    if not np.isfinite(row.fit_percent).all():
+        return f"{row.name} diverges on the test data: do not use it."
+    if row.fit_percent.min() <= 0:
+        return (
+            f"{row.name} follows the test data no better than the mean of the output: "
+            "do not use it."
+        )
+    if lti is not None and _missed(row) > CLEARLY * _missed(lti):
+        return (
+            f"{row.name} is worse than the linear model on the test data: it misses "
+            f"{_percent(_missed(row))} of the output, LTI {_percent(_missed(lti))}. "
+            "Use the linear model, or train on more data."
+        )
+    return ""
+
+
 def _missed(row):
     """Return the percentage of the test output that the simulation misses."""
     return float(100 - row.fit_percent.mean())

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..estimators import LEFT_LINEAR
 from ..watch import late_fall
-from ._explain import TEXT_WIDTH, explain
+from ._explain import TEXT_WIDTH, explain, fault
 
 SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
 ENOUGH_STEPS = 20  # if it took at least so many
@@ -163,6 +163,22 @@ class Ladder:
         ]
         lines.insert(len(header), "-" * (sum(widths) + 2 * (len(widths) - 1)))
         return "\n".join([*lines, *self._notes()])
+
+    def fault(self, row):
+        """Say why a model should not be used, if it should not.
+
+        Parameters
+        ----------
+        row : Rung
+            Row of this ladder.
+
+        Returns
+        -------
+        sentence : str
+            That the model follows the test output no better than its mean, or worse
+            than the row named LTI does; empty if neither is so.
+        """
+        return fault(row, next((one for one in self.rows if one.name == "LTI"), None))
 
     def _notes(self):
         ny = self.y_test.shape[1]
