@@ -258,7 +258,7 @@ def run(args):
     row = ladder[PRESETS[chosen][0]] if chosen else None
     refused = row is not None and row.name in faults
     saves = args.save is not None and not (refused and not args.force)
-    if saves:
+    if saves and row is not None:
         row.model.feature_names_in_ = np.array(args.input, dtype=object)
         row.model.output_names_ = list(args.output)
         row.model.save(args.save)  # before a figure that may fail
