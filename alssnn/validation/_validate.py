@@ -16,6 +16,7 @@ EXPLAINED = 0.5  # share of a residual that u explains, from which errors of par
 MATTERS = 0.05  # are no excuse if it is as much as this of the output
 OWN = 0.1  # of it, what a block has to add to those before it
 
+BEFORE = ("lags of u", "lags of u and squares")  # what squares and cubes add to
 MEANING = {
     "independence": (
         "lags of u",
@@ -167,9 +168,10 @@ def _block(residuals, name, missed):
     explained = found[: i + 1].sum(axis=0)  # with the blocks before
     part = np.sqrt(explained) * missed
     large = (explained > EXPLAINED) & (part > MATTERS) & (found[i] > OWN)
+    together = "they" if i == 0 else f"they and {BEFORE[i - 1]}"
     size = (
-        f"On samples left out they predict {percent(explained.max())} of the residual, "
-        f"{percent(part.max())} of the output."
+        f"On samples left out {together} predict {percent(explained.max())} of the "
+        f"residual, {percent(part.max())} of the output."
     )
     if np.any(large):
         worst = int(np.argmax(np.where(large, part, 0.0)))
