@@ -4,11 +4,15 @@ A network says nothing outside the data it has seen.  A sample (x, u) is *inside
 
     u, y = C x and, where there is one, the measured y lie in the box that inputs and
     outputs spanned in training, and
-    x lies in the ellipsoid  |W' (x - center)| <= radius  of the training states,
+    z = [x; u] lies in the ellipsoid  |W' (z - center)| <= radius  of the training data,
 
 W W' being the inverse of their covariance (up to a factor) and `radius` the largest
-value in training.  Neither depends on the basis of the states.  Both are a little
-enlarged, for the initial states of the same data are not always estimated alike.
+value in training.  x and u count together: where a controller made u from x, a sample
+beside that law is new, though x and u were both seen.  A combination of x and u that
+hardly varied has at least the spread `LEAST` beside those of x and u, and directions
+of x that never varied say nothing.  Neither box nor ellipsoid depends on the basis of
+the states.  Both are a little enlarged, for the initial states of the same data are not
+always estimated alike.
 
 The measured y counts because a model that is out of its depth may stay inside while its
 plant leaves: simulated in free run, it does not see what happens.
@@ -18,9 +22,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.linalg import block_diag
 
 MARGIN = 0.01  # enlargement of the box and the ellipsoid, relative to their width
 RANK_TOL = 1e-10  # directions of x with less spread than that were not excited
+LEAST = 0.01  # spread of a combination of x and u, each of spread one, that counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +37,10 @@ class Region:
     ----------
     low, high : ndarray of shape (nu + ny,)
         Box of [u; y], deviations in the user's units.
-    center : ndarray of shape (nx,)
-        Mean state.
-    whiten : ndarray of shape (nx, n_excited)
-        Map from deviations of the state to coordinates of equal variance.
+    center : ndarray of shape (nx + nu,)
+        Mean of [x; u]; of x alone in models that older versions saved.
+    whiten : ndarray of shape (nx + nu, n_excited)
+        Map from deviations of [x; u], or of x, to coordinates of equal variance.
     radius : float
         Largest norm in these coordinates.
     """
@@ -84,14 +90,16 @@ class Region:
         region : Region
             The region, enlarged by `MARGIN`.
         """
-        lows, highs, triangles = zip(*each(_extent), strict=True)
+        lows, highs, triangles, (ny, *_) = zip(*each(_extent), strict=True)
         low, high = np.min(lows, axis=0), np.max(highs, axis=0)
         R = np.asarray(np.linalg.qr(np.vstack(triangles), mode="r"))
-        # R'R sums [1, X]'[1, X]: its first row has the mean, the others what is left
-        center = R[0, 1:] / R[0, 0]
-        _, spread, Vt = np.linalg.svd(R[1:, 1:], full_matrices=False)
-        excited = spread > RANK_TOL * spread.max(initial=0.0)
-        whiten = Vt[excited].T / spread[excited]
+        # R'R sums [1, X, u]'[1, X, u]: its first row has the mean, the rest the spread
+        center, rest = R[0, 1:] / R[0, 0], R[1:, 1:]
+        nx = len(center) - (len(low) - ny)
+        # x and u one by one, then together: of spread one each, in any basis
+        each_alone = block_diag(_whitening(rest[:, :nx]), _whitening(rest[:, nx:]))
+        _, spread, Vt = np.linalg.svd(rest @ each_alone, full_matrices=False)
+        whiten = each_alone @ Vt.T / np.maximum(spread, LEAST)
         radius = np.max(each(partial(_farthest, center=center, whiten=whiten)))
         slack = MARGIN * (high - low)
         return cls(low - slack, high + slack, center, whiten, (1 + MARGIN) * radius)
@@ -122,7 +130,8 @@ class Region:
             Whether a sample is outside; a diverged one is.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            distance = np.linalg.norm((X - self.center) @ self.whiten, axis=1)
+            z = np.hstack([X, u])[:, : len(self.center)]
+            distance = np.linalg.norm((z - self.center) @ self.whiten, axis=1)
         inside = (distance <= self.radius) & np.isfinite(X).all(axis=1)
         for outputs in (y,) if measured is None else (y, measured):
             uy = np.hstack([u, outputs])
@@ -131,19 +140,29 @@ class Region:
         return ~inside
 
 
+def _whitening(R):
+    """Return the map from deviations of which R'R is the sum to those of spread one."""
+    _, spread, Vt = np.linalg.svd(R, full_matrices=False)
+    excited = spread > RANK_TOL * spread.max(initial=0.0)
+    return Vt[excited].T / spread[excited]
+
+
 def _extent(chunks):
-    """Return the box of [u; y] and a triangle R, where R'R sums [1, X]'[1, X]."""
-    low, high, R = np.array(np.inf), np.array(-np.inf), np.empty((0, 0))
+    """Return the box of [u; y], a triangle R of [1, X, u], and the number of y."""
+    low, high, R, ny = np.array(np.inf), np.array(-np.inf), np.empty((0, 0)), 0
     for X, u, y, measured in chunks:
         outputs = np.vstack([y, measured])
         low = np.minimum(low, np.hstack([u.min(axis=0), outputs.min(axis=0)]))
         high = np.maximum(high, np.hstack([u.max(axis=0), outputs.max(axis=0)]))
-        rows = np.hstack([np.ones((len(X), 1)), X])
+        rows, ny = np.hstack([np.ones((len(X), 1)), X, u]), y.shape[1]
         rows = np.vstack([R, rows]) if R.size else rows
         R = np.asarray(np.linalg.qr(rows, mode="r"))
-    return low, high, R
+    return low, high, R, ny
 
 
 def _farthest(chunks, center, whiten):
     """Return the largest whitened distance from the center."""
-    return max(np.linalg.norm((X - center) @ whiten, axis=1).max() for X, *_ in chunks)
+    return max(
+        np.linalg.norm((np.hstack([X, u]) - center) @ whiten, axis=1).max()
+        for X, u, *_ in chunks
+    )

@@ -2,7 +2,7 @@
 
     neg_rmse, neg_nrmse, fit_percent    accuracy of the simulation (`metrics`)
     k_step(...)                         accuracy some samples ahead of an observer
-    neg_linearization_error             rms(e) / rms(y) (eq. gauge)
+    neg_linearization_error             rms(e) / std(y) (eq. gauge)
     accuracy_subject_to(...)            accuracy, if the model is linear enough
     best_subject_to(...)                the same as a choice among all candidates
 
@@ -199,7 +199,7 @@ def accuracy_subject_to(*, linearization_error):
     Parameters
     ----------
     linearization_error : float
-        Largest share rms(e) / rms(y) that is allowed on the test data, such as 0.05,
+        Largest share rms(e) / std(y) that is allowed on the test data, such as 0.05,
         mean over the outputs (eq. gauge).
 
     Returns
@@ -236,7 +236,7 @@ def best_subject_to(*, linearization_error, accuracy="accuracy", linearity="line
     Parameters
     ----------
     linearization_error : float
-        Largest mean share rms(e) / rms(y) over the test folds that is allowed.
+        Largest mean share rms(e) / std(y) over the test folds that is allowed.
     accuracy : str, default="accuracy"
         Name of the score of accuracy in `scoring=`, the greater the better.
     linearity : str, default="linearity"

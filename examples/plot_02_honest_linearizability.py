@@ -98,7 +98,7 @@ for name, record in records.items():
 axes.stairs(100 * record.bands.output[:, 0], edges, label="output y", color="0.6", lw=2)
 axes.set(
     xlabel="frequency, kHz",
-    ylabel="rms in the band, % of rms(y)",
+    ylabel="rms in the band, % of std(y)",
     yscale="log",
     title="What g adds to the output",
 )

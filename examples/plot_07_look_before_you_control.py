@@ -108,7 +108,7 @@ NonlinearityDisplay.from_estimator(model, test.u, test.y, ax=axes)
 
 _, axes = plt.subplots(1, 2, figsize=(9, 3), layout="constrained")
 display = ResidualNonlinearityDisplay.from_estimator(model, test.u, test.y, ax=axes)
-print(f"rms(e) / rms(y) = {100 * display.share_[0]:.2g} %")
+print(f"rms(e) / std(y) = {100 * display.share_[0]:.2g} %")
 
 # %%
 # Does the response depend on the amplitude?

@@ -199,6 +199,7 @@ def test_bad_solution_is_not_a_certificate(monkeypatch):
     monkeypatch.setattr(_sdp.LargestP, "__call__", lambda *_: (np.eye(1), "optimal"))
     c = iss_certificate([[0.9]], phi=0.1, method="sdp")
     assert not c.holds and "recomputation" in c.reason and "lyapunov" in c.reason
+    assert "undecided" in repr(c) and "does not hold" not in repr(c)
 
 
 def test_solver_breakdown(monkeypatch):
@@ -211,6 +212,7 @@ def test_solver_breakdown(monkeypatch):
     c = gain_certificate(linear_lure(*(np.array([[z]]) for z in (0.5, 1.0, 1.0))))
     assert not c.holds and c.status == "error" and np.isinf(c.gamma)
     assert "broke down" in c.reason
+    assert repr(c).startswith("GainCertificate: undecided. The solver")
 
 
 def test_ellipse_and_contains():
@@ -231,7 +233,8 @@ def test_ellipse_and_contains():
 
 def test_repr():
     text = repr(iss_certificate([[0.5]], eps=0.1))
-    assert "holds" in text and "|omega| <= 0.1" in text and "|y - y_lin| <= 0.2" in text
+    assert "holds while |omega| <= 0.1" in text and "conditional" in text
+    assert "|y - y_lin| <= 0.2" in text
 
 
 @pytest.mark.parametrize(

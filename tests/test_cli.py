@@ -316,6 +316,60 @@ def test_a_failed_check_is_exit_code_1(plant, tmp_path, capsys):
     assert_one_line(capsys, "samples behind the first 300 of the experiments")
 
 
+def test_a_model_worse_than_the_linear_one_is_not_saved(
+    plant, tmp_path, monkeypatch, capsys
+):
+    """A fit that is no model is refused, with a sentence and exit code 1."""
+    from dataclasses import replace
+
+    real = alssnn.ladder.model_ladder
+
+    def ladder(u, y, **options):
+        found = real(u, y, **{**options, "nx": 2, "max_iter": 2})
+        assert [row.name for row in found] == ["LTI", "FL-SSNN"]
+        missed = options.pop("missed", case["missed"])
+        fl = replace(found.rows[1], fit_percent=100 - np.array([missed]))
+        lti = replace(found.rows[0], fit_percent=np.array([85.0]))
+        return replace(found, rows=(lti, fl))
+
+    monkeypatch.setattr(_comparison, "model_ladder", ladder)
+    path = tmp_path / "m.npz"
+    argv = ["--model", "fl", "--n-h", "2", "--save", path, "-q"]
+    for missed, words in (
+        (66.0, "FL-SSNN is worse than the linear model on the test data: it misses 66"),
+        (581.0, "no better than the mean of the output: do not use it."),
+        (np.inf, "FL-SSNN diverges on the test data: do not use it."),
+    ):
+        case = {"missed": missed}
+        assert run_fit(plant, *argv) == 1
+        out = " ".join(capsys.readouterr().out.split())
+        assert words in out and "m.npz was not written" in out
+        assert not path.exists()
+    assert run_fit(plant, *argv, "--force") == 0 and path.exists()
+    assert "Caution: FL-SSNN diverges" in " ".join(capsys.readouterr().out.split())
+    path.unlink()
+    case = {"missed": 14.0}
+    assert run_fit(plant, *argv) == 0 and path.exists()
+    assert "Caution" not in capsys.readouterr().out
+
+
+def test_control_depends_on_the_verdict(saved, linear_plant, plant, tmp_path, capsys):
+    folder = tmp_path / "design"
+    assert run("control", saved, *data(linear_plant), "-o", folder) == 0
+    assert "not validated" not in capsys.readouterr().out
+    assert run("control", saved, "-o", folder) == 0
+    assert "The model was not validated here" in capsys.readouterr().out
+    poor = tmp_path / "poor.npz"
+    assert run_fit(plant, "--model", "lti", "--nx", 1, "-q", "--save", poor) == 0
+    capsys.readouterr()
+    other = tmp_path / "none"
+    assert run("control", poor, "--data", plant, "-o", other) == 1
+    out = capsys.readouterr().out
+    assert "LinearStateSpace fails: " in out and "use --force" in out
+    assert not other.exists()
+    assert run("control", poor, "--data", plant, "--force", "-o", other) == 0
+
+
 def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     path = tmp_path / "new" / "report.html"
     assert run("report", saved, *data(linear_plant), "-o", path) == 0

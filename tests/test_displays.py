@@ -205,8 +205,9 @@ def test_residuals(model, data):
     tests = found.residuals
     for i in range(2):
         rows = display.axes_[:, i]
-        p = tests.p_values["whiteness"][i]
-        assert rows[0].get_title(loc="left") == f"whiteness, p = {p:.2g}"
+        out = np.abs(tests.autocorrelation) > tests.autocorrelation_band
+        title = f"residual: {out[1:, i].sum()} of 12 outside the band"
+        assert rows[0].get_title(loc="left") == title
         for row, r in zip(
             rows,
             [
@@ -223,6 +224,24 @@ def test_residuals(model, data):
         "whitened residual\nof temperature [K] with heater [V]"
     )
     assert display.axes_[2, 1].get_xlabel() == "lag, samples of 100 ms"
+
+
+def test_titles_of_residuals_count_what_is_drawn():
+    rng = np.random.default_rng(0)
+    u, e = rng.standard_normal((2, 400, 1))
+    r = e + 0.5 * np.roll(u, 3, axis=0)
+    r[1:] += 0.6 * r[:-1]
+    display = ResidualDisplay.from_predictions(u, r, 0 * r, n_lags=8)
+    tests = display.tests
+    out = np.abs(tests.autocorrelation) > tests.autocorrelation_band
+    cross = np.abs(tests.cross_correlation[..., 0]) > tests.cross_band
+    late = tests.cross_lags >= 0
+    titles = [ax.get_title(loc="left") for ax in display.axes_[:, 0]]
+    assert titles == [
+        f"residual: {out[1:].sum()} of 8 outside the band",
+        f"u0, lags from 0 on: {cross[late].sum()} of 9 outside the band",
+    ]
+    assert out[1:].sum() >= 2 and cross[late].sum() >= 1
 
 
 def test_residuals_from_predictions():

@@ -301,6 +301,27 @@ def test_explanation_of_unstable_models():
     assert "A of AL-SSNN is unstable (spectral radius 1.0200)" in text
 
 
+def test_explanation_counts_the_loop():
+    """A model is not praised by its open loop alone."""
+    lti = make_row("LTI", missed=20.0, rest=0.0)
+    row = replace(make_row(rest=0.0024), closed_linearization_error=np.array([35.4]))
+    text = explain(lti, replace(row, closed_outside=0.994))
+    assert "and 3540 % in the loop itself" in text
+    assert "99 % of its samples outside the training data" in text
+    assert "Design on (A, B, C)" not in text
+    assert "does not make this plant more linear" in explain(lti, row)
+    text = explain(lti, replace(make_row(rest=0.1), large_law=10.0))
+    assert "the law is 10 times the recorded input" in text
+    assert "Design on" not in text and "Design on" in explain(lti, make_row(rest=0.1))
+
+
+def test_explanation_does_not_praise_what_misses_the_mean():
+    lti = make_row("LTI", missed=20.0, rest=0.0)
+    text = explain(lti, make_row(missed=130.0, rest=0.0))
+    assert "no better than their mean" in text
+    assert "says nothing on how linear" in text and "Design on" not in text
+
+
 def test_explanation_without_the_rows_it_is_about():
     assert make_ladder(make_row("LTI")).explain() == ""
     assert explain(make_row(rest=2.0)).startswith("- Linearity: with u = v - h, 2 %")
@@ -309,7 +330,7 @@ def test_explanation_without_the_rows_it_is_about():
 
 def test_advice_on_feedback():
     def row(error):
-        return SimpleNamespace(linearization_error=np.array([error]))
+        return replace(make_row(), linearization_error=np.array([error]))
 
     gain = _about_feedback(row(0.2), row(0.002))
     assert "h(y) leaves 20 % of the output nonlinear, h(x) 0.2 %" in gain

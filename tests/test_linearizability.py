@@ -116,7 +116,7 @@ def test_measures_against_a_plain_loop(rng, options):
     )
     np.testing.assert_allclose(record.e, run["e"], atol=1e-13)
     np.testing.assert_allclose(
-        record.linearization_error, rms(run["e"]) / rms(y), atol=1e-13
+        record.linearization_error, rms(run["e"]) / y.std(axis=0), atol=1e-13
     )
     for name in "gh":
         ratio = sizes(run[name]) / sizes(run["linear"])
@@ -125,9 +125,16 @@ def test_measures_against_a_plain_loop(rng, options):
     loop = replay_all(model, closed=True)
     np.testing.assert_allclose(
         record.closed_linearization_error,
-        rms(loop["e"]) / rms(loop["y_linear"]),
+        rms(loop["e"]) / loop["y_linear"].std(axis=0),
         atol=1e-13,
     )
+    np.testing.assert_allclose(
+        record.closed_output_size, loop["y_linear"].std(axis=0) / y.std(axis=0)
+    )
+    u = np.vstack([u for u, _, _ in model.experiments])
+    for size, one in ((record.law_size, run), (record.closed_law_size, loop)):
+        expected = (one["h"].std(axis=0) / u.std(axis=0)).max()
+        assert size == pytest.approx(expected, abs=1e-13)
     linear, omega = sizes(loop["linear"]), sizes(loop["g"])
     assert record.closed_linear_mean == pytest.approx(linear.mean())
     assert record.closed_linear_max == pytest.approx(linear.max())
@@ -166,6 +173,45 @@ def test_silence_has_no_error():
     np.testing.assert_array_equal(record.bands.output, 0)
 
 
+def test_the_operating_point_does_not_flatter(rng):
+    """An output of 100 +- 4 is as nonlinear about zero as about its mean."""
+    u = np.repeat(rng.uniform(-2, 2, (300, 1)), 5, axis=0)
+    y = 100.0 + 4 * u / u.std()
+    Theta = np.array([[0.5, 1.0, 0.3, 0.0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    lure = Lure(Theta, 1, 1, 1)
+    about_zero, about_mean = (
+        measure(plant_of(lure), as_records([(u, z, np.zeros(1))]))
+        for z in (y, y - y.mean())
+    )
+    assert about_zero.linearization_error == about_mean.linearization_error
+    np.testing.assert_allclose(
+        about_zero.linearization_error, rms(about_zero.e) / y.std(axis=0)
+    )
+
+
+def test_an_output_that_is_constant_has_no_error_of_rounding(rng):
+    u = rng.standard_normal((300, 1))
+    lure = Lure(np.array([[0.5, 1.0, 0.0], [0.0, 0.0, 0.0]]), 1, 1, 0)
+    y = np.full((300, 1), 20.1)
+    record = measure(plant_of(lure), as_records([(u, y, np.zeros(1))]))
+    assert record.linearization_error == 0 and np.all(record.bands.output == 0)
+
+
+def test_a_law_larger_than_the_record_is_said(rng):
+    # x+ = 0.9 x + u + h, h = -10 tanh(w), w = tanh(x): the plant is 0.9 x + u - 10 w
+    Theta = np.array([[0.5, 1.0, -4.0, 0.0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    u = rng.standard_normal((500, 1))
+    record = measure(
+        plant_of(Lure(Theta, 1, 1, 1), K=-4.0), as_records([(u, u, np.zeros(1))])
+    )
+    assert record.law_size > 3 and record.large_law
+    assert "times the recorded input. Errors of the model" in str(record)
+    record = measure(
+        plant_of(Lure(Theta, 1, 1, 1), K=-1e-3), as_records([(u, u, np.zeros(1))])
+    )
+    assert record.law_size < 1 and "times the recorded" not in str(record)
+
+
 # Frequency bands
 
 
@@ -182,7 +228,8 @@ def test_bands_add_up_to_the_whole(model):
 
 def test_bands_against_projections_on_sinusoids(model):
     record = measured(model)
-    total = np.sum([np.sum(y**2, axis=0) for _, y, _ in model.experiments], axis=0)
+    every = np.vstack([y for _, y, _ in model.experiments])
+    total = len(every) * every.var(axis=0)
     squares, start = np.zeros((6, 2)), 0
     for u, _, _ in model.experiments:
         n = len(u)
@@ -200,7 +247,7 @@ def test_a_tone_is_in_its_band(model, cycles, band):
     y = np.cos(2 * np.pi * cycles * np.arange(64) / 64)[:, None] * [1.0, 3.0]
     record = measured(model, [(np.zeros((64, 2)), y, np.zeros(3))])
     expected = np.zeros((6, 2))
-    expected[band] = 1
+    expected[band] = cycles > 0  # a constant does not vary
     np.testing.assert_allclose(record.bands.output, expected, atol=1e-12)
 
 
@@ -342,7 +389,7 @@ def test_a_bounded_model_with_unstable_A_has_infinite_errors(rng):
     lure = Lure(Theta, 1, 1, 1)
     u = 0.1 * rng.standard_normal((3000, 1))
     records = as_records([(u, u, np.zeros(1))])
-    region = Region.of(10 * u, u, 10 * u)
+    region = Region.of(10 * rng.permuted(u), u, 10 * u)
     record = measure(plant_of(lure, K=-5.0, region=region), records)
     assert np.isfinite(record.ratio_h_mean) and record.outside < 0.01
     assert np.isposinf(record.closed_linearization_error).all()
@@ -375,7 +422,7 @@ def test_where_there_is_no_law_there_is_no_closed_loop(model, why):
     assert reason in " ".join(table.split())
     assert max(map(len, table.splitlines())) <= 79
     closed = {k: v for k, v in numbers(record).items() if k.startswith("closed_")}
-    assert len(closed) == 8 and np.isnan(list(closed.values())).all()
+    assert len(closed) == 10 and np.isnan(list(closed.values())).all()
     # the open loop is what it is
     assert record.outside is not None and np.isfinite(record.linearization_error).all()
 
@@ -415,6 +462,33 @@ def test_region_of_unexcited_states(rng):
     assert not Region.of(X, u, u).outside(X, u, u).any()
     X[:, 0] = u[:, 0]  # no statement on the other one
     assert not Region.of(X, u, u).outside(X + np.array([0, 1]), u, u).any()
+
+
+@pytest.mark.parametrize("dither", [0.0, 0.02])
+def test_region_knows_that_a_controller_made_u(rng, dither):
+    """Beside u = -K x nothing was seen, though x and u were both."""
+    X = rng.standard_normal((2000, 2))
+    u = -X @ [[0.8], [0.5]] + dither * rng.standard_normal((2000, 1))
+    region = Region.of(X, u, X[:, :1])
+    assert not region.outside(X, u, X[:, :1]).any()
+    beside = rng.uniform(-2, 2, (2000, 1))
+    far = np.abs(beside - u)[:, 0] > 0.5
+    low, high = region.low[0], region.high[0]
+    assert np.all((beside > low) & (beside < high))  # the box alone sees nothing
+    assert region.outside(X, beside, X[:, :1])[far].all()
+    T = np.array([[1.0, 1e2], [0.0, -3.0]])  # another basis of the states
+    other = Region.of(X @ T, u, X[:, :1])
+    np.testing.assert_array_equal(
+        other.outside(X @ T, beside, X[:, :1]), region.outside(X, beside, X[:, :1])
+    )
+
+
+def test_region_of_older_files_is_that_of_the_states(rng):
+    X, u = rng.standard_normal((300, 2)), rng.standard_normal((300, 1))
+    region = Region.of(X, u, u)
+    old = replace(region, center=X.mean(axis=0), whiten=np.eye(2), radius=1.0)
+    inside = np.linalg.norm(X - X.mean(axis=0), axis=1) <= 1.0
+    np.testing.assert_array_equal(~old.outside(X, u, u), inside)
 
 
 def test_region_counts_what_was_measured(rng):

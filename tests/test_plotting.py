@@ -79,6 +79,21 @@ def test_view_is_centered_on_the_largest_error_of_the_longest_experiment(ladder)
     assert axes[0].get_ylabel() == "torque"
 
 
+def test_a_curve_out_of_view_is_named(ladder):
+    """A failed model must not vanish from the picture without a word."""
+    rows = [replace(row) for row in ladder.rows]
+    rows[1] = replace(rows[1], y_hat=rows[1].y_hat + 1e4)
+    y_hat = rows[2].y_hat.copy()
+    y_hat[::2] -= 1e4
+    rows[2] = replace(rows[2], y_hat=y_hat)
+    rows[3] = replace(rows[3], y_hat=np.full_like(y_hat, np.inf))
+    found = labels(plot_ladder(replace(ladder, rows=tuple(rows)))[0])
+    assert found[1] == "LTI"
+    assert found[2].startswith("FL-SSNN\n(out of view: ")
+    assert found[3].startswith("AL-SSNN\n(partly out of view: -1e+04 to ")
+    assert found[4] == "GR-SSNN\n(diverges)"
+
+
 def test_view_is_limited_to_the_experiment(ladder):
     axes = plot_ladder(ladder, view=10_000)
     assert len(axes[0].lines[0].get_xdata()) == 600

@@ -165,6 +165,36 @@ def test_what_cannot_be_computed_says_why(tmp_path):
     assert "Validation: not available." in check(path)[1]
 
 
+def test_a_failed_model_is_not_praised(tmp_path):
+    model = MODELS["fl"].fit(*RECORD)
+    u, y, runs = TEST
+    rng = np.random.default_rng(0)
+    spoiled = 3 * rng.standard_normal(y.shape)
+    assert not model.validate(u, spoiled, runs).passed
+    model.report(tmp_path / "report.html", u, spoiled, runs)
+    text = " ".join(check(tmp_path / "report.html")[1].split())
+    assert "Do not use this design on the plant. The model failed: free run" in text
+    assert "is nearly (A, B, C)" not in text and " Holds. " not in text
+    assert "Conditional: holds while |g| stays below what the data showed" in text
+    assert "Holds for the model, not for the plant." in text
+
+
+def test_a_solver_that_breaks_down_decides_nothing(tmp_path, monkeypatch):
+    model = MODELS["fl"].fit(*RECORD)
+
+    def solve(*_, **__):
+        raise RuntimeError("The solver CLARABEL broke down.")
+
+    monkeypatch.setattr("alssnn.certificates._sdp.smallest_gain", solve)
+    certificate = model.gain_certificate()
+    assert certificate.verdict == "undecided" and "undecided" in repr(certificate)
+    assert "does not hold" not in repr(certificate)
+    model.report(tmp_path / "report.html", *TEST)
+    text = " ".join(check(tmp_path / "report.html")[1].split())
+    assert "Undecided. The solver CLARABEL broke down." in text
+    assert "Does not hold. The solver" not in text
+
+
 def test_wrong_arguments(tmp_path):
     model = MODELS["lti"].fit(*RECORD)
     with pytest.raises(ValueError, match="`train` must be a Record"):

@@ -1,4 +1,5 @@
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,10 @@ from scipy.stats import binom, chi2, f, kstest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
+from alssnn.linearizability import Region, judge, measure, percent, worst_error
+from alssnn.lure import Lure
 from alssnn.regression import lagged
+from alssnn.simulation import simulate
 from alssnn.validation import (
     ahead_fit,
     frequency_response,
@@ -16,7 +20,9 @@ from alssnn.validation import (
     scored_experiments,
     scored_sensitivities,
     sine_response,
+    validate,
 )
+from helpers import as_records, plant_of
 from models import al_ssnn, fl_ssnn
 
 A = np.array([[0.8, 0.3], [-0.2, 0.7]])
@@ -247,7 +253,7 @@ def test_a_true_model_passes_at_the_nominal_rate(true_model, pole):
 def test_a_colored_record_passes_and_says_so(true_model):
     rng = np.random.default_rng(0)
     u = colored(rng, (900, 2), 0.5)
-    y = plant(u) + colored(rng, (900, 2), 0.9)
+    y = plant(u) + 0.05 * colored(rng, (900, 2), 0.9)
     found = true_model.validate(u, y)
     assert found.passed
     assert not found["whiteness"].passed
@@ -338,11 +344,138 @@ def test_parameters_are_eliminated_as_by_a_dense_regression(true_model):
 def test_a_changed_plant_is_found_by_exact_parameters(true_model):
     rng = np.random.default_rng(0)
     u = rng.standard_normal((800, 2))
-    y = 1.1 * plant(u) + 0.1 * rng.standard_normal((800, 2))  # another gain
+    y = 1.03 * plant(u) + 0.1 * rng.standard_normal((800, 2))  # another gain
     found = true_model.validate(u, y)
     assert found["independence"].passed  # the structure still fits ...
     assert found.residuals.p_values["parameters"].max() < 1e-10  # ... with others
     assert not true_model.validate(u, y, exact=True)["independence"].passed
+
+
+def test_parameters_are_no_excuse_for_a_large_dependence(true_model):
+    """What other parameters would explain counts if it is 5 % of the output."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((800, 2))
+    for gain in (1.1, 2.0):
+        y = gain * plant(u) + 0.1 * rng.standard_normal((800, 2))
+        found = true_model.validate(u, y)
+        check, tests = found["independence"], found.residuals
+        assert check.value > 0.01  # the test alone passes
+        assert not check.passed and not found.passed
+        assert tests.explained["independence"].max() > 0.6
+        assert "predict" in check.sentence and "of the output" in check.sentence
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_noise_of_any_color_explains_nothing(pole):
+    shares = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        u = colored(rng, (500, 1), 0.9)
+        y_hat = lfilter([0, 1], [1, -0.7], u, axis=0)
+        r = colored(rng, (500, 1), pole)
+        r[40:50] = np.nan
+        tests = residual_tests([(u, y_hat + r, y_hat)], n_lags=15)
+        shares.append([tests.explained[name][0] for name in TESTS])
+    assert np.max(shares) < 0.25
+
+
+def test_explained_shares_against_a_plain_cross_validation():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((500, 2))
+    y_hat = u[:, :1]
+    r = u[:, :1] + 0.5 * np.roll(u[:, 1:], 2, axis=0) + rng.standard_normal((500, 1))
+    tests = residual_tests([(u, y_hat + r, y_hat)], n_lags=4)
+    X = np.hstack([np.ones((500, 1)), lagged((u - u.mean(0)) / u.std(0), range(5))])
+    errors = np.zeros(2)
+    for rows in np.array_split(np.arange(500), 5):
+        test = rows[np.isfinite(X[rows]).all(axis=1)]
+        train = np.setdiff1d(np.arange(4, 500), rows)
+        for i, Z in enumerate((X[:, :1], X)):
+            b = np.linalg.lstsq(Z[train], r[train, 0], rcond=None)[0]
+            errors[i] += np.sum((r[test, 0] - Z[test] @ b) ** 2)
+    assert tests.explained["independence"][0] == pytest.approx(
+        1 - errors[1] / errors[0], abs=1e-9
+    )
+    assert 0.5 < tests.explained["independence"][0] < 0.6  # 1.25 of 2.25
+
+
+@pytest.mark.parametrize(
+    ("missed", "passes"), [(0.03, True), (0.15, False), (1.2, False)]
+)
+def test_a_free_run_far_worse_than_in_training_fails(true_model, missed, passes):
+    """Any fit above zero used to pass; this model was trained without an error."""
+    rng = np.random.default_rng(0)
+    u = colored(rng, (600, 2), 0.8)
+    y = plant(u)
+    noise = np.tanh(u[:, :1]) * u[:, 1:]
+    y += missed * y.std(axis=0) * (noise - noise.mean()) / noise.std()
+    check = true_model.validate(u, y, n_lags=10)["free run"]
+    assert check.passed == passes
+    if passes:
+        assert "The mean of the output misses all of it" in check.sentence
+    elif check.value > 0:
+        assert "of the training record" in check.sentence
+    else:
+        assert "no better than its mean" in check.sentence
+
+
+def test_a_free_run_worse_than_a_linear_model_fails(true_model):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((800, 2))
+    y = plant(u) + 0.02 * rng.standard_normal((800, 2))
+    poor = LinearStateSpace(nx=1, dt=0.1, operating_point="zero").fit(u, y)
+    found = validate(poor, u, y, n_lags=10, baseline=true_model)["free run"]
+    assert not found.passed and found.value > 0
+    assert "Use the linear model." in found.sentence
+    assert validate(true_model, u, y, n_lags=10, baseline=poor)["free run"].passed
+
+
+def loop_that_diverges():
+    """Return a plant that is linear on its record and not at all under its law."""
+    # x+ = .95 x + (u + h) + 5 (tanh(x - 9) + tanh(9)), h = -45 tanh(.01 x)
+    Theta = np.zeros((5, 5))
+    Theta[0] = [0.95, 1.0, -45.0, 5.0, 5 * np.tanh(9.0)]
+    Theta[1, 0] = 1.0
+    Theta[2:4, 0], Theta[3, 4] = [0.01, 1.0], -9.0
+    lure = Lure(Theta[:4], 1, 1, 2)
+    return plant_of(lure, K=np.array([[-45.0, 0.0]]))
+
+
+def test_linearity_is_decided_by_the_loop_as_well():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, 300), 10)[:, None]
+    plant_ = loop_that_diverges()
+    X = simulate(plant_.lure, u, np.zeros(1))[:-1]
+    plant_ = replace(plant_, region=Region.of(X, u, X))
+    record = measure(plant_, as_records([(u, X, np.zeros(1))]))
+    assert record.linearization_error[0] < 1e-3 and record.outside == 0
+    assert record.closed_linearization_error[0] > 10 and record.closed_outside > 0.9
+    passed, sentence = judge(record, fit=99.0)
+    assert not passed and worst_error(record) > 10
+    assert "less than 0.001 %" in sentence or "along the record" in sentence
+    assert percent(record.closed_linearization_error[0]) in sentence
+    # each of the conditions alone
+    good = replace(
+        record,
+        closed_linearization_error=np.array([0.01]),
+        closed_outside=0.01,
+        closed_law_size=1.0,
+        law_size=1.0,
+    )
+    assert judge(good, fit=99.0)[0] and judge(good)[0]
+    for change, words in (
+        ({"closed_outside": 0.5}, "extrapolated"),
+        ({"closed_outside": None}, "an unknown share"),
+        ({"closed_linearization_error": np.array([0.2])}, "disturbance"),
+        ({"linearization_error": np.array([np.nan])}, "disturbance"),
+        ({"law_size": 10.0}, "10 times the recorded input"),
+        ({"spectral_radius": 1.1}, "stabilizes"),
+        ({"no_law": "It is late."}, "There is no loop"),
+    ):
+        passed, sentence = judge(replace(good, **change), fit=99.0)
+        assert not passed and words in sentence
+    passed, sentence = judge(good, fit=-10.0)
+    assert not passed and "does not follow the plant" in sentence
 
 
 def test_a_nonlinear_remainder_is_caught_by_squares():
@@ -377,7 +510,7 @@ def test_experiments_names_and_frames(true_model):
     assert len(found) == len(frame) == 8
     as_list = model.validate([u[:450], u[450:]], [y[:450], y[450:]])
     assert as_list["independence"].value == found["independence"].value
-    with pytest.raises(KeyError, match="`name` must be one of independence, squares"):
+    with pytest.raises(KeyError, match="`name` must be one of free run, extrapolation"):
         found["colour"]
 
 

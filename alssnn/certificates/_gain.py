@@ -79,6 +79,14 @@ class GainCertificate:
     reason: str
     lure: Lure = field(repr=False)
 
+    @property
+    def verdict(self):
+        """Return "holds", "does not hold", or "undecided" if the solver failed."""
+        if self.holds:
+            return "holds"
+        decided = self.status == "not solved" or self.status.startswith("infeasible")
+        return "does not hold" if decided else "undecided"
+
     def verify(self):
         """Recompute the margin from the loop, P, Lam and gamma, with NumPy alone.
 
@@ -92,7 +100,7 @@ class GainCertificate:
     def __repr__(self):
         """Return the certificate in one line."""
         if not self.holds:
-            return f"GainCertificate: does not hold. {self.reason}"
+            return f"GainCertificate: {self.verdict}. {self.reason}"
         return (
             f"GainCertificate: holds, |dy| <= {self.gamma:.4g} |dv| in l2, margin "
             f"{self.margin:.2g} ({self.status})"

@@ -192,6 +192,13 @@ class IssCertificate:
         )
         return (axes * np.sqrt(np.maximum(squares, 0.0)))[:, ::-1]
 
+    @property
+    def verdict(self):
+        """Return "holds", "does not hold", or "undecided" if no solution was valid."""
+        if self.holds:
+            return "holds"
+        return "undecided" if self.n_solves else "does not hold"
+
     def verify(self):
         """Recompute the margin from A, P, phi and psi, with NumPy alone.
 
@@ -209,17 +216,18 @@ class IssCertificate:
     def __repr__(self):
         """Return the certificate as a few lines."""
         if not self.holds:
-            return f"IssCertificate: does not hold. {self.reason}"
+            return f"IssCertificate: {self.verdict}. {self.reason}"
         low, high = self.eigenvalue_range
         at_once = ""
         if np.any(self.eta):
             at_once = f", |eta| <= {np.linalg.norm(self.eta):.4g}"
         lines = [
-            f"IssCertificate: holds, margin {self.margin:.2g} ({self.status})",
+            f"IssCertificate: holds while |omega| <= {self.eps:.4g}{at_once}, margin "
+            f"{self.margin:.2g} ({self.status})",
             f"  phi {self.phi:.4g}, psi {self.psi:.4g}, "
             f"eigenvalues of P {low:.3g} to {high:.3g}",
-            f"  |omega| <= {self.eps:.4g}{at_once}  =>  x'Px <= {self.level:.4g}, "
-            f"|y - y_lin| <= {self.output_bound:.4g}",
+            f"  then x'Px <= {self.level:.4g}, |y - y_lin| <= {self.output_bound:.4g}",
+            "  conditional: a bound seen on data (eps='data') may be left elsewhere",
         ]
         return "\n".join(lines + ([f"  {self.reason}"] if self.reason else []))
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..estimators import load
 from ._arguments import add_command, add_output, count, figure_name, finite, weight
 from ._comparison import FIGURE_DPI
-from ._record import add_model, gain_columns, write_csv
+from ._record import add_data, add_model, gain_columns, read_record, write_csv
 
 TEXT_WIDTH = 79  # columns
 RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
@@ -26,7 +26,8 @@ v is not. Written are
 `alssnn export --c DIR --gain design/gain.csv` writes law, observer and gain as C.
 
 examples:
-  alssnn control plant.npz -o design
+  alssnn control plant.npz --data plant.csv --last 0.5 -o design
+      only if the model passes on this record
   alssnn control plant.npz --qi 0.1 --ru 0.1 -o faster
   alssnn control plant.npz --u-min -5 --u-max 5 --step 1 -o limited
 """
@@ -49,6 +50,12 @@ def add(commands):
         help="design a controller for a saved model",
     )
     add_model(parser)
+    add_data(parser, required=False)
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="design for a model that fails its validation, too",
+    )
     for flag, what, default in (
         ("--qx", "states", 0.0),
         ("--qy", "outputs", 1.0),
@@ -105,12 +112,15 @@ def run(args):
     Returns
     -------
     code : int
-        0, or 1 if the loop of the model diverges.
+        0, or 1 if the model fails its validation or its loop diverges.
     """
     # python-control and matplotlib take a while: only for those who want a design
     from ..feedback import balanced_weights, input_range, lqi, step_comparison
 
     model = load(args.model)
+    if not _trusted(args, model) and not args.force:
+        print("No controller was designed. To design one anyway, use --force.")
+        return 1
     law = model.linearizing_law(*(_scalar(z) for z in (args.u_min, args.u_max)))
     Q, R = balanced_weights(
         model, state=args.qx, output=args.qy, integral=args.qi, control=args.ru
@@ -136,10 +146,35 @@ def run(args):
     print(
         f"Files: {folder / 'gain.csv'}, {folder / 'step.csv'}, {folder / args.figure}"
     )
+    if args.data is None:
+        words = (
+            "The model was not validated here: whether the plant follows this design "
+            "is open. Name a record that did not train it, by --data FILE.csv --last "
+            "SHARE."
+        )
+        print(textwrap.fill(words, TEXT_WIDTH))
     if not np.isfinite(table).all():
         print("The loop of the model diverges: choose slower weights.")
         return 1
     return 0
+
+
+def _trusted(args, model):
+    """Print what is known against the model, and return whether a design may go on."""
+    if args.data is not None:
+        validation = model.validate(*read_record(args, model)[0])
+        linear = validation["linearizability"]
+        if validation.passed and linear.passed:
+            return True
+        print(validation)
+        return False
+    if model.train_score_ <= 0:
+        print(
+            "The model follows its own training record no better than the mean of the "
+            "output."
+        )
+        return False
+    return True
 
 
 def _print_distances(display, designed):

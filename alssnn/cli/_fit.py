@@ -1,5 +1,6 @@
 """`alssnn fit`: models of your own record."""
 
+import textwrap
 import warnings
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from ._arguments import (
 from ._comparison import prepare_figure, report, run_ladder
 from ._record import report_gaps
 
+TEXT_WIDTH = 79  # columns
 TIME_TOL = 0.05  # of a step: above the rounding of printed times
 FIT_EPILOG = """\
 The file has one header line with the names of the columns and one line per sample, in
@@ -44,6 +46,9 @@ Reading the table: GR-SSNN much better than LTI means that the plant is nonlinea
 closer AL-SSNN comes to GR-SSNN with a small nonlinear rest, the better a linear
 controller on top of u = v - h(x) will work. An equals sign behind a name means that
 its networks did not help: the model is the linear one.
+
+A single model is fitted beside the linear one. If it is worse on the hidden part, the
+exit code is 1 and nothing is saved (but by --force).
 """
 
 
@@ -79,6 +84,11 @@ def add(commands):
         type=figure_name,
         metavar="FILE",
         help="write a figure: .png, .pdf or .svg",
+    )
+    fit.add_argument(
+        "--force",
+        action="store_true",
+        help="save a model that is worse than the linear one or than the mean, too",
     )
     add_common(fit)
     fit.set_defaults(output_dir=Path())
@@ -200,6 +210,12 @@ def run(args):
     ----------
     args : argparse.Namespace
         Arguments of the command.
+
+    Returns
+    -------
+    code : int
+        0, or 1 if the one model that was asked for is worse than a linear one, or than
+        the mean of the output, on the hidden part.
     """
     models = args.models or [args.model]
     if models == ["ladder"]:
@@ -211,6 +227,9 @@ def run(args):
             args.parser.error("--save must not be the record itself")
         # before the fit: a folder that cannot be made should not cost minutes
         args.save.parent.mkdir(parents=True, exist_ok=True)
+    chosen = models[0] if len(models) == 1 else None
+    if chosen not in (None, "lti"):
+        models = ["lti", chosen]  # to compare with
     figure = prepare_figure(args)
     u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
     report_gaps(y, args.output)
@@ -235,18 +254,26 @@ def run(args):
         n_init=args.n_init,
         models=models,
     )
-    if args.save is not None:
-        (row,) = ladder
+    faults = {row.name: fault for row in ladder if (fault := ladder.fault(row))}
+    row = ladder[PRESETS[chosen][0]] if chosen else None
+    refused = row is not None and row.name in faults
+    saves = args.save is not None and not (refused and not args.force)
+    if saves and row is not None:
         row.model.feature_names_in_ = np.array(args.input, dtype=object)
         row.model.output_names_ = list(args.output)
         row.model.save(args.save)  # before a figure that may fail
     report(ladder, figure, label=args.output[0])
-    if args.save is not None:
+    for fault in faults.values():
+        print("\n" + textwrap.fill(f"Caution: {fault}", TEXT_WIDTH))
+    if saves:
         print(
             f"\nModel: {args.save}. It was not trained on the last "
             f"{100 * args.test_size:g} %: validate it there, by --last "
             f"{args.test_size:g}."
         )
+    elif args.save is not None:
+        print(f"\n{args.save} was not written. To save the model anyway, use --force.")
+    return int(refused and not args.force)
 
 
 def _compare_times(args):

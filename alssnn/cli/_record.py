@@ -24,17 +24,23 @@ def add_model(parser):
     parser.add_argument("model", type=Path, metavar="MODEL.npz", help="saved model")
 
 
-def add_data(parser):
+def add_data(parser, *, required=True):
     """Add the options that name a record.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
         Parser of a command.
+    required : bool, default=True
+        Whether the command needs a record.
     """
     data = parser.add_argument_group("data")
     data.add_argument(
-        "--data", type=Path, required=True, metavar="FILE.csv", help="record to read"
+        "--data",
+        type=Path,
+        required=required,
+        metavar="FILE.csv",
+        help="record to read" if required else "record to validate the model on first",
     )
     for flag, what in (("--input", "inputs"), ("--output", "outputs")):
         data.add_argument(

@@ -4,6 +4,9 @@ import textwrap
 
 import numpy as np
 
+from ..linearizability import LOOP_OUTSIDE, worst_error
+from ..linearizability import percent as share_in_words
+
 CLEARLY = 1.1  # ratio of errors below which two models count as equally accurate
 WORTHWHILE = 2.0  # gain in linearity for which an observer pays
 TEXT_WIDTH = 79  # columns
@@ -40,6 +43,37 @@ def explain(rows, dt):
     )
 
 
+def fault(row, lti=None):
+    """Say why a model should not be used, if it should not.
+
+    Parameters
+    ----------
+    row : Rung
+        Row of the model.
+    lti : Rung or None, default=None
+        Row of the linear model.
+
+    Returns
+    -------
+    sentence : str
+        The reason; empty if there is none.
+    """
+    if not np.isfinite(row.fit_percent).all():
+        return f"{row.name} diverges on the test data: do not use it."
+    if row.fit_percent.min() <= 0:
+        return (
+            f"{row.name} follows the test data no better than the mean of the output: "
+            "do not use it."
+        )
+    if lti is not None and _missed(row) > CLEARLY * _missed(lti):
+        return (
+            f"{row.name} is worse than the linear model on the test data: it misses "
+            f"{_percent(_missed(row))} of the output, LTI {_percent(_missed(lti))}. "
+            "Use the linear model, or train on more data."
+        )
+    return ""
+
+
 def _missed(row):
     """Return the percentage of the test output that the simulation misses."""
     return float(100 - row.fit_percent.mean())
@@ -51,6 +85,11 @@ def _percent(value):
 
 def _about_accuracy(al, lti):
     ratio = lti.rmse_test.mean() / al.rmse_test.mean()
+    if _missed(al) >= 100 and np.isfinite(al.rmse_test).all():
+        return (
+            "Accuracy: AL-SSNN follows the test data no better than their mean and is "
+            "of no use there."
+        )
     facts = (
         f"Accuracy: on the test data LTI misses {_percent(_missed(lti))} of the output,"
         f" AL-SSNN {_percent(_missed(al))}"
@@ -68,16 +107,36 @@ def _about_accuracy(al, lti):
 def _about_linearity(al, lti):
     if al.no_law:
         return f"Linearity: there is no linearized loop. {al.no_law}"
-    rest = float(100 * al.linearization_error.mean())
-    if not np.isfinite(rest):
+    rest, loop = 100 * float(al.linearization_error.mean()), 100 * worst_error(al)
+    if not np.isfinite(loop):
         return (
             "Linearity: what is left of the nonlinearity grows without bound, because "
             "the simulation or A is unstable."
+        )
+    if not np.isfinite(al.rmse_test).all() or _missed(al) >= 100:
+        return (
+            "Linearity: a model that does not follow the test data says nothing on "
+            "how linear the plant becomes."
         )
     facts = (
         f"Linearity: with u = v - h, {_percent(rest)} of the output of AL-SSNN is "
         "still not the response of its linear part (A, B, C)"
     )
+    outside = al.closed_outside
+    if loop > CLEARLY * rest:
+        facts += f" along the test data, and {_percent(loop)} in the loop itself"
+    if outside is None or outside > LOOP_OUTSIDE:
+        unseen = "an unknown share" if outside is None else share_in_words(outside)
+        return (
+            f"{facts}. But the loop spends {unseen} of its samples outside the "
+            "training data, where the networks are a guess. Fit with a larger gamma_h."
+        )
+    if al.large_law:
+        return (
+            f"{facts}. But the law is {al.large_law:.2g} times the recorded input, and "
+            "errors of the model weigh as much more. Fit with a larger gamma_h."
+        )
+    rest = max(rest, loop)
     if lti is None or not np.isfinite(lti.rmse_test).all():
         return f"{facts}."
     ratio = _missed(lti) / max(rest, np.finfo(float).eps)  # the rest may be 0
@@ -94,9 +153,7 @@ def _about_linearity(al, lti):
 
 
 def _about_feedback(output, state):
-    rest, rest_state = (
-        float(100 * row.linearization_error.mean()) for row in (output, state)
-    )
+    rest, rest_state = (100 * worst_error(row) for row in (output, state))
     if not np.isfinite(rest_state):
         return (
             "Feedback: the model with h(x) is unstable on the test data and says "
@@ -108,8 +165,8 @@ def _about_feedback(output, state):
     )
     if not np.isfinite(rest) or rest > WORTHWHILE * rest_state:
         return (
-            f"{facts}: no static output feedback linearizes this plant as well. "
-            "Estimate the state by an observer and cancel h(x)."
+            f"{facts}: this fit found no output feedback that linearizes the plant as "
+            "well. Estimate the state by an observer and cancel h(x)."
         )
     return f"{facts}: an observer is not worth its while, h(y) does."
 

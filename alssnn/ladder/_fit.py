@@ -317,6 +317,9 @@ def _climb(name, model, train, test):
         seconds=seconds,
         y_hat=y_hat,
         no_law=record.no_law,
+        closed_linearization_error=record.closed_linearization_error,
+        closed_outside=record.closed_outside,
+        large_law=record.large_law,
         e=np.vstack([record.e[r.part][r.scored] for r in records]),
     )
     return row, records

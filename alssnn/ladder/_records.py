@@ -8,7 +8,7 @@ import numpy as np
 
 from ..estimators import LEFT_LINEAR
 from ..watch import late_fall
-from ._explain import TEXT_WIDTH, explain
+from ._explain import TEXT_WIDTH, explain, fault
 
 SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
 ENOUGH_STEPS = 20  # if it took at least so many
@@ -32,7 +32,7 @@ class Rung:
     fit_percent : ndarray of shape (ny,)
         Fit of the test output, in percent; -inf if the simulation diverges.
     linearization_error : ndarray of shape (ny,)
-        Per output, rms(e) / rms(y) on the test data (eq. gauge); inf if e diverges.
+        Per output, rms(e) / std(y) on the test data (eq. gauge); inf if e diverges.
     spectral_radius : float
         Largest modulus of the eigenvalues of A.
     seconds : float
@@ -43,6 +43,13 @@ class Rung:
         Output-referred residual, in the units of y; inf if it diverges.
     no_law : str, default=""
         Why u = v - h(s) is no law of this model; empty if it is one.
+    closed_linearization_error : ndarray of shape (ny,), default=0
+        rms(e) / std(y_lin) in the loop u = v - h with the recorded input as v; nan
+        without a law.
+    closed_outside : float or None, default=0.0
+        Share of samples of that loop outside the region of the training data.
+    large_law : float, default=0.0
+        How large the law is over the recorded input if that is too much.
 
     Examples
     --------
@@ -65,6 +72,9 @@ class Rung:
     y_hat: np.ndarray = field(repr=False)
     e: np.ndarray = field(repr=False)
     no_law: str = ""
+    closed_linearization_error: np.ndarray | float = 0.0
+    closed_outside: float | None = 0.0
+    large_law: float = 0.0
 
     @property
     def converged(self):
@@ -129,8 +139,18 @@ class Ladder:
     def __str__(self):
         """Return the table as aligned plain text."""
         header = [
-            ("", "", "RMSE", "RMSE", "fit", "nonlinear", "spectral", "time"),
-            ("model", "parameters", "train", "test", "%", "rest, %", "radius", "s"),
+            ("", "para-", "RMSE", "RMSE", "fit", "nonlin.", "in the", "radius", "time"),
+            (
+                "model",
+                "meters",
+                "train",
+                "test",
+                "%",
+                "rest, %",
+                "loop, %",
+                "of A",
+                "s",
+            ),
         ]
         cells = [*header, *(_cells(row) for row in self.rows)]
         widths = [max(len(line[i]) for line in cells) for i in range(len(header[0]))]
@@ -144,13 +164,30 @@ class Ladder:
         lines.insert(len(header), "-" * (sum(widths) + 2 * (len(widths) - 1)))
         return "\n".join([*lines, *self._notes()])
 
+    def fault(self, row):
+        """Say why a model should not be used, if it should not.
+
+        Parameters
+        ----------
+        row : Rung
+            Row of this ladder.
+
+        Returns
+        -------
+        sentence : str
+            That the model follows the test output no better than its mean, or worse
+            than the row named LTI does; empty if neither is so.
+        """
+        return fault(row, next((one for one in self.rows if one.name == "LTI"), None))
+
     def _notes(self):
         ny = self.y_test.shape[1]
         average = f", mean over the {ny} outputs" if ny > 1 else ""
         notes = [
             f"RMSE in the units of y{average}; fit of the test output; nonlinear rest: "
             "part of the output that is not the response of (A, B, C), once h (if any) "
-            "is cancelled, rms(e) / rms(y)."
+            "is cancelled, rms(e) / std(y); in the loop: the same under u = v - h, "
+            "with the recorded input as v."
         ]
         if not all(row.converged for row in self.rows):
             notes.append(f"* stopped before the cost settled: {self._late_falls()}")
@@ -214,8 +251,10 @@ class Ladder:
                 "rmse_test",
                 "fit_percent",
                 "linearization_error",
+                "closed_linearization_error",
             ):
-                for name, value in zip(names, getattr(row, figure), strict=True):
+                values = np.broadcast_to(getattr(row, figure), ny)
+                for name, value in zip(names, values, strict=True):
                     record[figure if ny == 1 else f"{figure}[{name}]"] = float(value)
             record["spectral_radius"] = row.spectral_radius
             record["seconds"] = row.seconds
@@ -238,15 +277,22 @@ class Ladder:
 
 def _cells(row):
     """Return the row of the table as strings."""
-    error = 100 * row.linearization_error.mean()
+    errors = (row.linearization_error, row.closed_linearization_error)
     return (
         row.name + (" =" if row.is_left_linear else "" if row.converged else " *"),
         str(row.n_params),
         f"{row.rmse_train.mean():.3e}",
         f"{row.rmse_test.mean():.3e}",
         f"{row.fit_percent.mean():.2f}",
-        # exactly linear models leave rounding errors
-        "0" if error < 1e-9 else f"{error:.3g}",
+        *(_rest(100 * float(np.mean(error))) for error in errors),
         f"{row.spectral_radius:.4f}",
         f"{row.seconds:.1f}",
     )
+
+
+def _rest(error):
+    """Return a percentage of the table."""
+    if np.isnan(error):
+        return "-"
+    # exactly linear models leave rounding errors
+    return "0" if error < 1e-9 else f"{error:.3g}"

@@ -1,12 +1,24 @@
 """Measures of what nonlinearity is left once h is cancelled.
 
 _measure    the quantities, computed along simulated trajectories
-_region     where a model was trained, and which samples leave it
 _record     what is reported: fields, table, data frame
+_verdict    whether that is good enough
 """
 
 from ..region import Region
 from ._measure import measure, output_residual
-from ._record import Bands, Linearizability
+from ._record import LARGE_LAW, Bands, Linearizability
+from ._verdict import LOOP_OUTSIDE, judge, percent, worst_error
 
-__all__ = ["Bands", "Linearizability", "Region", "measure", "output_residual"]
+__all__ = [
+    "LARGE_LAW",
+    "LOOP_OUTSIDE",
+    "Bands",
+    "Linearizability",
+    "Region",
+    "judge",
+    "measure",
+    "output_residual",
+    "percent",
+    "worst_error",
+]

@@ -9,7 +9,7 @@ They depend on the basis of the states: training can shrink |g| in directions th
 non-normal A amplifies again on the way to the output.  The output-referred residual
 (eq. gauge)
 
-    zeta+ = A zeta + g(x, u),   e = C zeta,     linearization error = rms(e) / rms(y)
+    zeta+ = A zeta + g(x, u),   e = C zeta,     linearization error = rms(e) / std(y)
 
 does not: e is what g adds to the output, exactly, in any basis; with a feedthrough D
 and a nonlinear output k it is e = C zeta + eta (eq. eta).  The same holds for its
@@ -37,6 +37,7 @@ POWERS = 256  # powers of A whose norms are computed at a time
 MAX_BLOCKS = 400  # blocks of powers; about 100,000 samples, longer than any transient
 CLOSED_ERROR = "closed_linearization_error"
 MEASURED = ("linear", "omega", "ratio")  # sizes of the closed loop
+CONSTANT = 1e-12  # standard deviation over size of an output that is constant
 
 
 def measure(plant, records, *, output_names=None):
@@ -74,43 +75,50 @@ def measure(plant, records, *, output_names=None):
         for record, run in zip(records, opened, strict=True)
     ]
     e = [run.e for run in opened]
+    u = [record.du for record in records]
+    floor = (CONSTANT * np.abs(plant.y_offset)) ** 2
+    spread = _variation(y, floor)
     part = _sizes([run.linear for run in opened])
     ratio_g = _ratios(_sizes([run.g for run in opened]), part)
     ratio_h = _ratios(_sizes([run.h for run in opened]), part)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     return Linearizability(
-        linearization_error=_relative(_squares(e), _squares(y)),
+        linearization_error=_relative(_squares(e), spread),
         ratio_g_mean=float(ratio_g.mean()),
         ratio_g_max=float(ratio_g.max()),
         ratio_h_mean=float(ratio_h.mean()),
         ratio_h_max=float(ratio_h.max()),
         spectral_radius=radius,
-        **_closed_measures(plant, closed),
+        **_closed_measures(plant, closed, u, spread),
         peak_gain=peak_gain(A) if radius < 1 else np.inf,
         h2_gain=h2_gain(A, C) if radius < 1 else np.full(len(C), np.inf),
         outside=_share_outside(plant.region, opened, y),
-        bands=_bands(e, y, plant.dt),
+        bands=_bands(e, y, spread, plant.dt),
         e=np.vstack(e),
         output_names=output_names,
         no_law=plant.no_law,
+        law_size=_law_size([run.h for run in opened], u, plant),
     )
 
 
-def _closed_measures(plant, runs):
+def _closed_measures(plant, runs, u, spread):
     """Return the measures of the loop u = v - h, nan if there is none."""
     names = [f"closed_{z}_{of}" for z in MEASURED for of in ("mean", "max")]
     if plant.no_law:
         unknown = np.full(plant.ny, np.nan)
-        rest = dict.fromkeys(names, np.nan)
-        return {CLOSED_ERROR: unknown, **rest, "closed_outside": None}
+        rest = dict.fromkeys([*names, "closed_law_size"], np.nan)
+        per_output = {CLOSED_ERROR: unknown, "closed_output_size": unknown}
+        return {**per_output, **rest, "closed_outside": None}
     part, omega = _sizes([run.linear for run in runs]), _sizes([run.g for run in runs])
     sizes = (part, omega, _ratios(omega, part))
     numbers = [float(of(z)) for z in sizes for of in (np.mean, np.max)]
     with np.errstate(invalid="ignore"):
         y_linear = [run.y - run.e for run in runs]
-    error = _relative(_squares([run.e for run in runs]), _squares(y_linear))
+        designed = _variation(y_linear)
     return {
-        CLOSED_ERROR: error,
+        CLOSED_ERROR: _relative(_squares([run.e for run in runs]), designed),
+        "closed_output_size": _relative(designed, spread),
+        "closed_law_size": _law_size([run.h for run in runs], u, plant),
         **dict(zip(names, numbers, strict=True)),
         "closed_outside": _share_outside(plant.region, runs, [None] * len(runs)),
     }
@@ -208,6 +216,25 @@ def _squares(signals):
     return np.where(np.isfinite(total), total, np.inf)
 
 
+def _variation(signals, floor=0.0):
+    """Return the sum of squares about the mean over all experiments, per column."""
+    every = np.vstack(signals)
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = every.mean(axis=0)
+        total = np.sum((every - mean) ** 2, axis=0)
+    # what rounding leaves of a constant is no size to compare with
+    least = len(every) * np.maximum(floor, (CONSTANT * mean) ** 2)
+    return np.where(np.isfinite(total), np.where(total > least, total, 0.0), np.inf)
+
+
+def _law_size(h, u, plant):
+    """Return the largest std(h) / std(u) over the inputs; inf if h diverges."""
+    std_u = np.sqrt(_variation(u) / sum(map(len, u)))
+    std_u = np.where(std_u > 0, std_u, plant.u_scale)
+    std_h = np.sqrt(_variation(h) / sum(map(len, h)))
+    return float(np.max(std_h / std_u))
+
+
 def _relative(square, reference):
     """Return the root of a ratio of sums of squares; 0 / 0 is 0, inf / inf is inf."""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -218,15 +245,16 @@ def _relative(square, reference):
 # -- frequency bands -------------------------------------------------------------------
 
 
-def _bands(e, y, dt):
+def _bands(e, y, total, dt):
     """Return what e and y have in every band, relative to all of y (eq. bands)."""
     edges = 0.5 * np.concatenate([[0.0], 2.0 ** np.arange(1 - N_BANDS, 1)])
-    total = _squares(y)
+    mean = np.vstack(y).mean(axis=0)
+    varying = [np.where(total > 0, z - mean, 0.0) for z in y]
     if all(np.isfinite(z).all() for z in e):
         error = _relative(_band_squares(e, edges), total)
     else:
         error = np.full((N_BANDS, len(total)), np.inf)
-    return Bands(edges / dt, error, _relative(_band_squares(y, edges), total))
+    return Bands(edges / dt, error, _relative(_band_squares(varying, edges), total))
 
 
 def _band_squares(signals, edges):

@@ -7,7 +7,13 @@ import numpy as np
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
 OUTSIDE = 0.01  # share of samples outside that the table comments on
-PER_OUTPUT = ("linearization_error", "closed_linearization_error", "h2_gain")
+LARGE_LAW = 3.0  # std(h) / std(u) above which the law does more than the record
+PER_OUTPUT = (
+    "linearization_error",
+    "closed_linearization_error",
+    "closed_output_size",
+    "h2_gain",
+)
 SCALARS = (
     "ratio_g_mean",
     "ratio_g_max",
@@ -23,6 +29,8 @@ SCALARS = (
     "peak_gain",
     "outside",
     "closed_outside",
+    "law_size",
+    "closed_law_size",
 )
 
 
@@ -36,11 +44,11 @@ class Bands:
         Edges of the bands, in Hz, from 0 to the Nyquist frequency: octaves, the lowest
         band reaching down to zero.
     error : ndarray of shape (n_bands, ny)
-        Root mean square of e in the band over that of all of y. The squares of a
-        column add up to the square of `linearization_error`.
+        Root mean square of e in the band over the standard deviation of all of y. The
+        squares of a column add up to the square of `linearization_error`.
     output : ndarray of shape (n_bands, ny)
-        Root mean square of the measured y in the band over that of all of y. The
-        squares of a column add up to one.
+        Root mean square of the measured y, without its mean, in the band over the
+        standard deviation of all of y. The squares of a column add up to one.
 
     Examples
     --------
@@ -63,8 +71,8 @@ class Linearizability:
     Parameters
     ----------
     linearization_error : ndarray of shape (ny,)
-        Ratio rms(e) / rms(y) per output (eq. gauge), y the measured output as
-        deviation from the operating point. Does not depend on the state basis.
+        Ratio rms(e) / std(y) per output (eq. gauge), y the measured output. Does not
+        depend on the state basis, nor on the operating point of y.
     ratio_g_mean, ratio_g_max : float
         Mean and maximum over time of ``|g| / |A x + B u|``, in the state basis.
     ratio_h_mean, ratio_h_max : float
@@ -73,7 +81,7 @@ class Linearizability:
         Largest modulus of the eigenvalues of A.
     closed_linearization_error : ndarray of shape (ny,)
         The same error of the closed loop u = v - h, where v is the recorded input:
-        rms(e) / rms(y_lin), both of the response to v, y_lin that of the linear system
+        rms(e) / std(y_lin), both of the response to v, y_lin that of the linear system
         (A, B, C) from the same initial state. There is no measured output to compare
         with. Does not depend on the state basis.
     closed_linear_mean, closed_linear_max : float
@@ -103,6 +111,13 @@ class Linearizability:
         Names of the outputs.
     no_law : str, default=""
         Why u = v - h(s) is no law of this model; empty if it is one.
+    law_size, closed_law_size : float, default=0.0
+        Largest std(h) / std(u) over the inputs, u the recorded input: along the record,
+        and in the closed loop.
+    closed_output_size : ndarray of shape (ny,) or None, default=None
+        std(y_lin) / std(y) per output: how much of the recorded output the linear
+        response to the recorded input as v covers. Far below one the figures of the
+        closed loop are those of small signals.
 
     Notes
     -----
@@ -139,6 +154,9 @@ class Linearizability:
     e: np.ndarray
     output_names: list[str] | None = None
     no_law: str = ""
+    law_size: float = 0.0
+    closed_law_size: float = 0.0
+    closed_output_size: np.ndarray | None = None
 
     def __repr__(self):
         """Return a table."""
@@ -166,6 +184,11 @@ class Linearizability:
                 _percent(self.outside),
                 _percent(self.closed_outside),
             ),
+            _pair("std(h) / std(u)", self.law_size, self.closed_law_size),
+            *(
+                (f"std(y_lin) / std(y){of}", "", _percent(size))
+                for of, size in zip(self._suffixes(), self._output_size, strict=True)
+            ),
             (),
             ("spectral radius of A", f"{self.spectral_radius:.6f}"),
             _pair("peak of |A^k|", self.peak_gain),
@@ -180,7 +203,7 @@ class Linearizability:
             for low, high in zip(bands.edges[:-1], bands.edges[1:], strict=True)
         ]
         for i, of in enumerate(self._suffixes()):
-            rows += [(), (f"frequency band{of}", "rms e / rms y", "rms y / rms y")]
+            rows += [(), (f"frequency band{of}", "rms e / std y", "rms y / std y")]
             rows += [
                 (name, _percent(a), _percent(b))
                 for name, a, b in zip(
@@ -195,7 +218,35 @@ class Linearizability:
                 ("region: there the model is a guess, and so are these numbers.",),
                 ("Train on records that go there, or keep the plant inside.",),
             ]
+        if self.large_law:
+            rows += [(), *((line,) for line in self.large_law_lines())]
         return "\n".join(_line(row) for row in rows)
+
+    @property
+    def large_law(self):
+        """Return how large the law is over the recorded input if that is too much."""
+        size = np.fmax(self.law_size, self.closed_law_size)
+        return float(size) if size > LARGE_LAW else 0.0
+
+    @property
+    def _output_size(self):
+        unknown = np.full(len(self.linearization_error), np.nan)
+        return unknown if self.closed_output_size is None else self.closed_output_size
+
+    def large_law_lines(self):
+        """Say what a law means that is larger than the recorded input.
+
+        Returns
+        -------
+        lines : list of str
+            Lines of the table.
+        """
+        words = (
+            f"The law is {self.large_law:.3g} times the recorded input. Errors of the "
+            "model weigh as much more in the loop, and no figure here shows them. Fit "
+            "with a larger `gamma_h`."
+        )
+        return textwrap.wrap(words, sum(WIDTHS))
 
     def _closed_words(self):
         """Return what the closed loop is, as lines of the table."""

@@ -41,7 +41,7 @@ class GammaPath:
         Root-mean-square error of the free-run simulation, mean over the outputs, in
         the units of y; inf where it diverges.
     linearization_error : ndarray of shape (n,)
-        Share rms(e) / rms(y) of the test output (eq. gauge), mean over the outputs.
+        Share rms(e) / std(y) of the test output (eq. gauge), mean over the outputs.
     spectral_radius : ndarray of shape (n,)
         Largest modulus of the eigenvalues of A.
     seconds : ndarray of shape (n,)

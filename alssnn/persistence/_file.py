@@ -178,6 +178,7 @@ def _restore(cls, document, arrays):
     fit = document["fit"]
     n_experiments = len(fit["experiments"])
     excited = np.shape(arrays["region.whiten"])[-1]
+    n_region = nx if np.shape(arrays["region.center"]) == (nx,) else nx + nu  # [x; u]
     shapes = {
         **{PARAMETER + name: shape for name, shape in structure.shapes.items()},
         **{PARAMETER + name: (ny, nx) for name in structure.constants},  # C alone
@@ -190,8 +191,8 @@ def _restore(cls, document, arrays):
         "input_delay": (nu,),
         "region.low": (nu + ny,),
         "region.high": (nu + ny,),
-        "region.center": (nx,),
-        "region.whiten": (nx, excited),
+        "region.center": ((nx,), (nx + nu,)),  # of older files: x alone
+        "region.whiten": (n_region, excited),
         "region.radius": (),
         "singular_values": np.shape(arrays["singular_values"])[:1],
     }
@@ -263,7 +264,7 @@ def _check_arrays(arrays, shapes):
     if strange := sorted(set(arrays) - set(shapes)):
         raise ValueError(f"unknown {', '.join(strange)}")
     for name, shape in shapes.items():
-        value, choices = arrays[name], shape if name == "x_scale" else (shape,)
+        value, choices = arrays[name], shape if np.ndim(shape) == 2 else (shape,)
         if value.shape not in choices:
             raise ValueError(f"{name} has shape {value.shape} instead of {choices[-1]}")
         if value.dtype != (int if name == "input_delay" else float):

@@ -134,11 +134,13 @@ def _draw_outputs(ax, ladder, window, output):
     t = ladder.dt * np.arange(window.start, window.stop)
     y = ladder.y_test[window, output]
     ax.plot(t, y, label="measured", **MEASURED)
+    limits = _limits(y, [row.y_hat[window, output] for row in ladder.rows])
     for i, row in enumerate(ladder.rows):
         # every other line is dashed: where models agree, the one below shows through
         style = {"color": color(i), "lw": 1.6, "ls": (0, (4, 4)) if i % 2 else "-"}
-        ax.plot(t, row.y_hat[window, output], label=row.name, **style)
-    ax.set_ylim(*_limits(y, [row.y_hat[window, output] for row in ladder.rows]))
+        note = _out_of_view(row.y_hat[window, output], *limits)
+        ax.plot(t, row.y_hat[window, output], label=f"{row.name}{note}", **style)
+    ax.set_ylim(*limits)
     ax.set_xlim(t[0], t[-1])
     time_axis(ax, label="")
     ax.set_title("Test data: measured and simulated output", loc="left")
@@ -154,6 +156,17 @@ def _limits(y, simulated):
     curves = np.concatenate([y, *simulated])
     curves = curves[np.abs(curves - y.mean()) < 1.5 * size]
     return curves.min() - 0.05 * size, curves.max() + 0.05 * size
+
+
+def _out_of_view(curve, low, high):
+    """Say in the legend that a curve leaves the picture, and where to."""
+    if not np.isfinite(curve).all():
+        return "\n(diverges)"
+    beyond = (curve < low) | (curve > high)
+    if not beyond.any():
+        return ""
+    part = "partly " if not beyond.all() else ""
+    return f"\n({part}out of view: {curve.min():.2g} to {curve.max():.2g})"
 
 
 def _draw_residuals(ax, ladder, window, output):
@@ -175,7 +188,9 @@ def _draw_residuals(ax, ladder, window, output):
 
 def _percent(row, output):
     missed = 100 - row.fit_percent[output]
-    return f"{missed:.2g} %" if np.isfinite(missed) else "diverged"
+    if not np.isfinite(missed):
+        return "diverged"
+    return f"{missed:.2g} %" if missed < 99.5 else f"{missed:,.0f} %"
 
 
 def _draw_spectra(ax, ladder, part, output):

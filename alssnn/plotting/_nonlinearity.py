@@ -166,7 +166,7 @@ class ResidualNonlinearityDisplay:
     figure_ : matplotlib.figure.Figure
         The figure.
     share_ : ndarray of shape (ny,)
-        Linearization error rms(e) / rms(y), which the legend shows.
+        Linearization error rms(e) / std(y), which the legend shows.
 
     Examples
     --------
@@ -257,13 +257,13 @@ class ResidualNonlinearityDisplay:
         e, y = np.vstack(self.e), np.vstack(self.y)
         share = self.share
         if share is None:
-            size = np.sqrt(np.mean(y**2, axis=0))
+            size = np.nanstd(y, axis=0)
             share = np.sqrt(np.mean(e**2, axis=0)) / np.where(size > 0, size, 1.0)
         self.share_ = share
         style = {"color": color(0), "linewidth": 1.4, **kwargs}
         for i, (left, right) in enumerate(axes):
             name = self.output_names[i]
-            label = f"rms(e) / rms(y) = {100 * share[i]:.3g} %"
+            label = f"rms(e) / std(y) = {100 * share[i]:.3g} %"
             left.hist(e[:, i], BINS, color=style["color"], label=label)
             left.set_xlabel(f"e, in units of {name}")
             left.set_ylabel("samples")

@@ -1,5 +1,6 @@
 """Correlations of the residuals of a free run, with their bands."""
 
+import numpy as np
 from matplotlib.ticker import EngFormatter
 
 from ..validation import (
@@ -14,10 +15,11 @@ from ._axes import BAND, color, finish, grid_of_axes
 class ResidualDisplay:
     """Show whether residuals are noise: autocorrelation, and correlation with u.
 
-    The upper row is the autocorrelation of the residual itself, with the p-value of
-    Ljung and Box: it may well leave its band, for noise has a color. The rows below
-    are correlations of the *whitened* residual with u (eq. residuals), with the
-    p-value of independence: at lags from zero on these should stay inside.
+    The upper row is the autocorrelation of the residual itself: it may well leave its
+    band, for noise has a color. The rows below are correlations of the *whitened*
+    residual with u (eq. residuals): at lags from zero on these should stay inside. The
+    titles count the lags outside the band that is drawn; the checks of ``validate``,
+    which take all lags together and allow for errors of parameters, are not drawn.
 
     Parameters
     ----------
@@ -184,7 +186,7 @@ class ResidualDisplay:
                     tests.autocorrelation[:, i],
                     tests.autocorrelation_band[:, i],
                     f"autocorrelation\nof the residual of {name}",
-                    f"whiteness, p = {tests.p_values['whiteness'][i]:.2g}",
+                    "residual: ",
                 ),
                 *(
                     (
@@ -192,7 +194,7 @@ class ResidualDisplay:
                         tests.cross_correlation[:, i, j],
                         tests.cross_band[:, i],
                         f"whitened residual\nof {name} with {tests.input_names[j]}",
-                        f"independence, p = {tests.p_values['independence'][i]:.2g}",
+                        f"{tests.input_names[j]}, lags from 0 on: ",
                     )
                     for j in range(nu)
                 ),
@@ -204,6 +206,9 @@ class ResidualDisplay:
                 one.vlines(lags, 0.0, r, **style)
                 one.plot(lags, r, ".", color=style["color"], markersize=4)
                 one.set_ylabel(label, fontsize="small")
+                counted = lags >= (0 if one is not column[0] else 1)
+                out = int(np.sum((np.abs(r) > band)[counted]))
+                title += f"{out} of {counted.sum()} outside the band"
                 one.set_title(title, loc="left", fontsize="medium")
                 # the band is the same everywhere, and correlations may fill it
                 finish(one, legend=one is axes[0, 0])

@@ -117,7 +117,7 @@ class GammaPathDisplay:
                 color=color(2),
                 label=f"knee, gamma = {path.gammas[knee]:g}",
             )
-        axes.set_xlabel("linearization error rms(e) / rms(y), %")
+        axes.set_xlabel("linearization error rms(e) / std(y), %")
         axes.set_ylabel("RMSE of the free run, in units of y")
         finish(axes)
         self.ax_, self.figure_ = axes, axes.figure

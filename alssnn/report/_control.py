@@ -70,7 +70,7 @@ def linearity(model, test, record):
     parts = [
         paragraph(
             "The linearization error is the share of the output that is not the "
-            "response of (A, B, C) once h is cancelled, rms(e) / rms(y). It does not "
+            "response of (A, B, C) once h is cancelled, rms(e) / std(y). It does not "
             "depend on the state basis; ratios and gains do. "
             + (record.no_law or "Closed loop: u = v - h, with the recorded input as v.")
         ),
@@ -78,7 +78,7 @@ def linearity(model, test, record):
         heading("By frequency"),
         paragraph(
             "e and the output itself in frequency bands: rms in the band, in % of "
-            "rms(y) over all frequencies."
+            "std(y) over all frequencies."
         ),
         table(header, by_band),
     ]
@@ -108,7 +108,7 @@ def _rest(model, test):
     return figure(drawn, "What g leaves at the output.")
 
 
-def certificates(model, test):
+def certificates(model, test, doubt=""):
     """Return what is proved of the linearized loop.
 
     Parameters
@@ -117,6 +117,8 @@ def certificates(model, test):
         Fitted model.
     test : tuple
         The record, (u, y, experiment).
+    doubt : str, default=""
+        Why the model is not to be trusted; empty if it is.
 
     Returns
     -------
@@ -125,16 +127,16 @@ def certificates(model, test):
     """
     return (
         heading("Input-to-state stability")
-        + attempt(lambda: _iss(model, test), "Certificate")
+        + attempt(lambda: _iss(model, test, doubt), "Certificate")
         + heading("Incremental gain")
-        + attempt(lambda: _gain(model), "Certificate")
+        + attempt(lambda: _gain(model, doubt), "Certificate")
     )
 
 
-def _iss(model, test):
+def _iss(model, test, doubt):
     certificate = model.iss_certificate(*test)
     if not certificate.holds:
-        return paragraph(f"Does not hold. {certificate.reason}", "fail")
+        return _unproved(certificate)
     _, outputs = column_names(model)
     rows = [
         ("margin, recomputed", certificate.verify()),
@@ -152,18 +154,16 @@ def _iss(model, test):
         (f"bound of the distance of {name} from its linear response", bound)
         for name, bound in zip(outputs, certificate.output_bounds, strict=True)
     ]
-    return (
-        paragraph("Holds.", "pass")
-        + paragraph(
-            "Proved for the model and g as large as on this record, in the loop "
-            f"u = v - h. {certificate.reason}",
-            "note",
-        )
-        + table(("", "value"), rows)
-    )
+    return paragraph(
+        "Conditional: holds while |g| stays below what the data showed, for the "
+        "model, in the loop u = v - h. Nothing proves that it stays there. "
+        + (f"{doubt} " if doubt else "")
+        + certificate.reason,
+        "note",
+    ) + table(("", "value"), rows)
 
 
-def _gain(model):
+def _gain(model, doubt):
     nw = as_plant(model).form.nw
     if nw > MAX_NEURONS:
         return paragraph(
@@ -173,21 +173,34 @@ def _gain(model):
         )
     certificate = model.gain_certificate()
     if not certificate.holds:
-        return paragraph(f"Does not hold. {certificate.reason}", "fail")
+        return _unproved(certificate)
     rows = [
         ("bound of the l2 gain from v to y", certificate.gamma),
         ("margin, recomputed", certificate.verify()),
     ]
-    return paragraph("Holds.", "pass") + table(("", "value"), rows)
+    words = paragraph(f"Holds for the model, not for the plant. {doubt}", "note")
+    if not doubt:
+        words = paragraph("Holds for the model.", "pass")
+    return words + table(("", "value"), rows)
 
 
-def controller(model):
+def _unproved(certificate):
+    """Say that nothing is proved; a solver that failed decides nothing."""
+    if certificate.verdict == "undecided":
+        reason = certificate.reason
+        return paragraph(f"Undecided. {reason} Nothing is known either way.", "note")
+    return paragraph(f"Does not hold. {certificate.reason}", "fail")
+
+
+def controller(model, doubt=""):
     """Return what a control engineer takes along: (A, B, C) and a first design.
 
     Parameters
     ----------
     model : estimator
         Fitted model.
+    doubt : str, default=""
+        Why the model is not to be trusted; empty if it is.
 
     Returns
     -------
@@ -196,11 +209,19 @@ def controller(model):
     """
     from ..feedback import balanced_weights, linear_part, lqi, lqr
 
-    intro = paragraph(
-        "Under the law the plant is nearly (A, B, C) of the equations, from v to y. "
-        "A proposal to begin with: weights of one for every signal over its standard "
-        "deviation in the training data, 0.01 for integrators."
+    weights = (
+        "Weights of one for every signal over its standard deviation in the training "
+        "data, 0.01 for integrators."
     )
+    if doubt:
+        intro = paragraph(f"Do not use this design on the plant. {doubt}", "fail")
+        intro += paragraph(f"It shows what (A, B, C) would give. {weights}")
+    else:
+        intro = paragraph(
+            "Under the law the model is nearly (A, B, C) of the equations, from v to "
+            "y, and the model passed on this record. A proposal to begin with. "
+            + weights
+        )
     nx = len(linear_part(model)[0])
     Q, R = balanced_weights(model)
     try:

@@ -101,7 +101,8 @@ def equations(model):
             paragraph(f"u = v - h({s})", "equation"),
             paragraph(
                 as_plant(model).no_law
-                or "The law leaves the linear system (A, B, C) from v.",
+                or "The law leaves (A, B, C) from v"
+                + (" and g." if nets["g"] else ", as far as the model is the plant."),
                 "note",
             ),
         ]
@@ -240,9 +241,9 @@ def checks(model, validation, reason):
         for check in validation
     ]
     verdict = (
-        "All checks passed that decide."
+        "Passed: all required checks."
         if validation.passed
-        else "At least one check failed that decides."
+        else "Failed: see the checks marked FAIL."
     )
     content = paragraph(verdict, "pass" if validation.passed else "fail")
     content += table(("", "check", "value", "quantity", "meaning"), rows, "checks")
@@ -255,4 +256,6 @@ def _residuals(validation):
     from ..plotting import ResidualDisplay
 
     drawn = ResidualDisplay(validation.residuals).plot().figure_
-    return figure(drawn, "Correlations of the residual: those with u should stay in.")
+    return figure(
+        drawn, "Correlations of the residual: those with u should stay in their band."
+    )

@@ -2,6 +2,7 @@
 
 from sklearn.utils.validation import check_is_fitted
 
+from ..linearizability import judge
 from ..whole_files import replace_file
 from . import _control, _sections
 from ._page import REFUSED, attempt, page
@@ -56,6 +57,7 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
     except REFUSED as error:
         reason = str(error)
         record = model.linearizability(*test)
+    doubt = _doubt(validation, record)
     sections = [
         ("summary", "Summary", _sections.summary(model, data, validation)),
         ("equations", "Equations", _sections.equations(model)),
@@ -66,12 +68,30 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
             "Linearizability",
             _control.linearity(model, test, record),
         ),
-        ("certificates", "Certificates", _control.certificates(model, test)),
+        ("certificates", "Certificates", _control.certificates(model, test, doubt)),
         (
             "control",
             "Control",
-            attempt(lambda: _control.controller(model), "Design"),
+            attempt(lambda: _control.controller(model, doubt), "Design"),
         ),
     ]
     text = page(f"{type(model).__name__}: report", sections)
     replace_file(path, text)
+
+
+def _doubt(validation, record):
+    """Say why a design on the model is not to be trusted; empty if nothing speaks."""
+    if validation is None:
+        passed, sentence = judge(record)
+        if passed:
+            return "The model was not validated: see above."
+        return f"The model was not validated, and it is not linear. {sentence}"
+    failed = [check.name for check in validation if check.decides and not check.passed]
+    linear = validation["linearizability"]
+    if failed:
+        words = f"The model failed: {', '.join(failed)}."
+    elif not linear.passed:  # a model that was not made for control
+        words = "The model is not linearizable."
+    else:
+        return ""
+    return words if linear.passed else f"{words} {linear.sentence}"

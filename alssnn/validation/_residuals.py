@@ -31,6 +31,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from ..regression import Triangle, lagged
+from ._explained import explained_shares
 from ._regression import regress
 from ._scored import check_names
 
@@ -68,6 +69,10 @@ class ResidualTests:
         Share of the variance of the whitened residual, but for what initial states
         explain, that each block explains; for
         "whiteness", the share of r that its own past explains.
+    explained : dict of str to ndarray of shape (ny,)
+        Share of the variance of r itself that each block explains beyond the blocks
+        before it, on samples left out of the regression; nothing is whitened and no
+        error of a parameter allowed for.
     n_parameters : int
         Number of parameters whose errors the tests allow for; 0 if the model is taken
         for exact.
@@ -100,6 +105,7 @@ class ResidualTests:
     cross_band: np.ndarray
     p_values: dict
     shares: dict
+    explained: dict
     n_parameters: int
     ar_order: np.ndarray
     n_samples: np.ndarray
@@ -172,7 +178,9 @@ def residual_tests(
     n_parameters = 0
     if sensitivities is not None:
         n_parameters = next(sensitivities[0]())[0].shape[2]
-    columns, white, filters = [], [], []
+    few = range(min(n_lags, POWER_LAGS) + 1)
+    blocks = [(u, range(n_lags + 1)), *((q, few) for q in powers)]
+    columns, white, filters, explained = [], [], [], []
     for i in range(ny):
         r_i = [part[:, i] for part in r]
         y_i = [y[:, i] for _, y, _ in experiments]
@@ -181,8 +189,7 @@ def residual_tests(
         columns.append(column)
         white.append(white_i)
         filters.append(a)
-    few = range(min(n_lags, POWER_LAGS) + 1)
-    blocks = [(u, range(n_lags + 1)), *((q, few) for q in powers)]
+        explained.append(explained_shares(r_i, blocks) * (column["share"] is not None))
     found = regress(white, filters, blocks, sensitivities)
     for i, (column, (p, share)) in enumerate(zip(columns, found, strict=True)):
         if column["share"] is None:  # nothing is left
@@ -204,6 +211,7 @@ def residual_tests(
         cross_band=stack["cross_band"],
         p_values=dict(zip(names, stack["p"], strict=True)),
         shares=dict(zip(names, stack["share"], strict=True)),
+        explained=dict(zip(BLOCKS, np.transpose(explained), strict=True)),
         n_parameters=n_parameters,
         ar_order=stack["order"],
         n_samples=stack["n"],

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..linearizability import judge, percent, worst_error
 from ..metrics import fit_percent
 from ._ahead import ahead_fit
 from ._record import Check, Validation
@@ -9,7 +10,13 @@ from ._residuals import BLOCKS, check_options, residual_tests
 from ._scored import column_names, scored_experiments, scored_sensitivities
 
 OUTSIDE = 0.01  # share of samples outside the training region that is accepted
+WORSE = 3.0  # error of the free run over that in training from which it is too much,
+NOTABLE = 90.0  # if the fit is below this, in percent
+EXPLAINED = 0.5  # share of a residual that u explains, from which errors of parameters
+MATTERS = 0.05  # are no excuse if it is as much as this of the output
+OWN = 0.1  # of it, what a block has to add to those before it
 
+BEFORE = ("lags of u", "lags of u and squares")  # what squares and cubes add to
 MEANING = {
     "independence": (
         "lags of u",
@@ -37,6 +44,7 @@ def validate(
     horizons=(1, 2, 5, 10, 20, 50),
     linear_within=0.05,
     exact=False,
+    baseline=None,
 ):
     """Check a model on a record that it was not trained on.
 
@@ -57,12 +65,16 @@ def validate(
     horizons : sequence of int, default=(1, 2, 5, 10, 20, 50)
         Samples ahead at which predictions are compared.
     linear_within : float, default=0.05
-        Share rms(e) / rms(y) up to which the model counts as linearizable.
+        Share rms(e) / std(y) up to which the model counts as linearizable, in open and
+        in closed loop.
     exact : bool, default=False
         Whether the tests of residuals take the parameters for exact. By default, what
         other values of the parameters would explain to first order is no fault, so
         that a right structure passes whose parameters have errors; with True it is,
         which finds a plant that has changed since the training.
+    baseline : estimator or None, default=None
+        Linear model fitted to the same data, with the same `n_init_samples`: the free
+        run must not be worse than that of this model. None compares with the mean.
 
     Returns
     -------
@@ -120,13 +132,17 @@ def validate(
         if "horizons" in str(error):
             raise
         problem = str(error)
-    checks = (
-        *(_block(residuals, name) for name in BLOCKS),
-        _whiteness(residuals),
-        _free_run(experiments, outputs),
-        _ahead(ahead, problem, outputs),
+    if baseline is not None:
+        baseline, _ = scored_experiments(baseline, u, y, experiment)
+    free_run = _free_run(model, experiments, outputs, baseline)
+    missed = 1 - _fits(experiments) / 100
+    checks = (  # by weight
+        free_run,
         _extrapolation(linear),
-        _linear(linear, linear_within, model.fitted_.for_control),
+        _linear(linear, linear_within, model.fitted_.for_control, free_run.value),
+        *(_block(residuals, name, missed) for name in BLOCKS),
+        _ahead(ahead, problem, outputs),
+        _whiteness(residuals),
     )
     return Validation(checks, residuals, ahead, linear, type(model).__name__)
 
@@ -140,23 +156,44 @@ def _diverged(name, decides=True):
     return Check(name, False, np.nan, "p-value", decides, sentence)
 
 
-def _block(residuals, name):
+def _block(residuals, name, missed):
     if residuals is None:
         return _diverged(name)
     p, share = residuals.p_values[name], residuals.shares[name]
     worst = int(p.argmin())
     value = _bonferroni(p)
-    passed = value >= residuals.level
     what, remedy = MEANING[name]
-    if passed:
+    found = np.array([residuals.explained[block] for block in BLOCKS])
+    i = BLOCKS.index(name)
+    explained = found[: i + 1].sum(axis=0)  # with the blocks before
+    part = np.sqrt(explained) * missed
+    large = (explained > EXPLAINED) & (part > MATTERS) & (found[i] > OWN)
+    together = "they" if i == 0 else f"they and {BEFORE[i - 1]}"
+    size = (
+        f"On samples left out {together} predict {percent(explained.max())} of the "
+        f"residual, {percent(part.max())} of the output."
+    )
+    if np.any(large):
+        worst = int(np.argmax(np.where(large, part, 0.0)))
+        passed = False
+        sentence = (
+            f"{what.capitalize()} predict {percent(explained[worst])} of the residual "
+            f"of {residuals.output_names[worst]} on samples left out, "
+            f"{percent(part[worst])} of the output: too much for errors of the "
+            f"parameters; {MEANING[name][1]}, or refit."
+        )
+    elif value >= residuals.level:
+        passed = True
         sentence = f"The residual does not depend on {what}"
         sentence += (
-            " beyond errors of the parameters." if residuals.n_parameters else "."
+            " beyond errors of the parameters. " if residuals.n_parameters else ". "
         )
+        sentence += size
     else:
+        passed = False
         sentence = (
             f"The residual of {residuals.output_names[worst]} depends on {what}, which "
-            f"explain {100 * share[worst]:.2g} % of it (whitened); {remedy}."
+            f"explain {percent(share[worst])} of it (whitened); {remedy}. {size}"
         )
     return Check(name, passed, value, "p-value", True, sentence)
 
@@ -173,24 +210,61 @@ def _whiteness(residuals):
         worst = int(p.argmin())
         sentence = (
             f"The residual of {residuals.output_names[worst]} is colored: its past "
-            f"explains {100 * share[worst]:.2g} % of it. The residual of a free run "
-            "has the color of the noise: reported only, independence decides."
+            f"explains {percent(share[worst])} of it. This is no fault of a free run, "
+            "whose residual has the color of the noise: independence decides."
         )
     return Check("whiteness", passed, value, "p-value", False, sentence)
 
 
-def _free_run(experiments, outputs):
-    y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    fit = np.full(y.shape[1], -np.inf)
-    if np.isfinite(y_hat).all():
-        fit = fit_percent(y, y_hat, multioutput="raw_values")
+def _free_run(model, experiments, outputs, baseline):
+    fit = _fits(experiments)
     worst = int(fit.argmin())
-    passed = bool(fit[worst] > 0)
-    if passed:
-        sentence = f"The free run follows {outputs[worst]}, its worst output."
+    name, value = outputs[worst], float(fit[worst])
+    trained = 100 * (1 - np.sqrt(max(1 - model.train_score_, 0.0)))  # nan: unknown
+    passed, sentence = False, f"The free run misses {_missed(value)} of {name}"
+    if baseline is None:
+        linear = np.full_like(fit, np.nan)
+        beside = "The mean of the output misses all of it"
     else:
-        sentence = f"The free run predicts {outputs[worst]} no better than its mean."
-    return Check("free run", passed, float(fit[worst]), "fit, %,", True, sentence)
+        linear = _fits(baseline)
+        beside = f"The linear model misses {_missed(linear[worst])}"
+    if not value > 0:
+        sentence = (
+            f"The free run predicts {name} no better than its mean: the model is of no "
+            "use on this record."
+        )
+    elif np.any(fit < linear - 0.1 * (100 - linear)):
+        worse = int(np.argmax((100 - fit) / np.maximum(100 - linear, 1e-12)))
+        sentence = (
+            f"The free run misses {_missed(fit[worse])} of {outputs[worse]}, the "
+            f"linear model {_missed(linear[worse])}. Use the linear model."
+        )
+    elif value < NOTABLE and 100 - value > WORSE * (100 - trained):
+        sentence += (
+            f", but {_missed(trained)} of the training record: unless this record is "
+            "much noisier, the model does not hold beyond its training. Train on more "
+            "data, or with fewer neurons or states."
+        )
+    else:
+        passed = True
+        sentence += f", its worst output. {beside}"
+        if np.isfinite(trained):
+            sentence += f"; in training the model missed {_missed(trained)}"
+        sentence += "."
+    return Check("free run", passed, value, "fit, %,", True, sentence)
+
+
+def _fits(experiments):
+    """Return the fit of every output in percent, -inf where the run diverges."""
+    y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
+    if not np.isfinite(y_hat).all():
+        return np.full(y.shape[1], -np.inf)
+    return np.asarray(fit_percent(y, y_hat, multioutput="raw_values"))
+
+
+def _missed(fit):
+    """Return what a fit in percent misses, in words."""
+    return percent(1 - fit / 100)
 
 
 def _ahead(ahead, problem, outputs):
@@ -214,31 +288,16 @@ def _ahead(ahead, problem, outputs):
 def _extrapolation(linear):
     outside = float("nan") if linear.outside is None else float(linear.outside)
     passed = bool(outside <= OUTSIDE)
-    sentence = f"{100 * outside:.2g} % of the record lies outside the training region"
+    sentence = f"{percent(outside)} of the record lies outside the training region"
     sentence += (
         "." if passed else ": there the model is a guess, train on such data as well."
     )
     return Check("extrapolation", passed, outside, "share", True, sentence)
 
 
-def _linear(linear, within, decides):
-    error = float(np.max(linear.linearization_error))
-    passed = bool(error <= within and linear.spectral_radius < 1 and not linear.no_law)
-    share = f"{100 * error:.2g} % of the output"
-    if linear.no_law:
-        sentence = f"There is no loop to judge. {linear.no_law}"
-    elif linear.spectral_radius >= 1:
-        sentence = (
-            f"A has the spectral radius {linear.spectral_radius:.4g}: the linear part "
-            "needs a controller that stabilizes it."
-        )
-    elif passed:
-        sentence = f"All but {share} is the response of (A, B, C) once h is cancelled."
-    else:
-        sentence = (
-            f"{share} is not the response of (A, B, C) once h is cancelled: a linear "
-            "design takes it for a disturbance."
-        )
+def _linear(linear, within, decides, fit):
+    passed, sentence = judge(linear, within, fit)
     if not decides:
         sentence += " This model was not made for control: reported only."
-    return Check("linearizability", passed, error, "rms(e) / rms(y)", decides, sentence)
+    value = worst_error(linear)
+    return Check("linearizability", passed, value, "rms(e) / std(y)", decides, sentence)

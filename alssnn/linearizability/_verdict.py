@@ -1,0 +1,108 @@
+"""Whether a model may be called linearizable: one verdict for all that speak of it."""
+
+import numpy as np
+
+LOOP_OUTSIDE = 0.05  # share of samples of the loop outside the training region
+
+
+def percent(share):
+    """Return a share in percent, in words.
+
+    Parameters
+    ----------
+    share : float
+        Share, one for all.
+
+    Returns
+    -------
+    text : str
+        Percentage, without an exponent.
+    """
+    value = 100 * float(share)
+    if not np.isfinite(value):
+        return "an unbounded share"
+    if value < 1e-9:  # exactly linear models leave rounding errors
+        return "0 %"
+    if value >= 99.5:
+        return f"{value:,.0f} %"
+    return f"{value:.2g} %" if value >= 1e-3 else "less than 0.001 %"
+
+
+def worst_error(figures):
+    """Return the larger of the errors in open and in closed loop.
+
+    Parameters
+    ----------
+    figures : Linearizability or Rung
+        What was measured.
+
+    Returns
+    -------
+    error : float
+        Largest one over the outputs; that of the record if there is no loop.
+    """
+    both = (figures.linearization_error, figures.closed_linearization_error)
+    return float(np.nanmax([np.max(error) for error in both]))
+
+
+def judge(figures, within=0.05, fit=None):
+    """Decide whether a linear design on (A, B, C) has a basis.
+
+    Parameters
+    ----------
+    figures : Linearizability or Rung
+        What was measured.
+    within : float, default=0.05
+        Share of the output that may be left, in open and in closed loop.
+    fit : float or None, default=None
+        Fit of the free run in percent, that of the worst output; None if unknown.
+
+    Returns
+    -------
+    passed : bool
+        Whether both errors are small, the loop stays inside the training data, the
+        law is no larger than they bear, A is stable, and the model follows the plant
+        at all.
+    sentence : str
+        Why, with the figures.
+    """
+    if figures.no_law:
+        return False, f"There is no loop to judge. {figures.no_law}"
+    if figures.spectral_radius >= 1:
+        return False, (
+            f"A has the spectral radius {figures.spectral_radius:.4g}: the linear part "
+            "needs a controller that stabilizes it."
+        )
+    opened, closed = (
+        float(np.max(error))
+        for error in (figures.linearization_error, figures.closed_linearization_error)
+    )
+    outside = figures.closed_outside
+    unseen = "an unknown share" if outside is None else percent(outside)
+    both = (
+        f"{percent(opened)} of the output along the record and {percent(closed)} in "
+        f"the loop u = v - h, which spends {unseen} of its samples outside the "
+        "training data"
+    )
+    if fit is not None and not fit > 0:
+        return False, (
+            "The model does not follow the plant (see free run), and how linear it is "
+            f"says nothing on the plant. Of the model, not linear are {both}."
+        )
+    if not (opened <= within and closed <= within):
+        return False, (
+            f"Not the response of (A, B, C) are {both}. A linear design takes this "
+            "for a disturbance."
+        )
+    if outside is None or not outside <= LOOP_OUTSIDE:
+        return False, (
+            f"Not the response of (A, B, C) are {both}. The networks are extrapolated "
+            "there, and the figure of the loop is a guess. Fit with a larger `gamma_h`."
+        )
+    if figures.large_law:
+        return False, (
+            f"The law is {figures.large_law:.3g} times the recorded input, so that "
+            "errors of the model weigh as much more in the loop. Not the response of "
+            f"(A, B, C) are {both}. Fit with a larger `gamma_h`."
+        )
+    return True, f"Not the response of (A, B, C) are only {both}."
