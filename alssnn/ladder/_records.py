@@ -44,7 +44,7 @@ class Rung:
     no_law : str, default=""
         Why u = v - h(s) is no law of this model; empty if it is one.
     closed_linearization_error : ndarray of shape (ny,), default=0
-        rms(e) / std(y_lin) in the loop u = v - h with the recorded input as v; nan
+        Size rms(e) / std(y_lin) in the loop u = v - h with the recorded input as v; nan
         without a law.
     closed_outside : float or None, default=0.0
         Share of samples of that loop outside the region of the training data.

@@ -115,7 +115,7 @@ class Linearizability:
         Largest std(h) / std(u) over the inputs, u the recorded input: along the record,
         and in the closed loop.
     closed_output_size : ndarray of shape (ny,) or None, default=None
-        std(y_lin) / std(y) per output: how much of the recorded output the linear
+        Size std(y_lin) / std(y) per output: how much of the recorded output the linear
         response to the recorded input as v covers. Far below one the figures of the
         closed loop are those of small signals.
 
