@@ -40,7 +40,8 @@ def make_pendulum(
 
     with the input :math:`\tau`, the torque over the moment of inertia, sampled every
     0.05 s. The nonlinearity enters with the input: the law
-    :math:`\tau = v + g_0 (\sin\theta - \theta)` makes the pendulum exactly linear.
+    :math:`\tau = v + g_0 (\sin\theta - \theta)` makes the pendulum exactly linear
+    in continuous time, and nearly so where it is applied once per sample.
 
     Parameters
     ----------
@@ -160,7 +161,8 @@ def make_duffing(
     sampled every 0.4 s: at the defaults a natural period of :math:`2\pi` s, 16 samples,
     and a damping ratio of 5 %, the proportions of the Silverbox benchmark [1]_ in
     friendly units. The nonlinearity enters with the input: the law
-    :math:`u = v + k_3 y^3` makes the oscillator exactly linear.
+    :math:`u = v + k_3 y^3` makes the oscillator exactly linear
+    in continuous time; applied once per sample it leaves a rest, for 0.4 s is long.
 
     Parameters
     ----------
