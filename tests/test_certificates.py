@@ -238,6 +238,24 @@ def test_repr():
 
 
 @pytest.mark.parametrize(
+    ("eps", "said"),
+    [
+        ("data", "conditional: a bound seen on data"),
+        ("global", "for all states and inputs"),
+        (5.0, "conditional: while omega stays within"),
+    ],
+)
+def test_a_certificate_says_where_its_bounds_come_from(eps, said, rng):
+    structure = state_space(2, 1, 1, n_g=2, C=np.ones((1, 2)))
+    plant = plant_of(structure.lure(random_theta(structure, rng, radius=0.5)))
+    u = rng.standard_normal((50, 1))
+    records = as_records([(u, np.zeros((50, 1)), np.zeros(2))])
+    text = repr(certify_iss(plant, records, eps=eps))
+    assert "holds while" in text and said in text
+    assert ("conditional" in text) == (eps != "global")
+
+
+@pytest.mark.parametrize(
     "args, kwargs, match",
     [
         (([[1, 2]],), {}, "`A` must be a finite square matrix"),

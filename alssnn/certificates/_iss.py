@@ -44,6 +44,14 @@ MAX_SOLVES = 20
 ODDS = 8.0  # the search covers phi / (1 - rho^2) of odds exp(-8) to exp(8)
 
 
+# What a certificate is worth, by where its bounds of omega and eta come from.
+SOURCES = {
+    "data": "conditional: a bound seen on data (eps='data') may be left elsewhere",
+    "global": "for all states and inputs of the model",
+    "given": "conditional: while omega stays within the number that was given",
+}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class IssCertificate:
     """Hold a certificate of input-to-state stability (eq. lmi).
@@ -76,6 +84,9 @@ class IssCertificate:
         State matrix.
     C : ndarray of shape (ny, nx)
         Output matrix of the loop, from the deviation of the states to y - eta.
+    source : {"data", "global", "given"}, default="given"
+        Where the bounds eps and eta come from: seen on data, true for all states and
+        inputs, or a number of the user.
 
     Examples
     --------
@@ -98,6 +109,7 @@ class IssCertificate:
     reason: str
     A: np.ndarray = field(repr=False)
     C: np.ndarray = field(repr=False)
+    source: str = "given"
 
     @property
     def eigenvalue_range(self):
@@ -227,7 +239,7 @@ class IssCertificate:
             f"  phi {self.phi:.4g}, psi {self.psi:.4g}, "
             f"eigenvalues of P {low:.3g} to {high:.3g}",
             f"  then x'Px <= {self.level:.4g}, |y - y_lin| <= {self.output_bound:.4g}",
-            "  conditional: a bound seen on data (eps='data') may be left elsewhere",
+            f"  {SOURCES[self.source]}",
         ]
         return "\n".join(lines + ([f"  {self.reason}"] if self.reason else []))
 

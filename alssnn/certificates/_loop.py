@@ -72,6 +72,8 @@ def certify_iss(model, records=None, *, K=None, eps="data", **options):
     nx = plant.nx
     A, C = loop.M[:nx, :nx], loop.M[nx : nx + plant.ny, :nx]
     certificate = iss_certificate(A, C, eps=omega, eta=eta, **options)
+    source = eps if isinstance(eps, str) else "given"
+    certificate = replace(certificate, source=source)
     if isinstance(eps, str) and np.isinf(omega):
         reason = f"{certificate.reason} {UNBOUNDED[eps]}"
         certificate = replace(certificate, reason=reason)
