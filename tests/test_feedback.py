@@ -216,6 +216,7 @@ def test_observer_online_on_records_and_as_a_system(model, u, kind):
     start = observer.initial_state()
     system, _ = respond(observer.to_nlsys(), np.hstack([u, y]), start)
     np.testing.assert_allclose(system, X_hat, atol=1e-12)
+    assert not np.any(start)  # as the blocks of a loop begin
 
 
 def test_both_kinds_agree_on_a_linear_model(fitted):

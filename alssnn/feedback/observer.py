@@ -213,7 +213,7 @@ class Observer:
             Time, in seconds; not used.
         z : ndarray of shape (nx,) or (nx + nx**2,)
             State predicted for this sample and, if it follows the way ("ekf"), its
-            covariance.
+            covariance less that of the start.
         signals : ndarray of shape (nu + ny,)
             Inputs, then outputs, in the user's units.
         params : dict
@@ -228,7 +228,9 @@ class Observer:
         x, P = self._unpack(z)
         x, P = self._correct(x, P, y, u)
         x, P = self._predict(x, P, u)
-        return np.concatenate([x, P.ravel()])[: len(z)]
+        if self.kind == "kalman":
+            return x
+        return np.concatenate([x, (P - self._start_covariance()).ravel()])
 
     def output(self, t, z, signals, params):
         """Return the corrected state for (u, y), for python-control.
@@ -238,7 +240,7 @@ class Observer:
         t : float
             Time, in seconds; not used.
         z : ndarray of shape (nx,) or (nx + nx**2,)
-            State predicted for this sample, and its covariance.
+            State predicted for this sample, and its covariance as in `update`.
         signals : ndarray of shape (nu + ny,)
             Inputs, then outputs, in the user's units.
         params : dict
@@ -263,7 +265,8 @@ class Observer:
         sys : control.NonlinearIOSystem
             System from (u, y), with the names of the training data, to ``x_hat[0]``,
             ...; its states are the predictions, behind which an extended Kalman filter
-            has their covariance, row by row. See `initial_state`.
+            has their covariance less that of the start, row by row: from zeros, as
+            loops begin, it starts as `filter` does.
         """
         nx = len(self.Q)
         states = signal_names(None, "x", nx)
@@ -290,8 +293,7 @@ class Observer:
         Returns
         -------
         z0 : ndarray of shape (nx,) or (nx + nx**2,)
-            State of the system. From zeros instead, an extended Kalman filter is sure
-            of its start.
+            State of the system.
 
         Raises
         ------
@@ -301,7 +303,7 @@ class Observer:
         x0 = check_point("x0", x0, len(self.Q))
         if self.kind == "kalman":
             return x0
-        return np.concatenate([x0, self._start_covariance().ravel()])
+        return np.concatenate([x0, np.zeros(len(x0) ** 2)])
 
     def _start_covariance(self):
         # the start is as uncertain as the states are large
@@ -309,7 +311,8 @@ class Observer:
 
     def _unpack(self, z):
         nx = len(self.Q)
-        return z[:nx], z[nx:].reshape(-1, nx)  # a constant gain needs no covariance
+        P = z[nx:].reshape(-1, nx)  # a constant gain needs none
+        return z[:nx], P + self._start_covariance() if len(P) else P
 
     def _gain(self, P, C):
         """Return the gain, and the covariance of the innovation."""
