@@ -12,15 +12,15 @@ from ..initial_states import estimate_x0
 from ..mapping import count_measured
 from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
-from ..training import train
-from ..uncertainty import (
+from ..sandwich import (
     WEIGHTING_LEVEL,
-    ParameterCovariance,
     pseudo_inverse,
     residual_moments,
     score_covariance,
     weighting_p_value,
 )
+from ..training import train
+from ..uncertainty import ParameterCovariance
 from ._simulation import labeled_data
 
 
