@@ -25,7 +25,7 @@ TESTS = {
     "contribution": ["test_criterion.py", "test_simulation.py"],
     "simulation": ["test_simulation.py", "test_criterion.py"],
     "lure": ["test_structures.py", "test_simulation.py"],
-    "forms": ["test_mpc.py", "test_certificates.py", "test_structures.py"],
+    "forms": ["test_mpc.py", "test_extending.py", "test_certificates.py"],
     "feedback/law": ["test_feedback.py"],
     "certificates/_disturbance": ["test_certificates.py"],
     "certificates/_iss": ["test_certificates.py"],
