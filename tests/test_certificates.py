@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 
-from alssnn import LinearStateSpace
+from alssnn import Activation, LinearStateSpace
+from alssnn.activations import ACTIVATIONS
 from alssnn.certificates import (
     certify_gain,
     certify_iss,
@@ -532,6 +533,28 @@ def test_loops_that_the_law_refuses_have_no_certificate(eps):
             model.iss_certificate(u, y, eps=eps)
         with pytest.raises(ValueError, match=why):
             model.gain_certificate()
+
+
+def test_a_global_bound_grows_with_that_of_the_activation(rng):
+    tanh = ACTIVATIONS["tanh"]
+    twice = Activation(
+        "twice",
+        lambda v: 2 * np.tanh(v),
+        lambda v, w: 2 - w**2 / 2,
+        slope=(0, 2),
+        bound=2,
+    )
+    options = {"n_g": 3, "C": np.ones((1, 2)), "tied_bias": False}
+    one, two = (
+        state_space(2, 1, 1, activation=activation, **options)
+        for activation in (tanh, twice)
+    )
+    p = one.split(random_theta(one, rng))
+    p["b_g"] = np.zeros(2)
+    (eps, _), (larger, _) = (
+        global_bound(plant_of(s.lure(s.join(p)))) for s in (one, two)
+    )
+    assert larger == pytest.approx(2 * eps)
 
 
 @pytest.mark.parametrize("network", ["g", "k"])

@@ -190,6 +190,16 @@ def test_law_saturates_and_says_how_much(model, u, rng):
     np.testing.assert_array_equal(inside, cut == 0)
 
 
+def test_a_lost_signal_leaves_the_others_what_they_are(fitted):
+    """In a block of a loop: one v is not a number, the other is beyond its limit."""
+    model = fitted["linear", 2]
+    low, high = model.u_offset_ - 1, model.u_offset_ + 1
+    law = model.linearizing_law(low, high).to_nlsys(with_cut=True)
+    v = np.array([np.nan, model.u_offset_[1] + 3])
+    u_cut = law.output(0, [], np.concatenate([v, model.y_offset_]))
+    np.testing.assert_allclose(u_cut, [model.u_offset_[0], high[1], 0, 2])
+
+
 # -- observer --------------------------------------------------------------------------
 
 
