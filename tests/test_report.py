@@ -5,9 +5,11 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from test_extending import SOFTSIGN
 
 import browser
 from alssnn import LinearStateSpace, load
+from alssnn.activations import ACTIVATIONS
 from alssnn.feedback import (
     balanced_weights,
     closed_loop,
@@ -16,6 +18,8 @@ from alssnn.feedback import (
     lqi,
     step_comparison,
 )
+from alssnn.report import model_steps
+from exported import NAMES, make_plant, signals
 from helpers import simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
 
@@ -126,7 +130,7 @@ def test_page_is_complete_and_stands_alone(model, tmp_path):
     assert "training" in text and "this record" in text
     assert checker.tags["img"] >= 2
     assert all(0 < len(link) < 2_000_000 for link in checker.links)
-    assert ("Network h" in text) == ("W_h" in model.params_)
+    assert ("u = v - h(" in text) == model.plant_.cancels
 
 
 def test_numbers_of_the_page_are_those_of_the_model(tmp_path):
@@ -356,3 +360,30 @@ def test_wrong_steps():
     for n_samples in (1, 2.5):
         with pytest.raises(ValueError, match="`n_samples` must be at least 2 and an"):
             step_comparison(model, K, n_samples=n_samples)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_steps_of_the_page_compute_the_model(name):
+    """Every line is a formula over the numbers that are printed with it."""
+    plant = make_plant(name)
+    lines, arrays = model_steps(plant)
+    x, u, s = (z[0] for z in signals(plant))
+    x = x[: plant.nx]
+    values = {"x": x, "du": u, "s": s}
+    for line in lines:
+        left, _, right = line.partition(" = ")
+        right = re.sub(r"(\w+) (x|du|s|\w*w\d+)\b", r"\1 @ \2", right)
+        scope = {**arrays, **values, **{a.name: a.value for a in ACTIVATIONS.values()}}
+        values[left] = eval(right, {"softsign": SOFTSIGN.value}, scope)
+    if not plant.form.nw:
+        assert not lines
+        return
+    form = plant.arrived()
+    at = u + plant.u_offset
+    np.testing.assert_allclose(values["x+"], form.step(x, at), rtol=1e-12, atol=1e-13)
+    y = form.output(x, at) - plant.y_offset
+    np.testing.assert_allclose(values["y - y_e"] + np.zeros(plant.ny), y, atol=1e-13)
+    if plant.cancels:
+        measured = s + (plant.y_offset if plant.feedback == "output" else 0)
+        v = u + plant.cancelled(measured)
+        np.testing.assert_allclose(values["v - u_e"], v, atol=1e-13)

@@ -2,7 +2,7 @@
 
 `_archive` reads and writes archives of arrays, `_file` knows what a fitted model
 consists of. An export is a plant with its law, observer and gain (`_export`), stated
-layer by layer (`_walk`): `_c` writes C, `_onnx` graphs, and `_mat` a struct for MATLAB.
+layer by layer (`walk`): `_c` writes C, `_onnx` graphs, and `_mat` a struct for MATLAB.
 """
 
 from ._c import to_c

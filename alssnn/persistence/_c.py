@@ -13,11 +13,11 @@ from string import Template
 
 import numpy as np
 
+from ..walk import static_map, walk
 from ..whole_files import replace_file
 from ._archive import release
 from ._c_map import SUFFIX, Function, Numbers
 from ._export import Export
-from ._walk import static_map, walk
 
 TEMPLATES = {
     "plant.h": "{}.h",

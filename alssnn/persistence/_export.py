@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..plant import Plant, as_plant
-from ._walk import static_map
+from ..walk import static_map
 
 
 @dataclass(frozen=True, eq=False)

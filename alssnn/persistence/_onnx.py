@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..walk import static_map, walk
 from ..whole_files import replace_file
 from ._archive import release
 from ._export import Export
-from ._walk import static_map, walk
 
 OPSET = 17
 IR_VERSION = 8  # the one of that opset, for runtimes that are not the newest

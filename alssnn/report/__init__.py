@@ -6,6 +6,7 @@ together.  Figures are the displays of `plotting`, as PNG inside the page.  A pa
 cannot be computed gives its reason instead.
 """
 
+from ._sections import model_steps
 from ._write import write_report
 
-__all__ = ["write_report"]
+__all__ = ["model_steps", "write_report"]

@@ -3,9 +3,8 @@
 import numpy as np
 
 from ..metrics import fit_percent, nrmse, rmse
-from ..networks import Perceptron
-from ..plant import as_plant
 from ..validation import column_names
+from ..walk import static_map, walk
 from ._page import (
     attempt,
     figure,
@@ -84,65 +83,123 @@ def equations(model):
     html : str
         HTML.
     """
-    p = model.params_
-    nets = {net: f"W_{net}" in p for net in "hgk"}
-    s = "x" if "W_s" in p else "y - y_e"
-    state = "x+ = A x + B " + (f"(du + h({s}))" if nets["h"] else "du")
-    state += " + g(x, du)" if nets["g"] else ""
-    output = "y - y_e = C x" + (" + D du" if np.any(model.D_) else "")
-    output += " + k(x, du)" if nets["k"] else ""
-    parts = [
-        paragraph(state, "equation"),
-        paragraph(output, "equation"),
-        paragraph(f"du = u - u_e, {_delay_words(model)}", "note"),
-    ]
-    if nets["h"]:
-        parts += [
-            paragraph(f"u = v - h({s})", "equation"),
-            paragraph(
-                as_plant(model).no_law
-                or "The law leaves (A, B, C) from v"
-                + (" and g." if nets["g"] else ", as far as the model is the plant."),
-                "note",
-            ),
-        ]
-    arrays = {
-        "A": model.A_,
-        "B": model.B_,
-        "C": model.C_,
-        "D": model.D_,
-        "u_e": model.u_offset_,
-        "y_e": model.y_offset_,
-    }
+    plant = model.plant_
     inputs, outputs = column_names(model)
-    words = {
-        "u_e": f"operating point of {', '.join(inputs)}",
-        "y_e": f"operating point of {', '.join(outputs)}",
+    A, B, C, D = model.A_, model.B_, model.C_, model.D_
+    linear = {
+        "A": (A, ""),
+        "B": (B, ""),
+        "C": (C, ""),
+        "D": (D, ""),
+        "u_e": (plant.u_offset, f"operating point of {', '.join(inputs)}"),
+        "y_e": (plant.y_offset, f"operating point of {', '.join(outputs)}"),
     }
-    parts += [
-        matrix(name, values, words.get(name, ""))
-        for name, values in arrays.items()
-        if name != "D" or np.any(values)
-    ]
-    for net in (name for name, there in nets.items() if there):
-        sigma = model.fitted_.structure.activations[f"w_{net}"]
-        network = Perceptron.of(net, p, sigma)
-        size = len(network.layers)
-        see = f"s = {s}" if net == "h" else "[x; du]"
-        parts += [
-            heading(f"Network {net}"),
-            paragraph(
-                f"{size} layers on {see}: z <- {sigma.name}(W z + b), the last layer "
-                "linear."
-            ),
+    shown = {k: z for k, z in linear.items() if k != "D" or np.any(D)}
+    steps, arrays = model_steps(plant)
+    numbers = "".join(matrix(name, values) for name, values in arrays.items())
+    lines = "".join(paragraph(line, "equation") for line in steps)
+    arrays = {name: values for name, (values, _) in linear.items()} | arrays
+    return "".join(
+        [
+            *(paragraph(line, "equation") for line in _in_words(model)),
+            paragraph(f"du = u - u_e, {_delay_words(model)}", "note"),
+            *_law_words(plant),
+            *(matrix(name, values, words) for name, (values, words) in shown.items()),
+            heading("Step by step"),
+            lines or paragraph("The model is linear.", "note"),
+            f"<details><summary>Numbers of these steps</summary>{numbers}</details>",
+            python_code("Copy all numbers as Python", arrays),
         ]
-        layers = ""
-        for i, (W, b) in enumerate(network.layers, 1):
-            arrays |= {f"W_{net}_{i}": W, f"b_{net}_{i}": b}
-            layers += matrix(f"W{i}", W) + matrix(f"b{i}", b)
-        parts.append(f"<details><summary>Weights of {net}</summary>{layers}</details>")
-    parts.append(python_code("Copy all numbers as Python", arrays))
-    return "".join(parts)
+    )
+
+
+def _in_words(model):
+    """Return the equations of a model of the family; others have their steps."""
+    options = model.fitted_.structure.options
+    if not options:
+        return []
+    h, g, k = (any(options[f"n_{net}"]) for net in "hgk")
+    s = "x" if options["feedback"] == "state" else "y - y_e"
+    state = "x+ = A x + B " + (f"(du + h({s}))" if h else "du")
+    output = "y - y_e = C x" + (" + D du" if np.any(model.D_) else "")
+    return [
+        state + (" + g(x, du)" if g else ""),
+        output + (" + k(x, du)" if k else ""),
+    ]
+
+
+def _law_words(plant):
+    """Return what the law leaves, where there is something to cancel."""
+    if not plant.cancels:
+        return []
+    s = "x" if plant.feedback == "state" else "y"
+    left = "The law leaves (A, B, C) from v, as far as the model is the plant."
+    if not plant.no_law and np.any(plant.observed.rows_z[plant.ny + plant.nu :]):
+        left = "The law leaves (A, B, C) from v, and what it does not cancel."
+    return [
+        paragraph(f"u = v - h({s})", "equation"),
+        paragraph(plant.no_law or left, "note"),
+    ]
+
+
+def model_steps(plant):
+    """Return what one sample of a nonlinear model computes, as formulas.
+
+    Parameters
+    ----------
+    plant : Plant
+        The model; its inputs are those that have arrived.
+
+    Returns
+    -------
+    lines : list of str
+        Formulas in the order of evaluation, of deviations: layers of neurons, ``x+``,
+        ``y - y_e`` and, where there is a law, ``v - u_e``. None for a linear model.
+    arrays : dict of str to ndarray
+        The numbers in them, by name.
+    """
+    if not plant.form.nw:
+        return [], {}
+    nx, ny = plant.nx, plant.ny
+    model = {"x": nx, "du": plant.nu}
+    law = {"s": plant.law_form.nu - plant.nu, "du": plant.nu}
+    maps = {
+        "x+": ("f", static_map(plant.form, slice(0, nx)), model),
+        "y - y_e": ("c", static_map(plant.form, slice(nx, nx + ny)), model),
+    }
+    if plant.cancels:
+        maps["v - u_e"] = ("v", plant.law_form, law)
+    steps = Steps()
+    for value, (prefix, lure, signals) in maps.items():
+        steps.prefix = prefix
+        walk(lure, signals, steps, value)
+    return steps.lines, steps.arrays
+
+
+class Steps:
+    """Write static maps as lines of text, for `walk`."""
+
+    def __init__(self):
+        self.prefix, self.lines, self.arrays = "", [], {}
+
+    def affine(self, value, terms, constant):
+        """Add a sum of products."""
+        value = f"{self.prefix}_{value}" if value.startswith("w") else value
+        parts = [(f"{self.prefix}_{name}", z, signal) for name, z, signal in terms]
+        self.arrays |= {name: z for name, z, _ in parts}
+        words = [f"{name} {signal}" for name, _, signal in parts]
+        name, vector = constant
+        if np.any(vector):
+            self.arrays[f"{self.prefix}_{name}"] = vector
+            words.append(f"{self.prefix}_{name}")
+        self.lines.append(f"{value} = {' + '.join(words) or 0}")
+        return value
+
+    def activate(self, value, size, sigma):
+        """Put the last line into an activation."""
+        left, _, right = self.lines[-1].partition(" = ")
+        self.lines[-1] = f"{left} = {sigma.name}({right})"
+        return value
 
 
 def _delay_words(model):

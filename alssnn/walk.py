@@ -13,7 +13,7 @@ declared structure can be written.
 
 import numpy as np
 
-from ..lure import Lure
+from .lure import Lure
 
 
 def static_map(form, rows, n_inputs=None):
