@@ -109,13 +109,12 @@ class Contribution:
         r : ndarray of shape (L, nz)
             Residual of a chunk; one row of nan ends a diverged experiment.
         """
-        lure, nx = self.structure.lure(theta), self.structure.nx
-        Theta_z = lure.Theta[nx : nx + lure.nz].T
+        lure = self.structure.lure(theta)
         for part, u_part, X in trajectory(lure, u, self.structure.initial_state(x0)):
             if not np.isfinite(X[-1]).all():
                 yield np.full(lure.nz, np.nan)
                 return
-            Z = regressors(lure, X[:-1], u_part) @ Theta_z * self.weight
+            Z = regressors(lure, X[:-1], u_part) @ lure.rows_z.T * self.weight
             yield self._subtract(Z, y[part])[0]
 
     def _subtract(self, Z, y):

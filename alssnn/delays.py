@@ -23,7 +23,7 @@ from .experiments import stretch
 from .noise import Moments, fit_noise, highest_order
 from .orders import compare_orders
 from .regression import Triangle, lagged
-from .simulation import regressors, trajectory
+from .simulation import runs
 from .subspace import identify_linear
 
 PAST = 10  # samples of every output in the regression
@@ -131,15 +131,9 @@ def _simulation_errors(experiments, delays, nx, feedthrough):
         pairs = _delayed(experiments, delay, before)
         model = identify_linear(pairs, nx, feedthrough=feedthrough, max_iter=STEPS)
         lure = model.structure.lure(model.structure.join(vars(model)))
-        Theta_y = lure.Theta[lure.nx : lure.nx + lure.nz].T
         errors.append(
             [
-                np.vstack(
-                    [
-                        y[part] - regressors(lure, X[:-1], u_part) @ Theta_y
-                        for part, u_part, X in trajectory(lure, u, x0)
-                    ]
-                )
+                np.vstack([y[part] - y_hat for part, _, _, y_hat in runs(lure, u, x0)])
                 for (u, y), x0 in zip(pairs, model.x0, strict=True)
             ]
         )

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from scipy.stats import chi2
 
 from .noise import Moments
-from .simulation import regressors, sensitivities, trajectory
+from .simulation import runs, sensitivities
 
 RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
 WEIGHTING_LEVEL = 0.01  # chance of calling a sound fit biased
@@ -19,13 +19,9 @@ def _residuals(structure, theta, x0, experiments):
     """Yield, of every experiment, what yields the errors of its simulation in parts."""
     ny = structure.sizes["y"]
     lure = structure.lure(theta)
-    Theta_y = lure.Theta[lure.nx : lure.nx + ny].T
     for (u, y), start in zip(experiments, x0, strict=True):
-        runs = trajectory(lure, u, structure.initial_state(start))
-        yield (
-            regressors(lure, X[:-1], u_part) @ Theta_y - y[part]
-            for part, u_part, X in runs
-        )
+        simulation = runs(lure, u, structure.initial_state(start))
+        yield (Z[:, :ny] - y[part] for part, _, _, Z in simulation)
 
 
 def residual_moments(structure, theta, x0, experiments, n_lags=0):

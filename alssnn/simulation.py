@@ -179,6 +179,58 @@ def regressors(lure, X, u):
     return np.hstack([xu, w, np.ones((len(xu), 1))])
 
 
+def runs(lure, u, x0):
+    """Yield the states and the channels of a simulation, chunk by chunk.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    u : array of shape (N, nu)
+        Inputs; only sliced.
+    x0 : ndarray of shape (nx,)
+        State at the first sample.
+
+    Yields
+    ------
+    part : slice
+        Samples of this chunk.
+    u_part : ndarray of shape (L, nu)
+        Their inputs.
+    X : ndarray of shape (L, nx)
+        Their states.
+    Z : ndarray of shape (L, nz)
+        Their channels; not finite in the chunk where the simulation diverges, which is
+        the last.
+    """
+    for part, u_part, X in trajectory(lure, u, x0):
+        yield part, u_part, X[:-1], regressors(lure, X[:-1], u_part) @ lure.rows_z.T
+
+
+def outputs(lure, u, x0):
+    """Return the channels of a whole simulation.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    u : array of shape (N, nu)
+        Inputs.
+    x0 : ndarray of shape (nx,)
+        State at the first sample.
+
+    Returns
+    -------
+    Z : ndarray of shape (N, nz)
+        Channels; inf where the simulation diverges.
+    """
+    Z = np.full((len(u), lure.nz), np.inf)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for part, _, _, Z_part in runs(lure, u, x0):
+            Z[part] = np.where(np.isfinite(Z_part), Z_part, np.inf)
+    return Z
+
+
 def neuron_gains(lure, W, Phi):
     """Return W R, the derivative of outputs W w by the neurons' own inputs v.
 

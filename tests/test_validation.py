@@ -525,8 +525,8 @@ def test_data_outside_the_training_region_fail(true_model):
 def test_a_diverging_run_fails_with_a_reason(true_model, monkeypatch):
     u = np.random.default_rng(0).standard_normal((400, 2))
     monkeypatch.setattr(
-        "alssnn.validation._scored.simulate",
-        lambda lure, u, x0: np.full((len(u) + 1, lure.nx), np.inf),
+        "alssnn.validation._scored.outputs",
+        lambda lure, u, x0: np.full((len(u), lure.nz), np.inf),
     )
     found = true_model.validate(u, plant(u))
     assert not found.passed

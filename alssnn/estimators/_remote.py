@@ -5,7 +5,7 @@ import numpy as np
 from ..containers import Container
 from ..region import Region
 from ..scaling import Scaling
-from ..simulation import regressors, trajectory
+from ..simulation import runs
 from ._checks import order_choices
 from ._integrators import find_integrators
 
@@ -95,8 +95,6 @@ class _Visit:
 
     def _chunks(self, x0, u_s, y_s):
         lure, (x_scale, u_scale, y_scale) = self.lure, self.scales
-        Theta_y = lure.Theta[lure.nx : lure.nx + lure.nz].T
-        for part, u, X in trajectory(lure, u_s, x0):
-            y_hat = regressors(lure, X[:-1], u) @ Theta_y
+        for part, u, X, y_hat in runs(lure, u_s, x0):
             y = np.where(np.isnan(y_s[part]), y_hat, y_s[part])
-            yield X[:-1] * x_scale, u * u_scale, y_hat * y_scale, y * y_scale
+            yield X * x_scale, u * u_scale, y_hat * y_scale, y * y_scale

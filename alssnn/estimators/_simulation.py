@@ -16,7 +16,7 @@ from ..experiments import (
 )
 from ..initial_states import estimate_x0 as least_squares_x0
 from ..records import PreparedRecord
-from ..simulation import regressors, trajectory
+from ..simulation import outputs
 
 # Single precision stays what it is, chunks are converted; nan are left to our checks.
 DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
@@ -95,7 +95,7 @@ def simulated(model, u, x0):
     """
     scaling, lure = model._scaling, model._structure.lure(model._theta)
     u_s = scaling.scale_u(u, model.input_delay_)
-    y_s = _outputs(lure, u_s, x0 / model._x_scale)
+    y_s = outputs(lure, u_s, x0 / model._x_scale)
     return y_s * scaling.y_scale + scaling.y_offset
 
 
@@ -350,21 +350,12 @@ def simulate_test(model, u, y, experiment=None):
     lure = model._structure.lure(model._theta)
     y_true, y_pred = [], []
     for record in records:
-        y_hat = _outputs(lure, record.u_s, record.x0 / model._x_scale)
+        y_hat = outputs(lure, record.u_s, record.x0 / model._x_scale)
         y_true.append(record.y[record.scored])
         y_pred.append(y_hat[record.scored])
     scaling = model._scaling
     y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
     return np.vstack(y_true), y_pred
-
-
-def _outputs(lure, u_s, x0):
-    """Return scaled outputs of a simulation; not finite where it diverges."""
-    y = np.full((len(u_s), lure.nz), np.inf)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for part, u, X in trajectory(lure, u_s, x0):
-            y[part] = regressors(lure, X[:-1], u) @ lure.rows_z.T
-    return y
 
 
 def join_records(u, y, experiment):
