@@ -29,6 +29,8 @@ import numpy as np
 from .activations import as_activation
 from .structures import ONE, AtRest, Diagonal, Factor, Matrix, Signal, Structure, Term
 
+LEAST_GAIN = 0.01  # of a monotone network: its inverse amplifies a hundredfold at most
+
 
 class Equations:
     """Write a model.
@@ -267,6 +269,68 @@ class Equations:
             at_rest = AtRest(tuple(zip(W_names, names, strict=True)), sigma)
             w += Signal(w.axes, w.shape, (Term(ONE, (at_rest,)),))
         return W_out @ w if b_out is None else W_out @ w + b_out
+
+    def monotone(self, net, u, size, inputs, *, biases="free", activation="tanh"):
+        """Return a network that increases with a signal (eq. monotone).
+
+        For net="f" that is
+
+            d u + diag(r_fu)^2 u + S_f U_f' diag(r_f)^2 sigma(U_f u + ... + b_f)
+
+        with d = `LEAST_GAIN`, S_f = I, which only says the units, and what the layer
+        sees of other signals in the place of the dots. Its derivative by u is symmetric
+        and at least d for an activation that does not decrease, so that every value is
+        that of exactly one u.
+
+        Parameters
+        ----------
+        net : str
+            Name of the network.
+        u : Signal
+            What it increases with.
+        size : int
+            Neurons of its hidden layer.
+        inputs : dict of str to Signal
+            What the layer sees beside u, by the names of its weights.
+        biases : {"free", "none"}, default="free"
+            Biases of the layer, or none.
+        activation : str or Activation, default="tanh"
+            Activation of the layer, which must not decrease.
+
+        Returns
+        -------
+        value : Signal
+            The value, as long as u.
+
+        Raises
+        ------
+        ValueError
+            If the activation decreases.
+        """
+        sigma, layer = as_activation(activation), f"w_{net}"
+        if not sigma.slope[0] >= 0:
+            raise ValueError(
+                f"`activation` of {net!r} must not decrease, got {sigma.name!r}. "
+                "Choose 'tanh' or 'sigmoid'."
+            )
+        # axes of their own where units are none, or those of 1 / u
+        for axis, length in (
+            (layer, size),
+            (f"{net}u", u.size),
+            (f"per_{u.axis}", u.size),
+        ):
+            self._size(axis, length)
+        R_u = diagonal(self.weights(f"r_{net}u", f"{net}u"))
+        R = diagonal(self.weights(f"r_{net}", layer))
+        U = self.weights(f"U_{net}", layer, u.axis)
+        seen = U @ u
+        for W, signal in inputs.items():
+            seen += self.weights(W, layer, signal.axis) @ signal
+        if biases == "free":
+            seen += self.weights(f"b_{net}", layer)
+        w = self.neurons(layer, seen, sigma)
+        S = self.constant(f"S_{net}", np.eye(u.size), u.axis, f"per_{u.axis}")
+        return LEAST_GAIN * u + R_u @ R_u @ u + S @ U.T @ R @ R @ w
 
     def structure(self, updates, channels, options=None):
         """Return what has been written as a structure.

@@ -9,6 +9,7 @@ import numpy as np
 
 from .lure import Lure
 
+PARALLEL = 1e-9  # relative: vectors whose cosine is this close to one are parallel
 ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
 
 
@@ -126,20 +127,53 @@ def closed(form):
     Parameters
     ----------
     form : Lure
-        Form whose v is affine in u with gain one.
+        Form whose v is u, plus neurons and what does not depend on u.
 
     Returns
     -------
     loop : Lure
-        Form with the input v and the channels [y; u].
+        Form with the input v and the channels [y; u]. Neurons of v that see u then
+        see each other (`implicit`).
     """
-    u = slice(form.nx, form.nx + form.nu)
-    to_u = -form.Theta[virtual(form)]  # u = v - h
-    to_u[:, u] += 2 * np.eye(form.nu)
+    u, gain = slice(form.nx, form.nx + form.nu), input_gain(form)[:, None]
+    to_u = -form.Theta[virtual(form)] / gain  # u = (v - h) / gain
+    to_u[:, u] = np.diag(1 / gain[:, 0])
     Theta = with_virtual(form, only_input(form)).Theta.copy()
     by_u = Theta[:, u].copy()
     Theta[:, u] = 0.0
     return Lure(Theta + by_u @ to_u, form.nx, form.nu, form.nw, form.sigma)
+
+
+def increases(law_form, scale):
+    """Tell whether v = phi(u, s) has one u for every v, by its weights (eq. monotone).
+
+    Parameters
+    ----------
+    law_form : Lure
+        The static map from [s; u] to v.
+    scale : ndarray of shape (nu,)
+        Sizes of the inputs, in which the weights are transposed to each other.
+
+    Returns
+    -------
+    increases : bool
+        Whether phi(u, s) = diag(d) u + W sigma(diag(lambda) W'u + ...) + ... with
+        d > 0, lambda >= 0 and a sigma that does not decrease.
+    """
+    nu = len(scale)
+    gain = law_form.M[-nu:, -nu:]
+    U = law_form.V[:, -nu:] * scale
+    W = law_form.W[-nu:] / scale[:, None]
+    sees = np.any(U != 0, axis=1)
+    along = np.einsum("ij,ji->i", U, W)
+    size = np.linalg.norm(U, axis=1) * np.linalg.norm(W, axis=0)
+    return bool(
+        np.array_equal(gain, np.diag(gain.diagonal()))
+        and np.all(gain.diagonal() > 0)
+        and not np.any(law_form.E[:, sees])  # no neuron behind them
+        and all(law_form.sigma[i].slope[0] >= 0 for i in np.flatnonzero(sees))
+        and np.all(along[sees] >= (1 - PARALLEL) * size[sees])
+    )
 
 
 def observed(form):
@@ -158,7 +192,7 @@ def observed(form):
     # x+ - A x - B dv and y - C x - D dv are rows of Theta, whatever made them
     nx, v = form.nx, virtual(form)
     signals, made_v = form.Theta[: v.start], form.Theta[v]
-    by_v = form.M[: v.start, nx:]
+    by_v = form.M[: v.start, nx:] / input_gain(form)
     rest = signals - by_v @ made_v
     rest[:, :nx] -= form.M[: v.start, :nx]
     # what only rounding leaves of B h is zero
@@ -166,6 +200,22 @@ def observed(form):
     rest[np.abs(rest) <= ROUNDING * size] = 0.0
     Theta = np.vstack([form.rows_x, form.rows_z, rest, form.rows_v])
     return Lure(Theta, nx, form.nu, form.nw, form.sigma)
+
+
+def input_gain(form):
+    """Return what v has of u alone, besides neurons.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+
+    Returns
+    -------
+    gain : ndarray of shape (nu,)
+        Diagonal of dv/du without neurons: one where v = u + h(s).
+    """
+    return form.Theta[virtual(form), form.nx : form.nx + form.nu].diagonal()
 
 
 def virtual(form):

@@ -15,12 +15,14 @@ with the blocks of the design equations as sub-matrices of the one array `Theta`
 
 The regressor phi = [x; u; w; 1] and the matrix Theta are all that simulation,
 sensitivities and linearization need to know.  `z` stacks the output y and every
-signal that the cost penalizes.  E couples layers of neurons and is strictly lower
-triangular, so that w can be evaluated in order; it is zero for one hidden layer.
-sigma acts elementwise, one activation per neuron.
+signal that the cost penalizes.  E couples layers of neurons and is block lower
+triangular, so that w can be evaluated layer by layer; it is zero for one hidden layer.
+sigma acts elementwise, one activation per neuron.  The blocks on the diagonal are zero
+for every model that is trained.
 
 A feedback u = v - K w - k turns one Lur'e form into another (`Plant.close`):
-cancelling h couples the neurons of g to those of h.
+cancelling h couples the neurons of g to those of h, and where neurons of h see u they
+see themselves.  Such a layer is solved (`implicit`).
 """
 
 from dataclasses import dataclass
@@ -29,6 +31,7 @@ from functools import cached_property
 import numpy as np
 
 from .activations import ACTIVATIONS
+from .implicit import ImplicitLayer
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +54,7 @@ class Lure:
     Raises
     ------
     ValueError
-        If the number of columns of `Theta` does not fit, or a neuron depends on
-        itself or a later one.
+        If the number of columns of `Theta` does not fit.
     """
 
     Theta: np.ndarray
@@ -62,7 +64,7 @@ class Lure:
     sigma: tuple = ()
 
     def __post_init__(self):
-        """Check the shape of `Theta` and the order of the neurons."""
+        """Check the shape of `Theta`."""
         if not self.sigma:
             object.__setattr__(self, "sigma", (ACTIVATIONS["tanh"],) * self.nw)
         expected = self.nx + self.nu + self.nw + 1
@@ -70,11 +72,6 @@ class Lure:
             raise ValueError(
                 f"`Theta` must have {expected} columns for nx={self.nx}, "
                 f"nu={self.nu}, nw={self.nw}, got shape {self.Theta.shape}."
-            )
-        if np.any(np.triu(self.E)):
-            raise ValueError(
-                "`Theta` must have a strictly lower triangular block E, got a neuron "
-                "that depends on itself or a later one. Order the layers."
             )
 
     @property
@@ -129,11 +126,37 @@ class Lure:
 
     @cached_property
     def layers(self):
-        """Return the layers of neurons, as slices: no coupling, one activation each."""
-        starts = [0] if self.nw else []
-        for i in range(1, self.nw):
-            other = self.sigma[i] is not self.sigma[i - 1]
-            if other or np.any(self.E[i, starts[-1] : i]):
-                starts.append(i)
-        stops = [*starts[1:], self.nw]
-        return [slice(a, b) for a, b in zip(starts, stops, strict=False)]
+        """Return the layers of neurons, as slices: one activation each.
+
+        The neurons of a layer do not see each other, unless it is one of `implicit`.
+        """
+        columns = np.arange(self.nw)
+        # the last that a neuron sees of itself and those behind it
+        last = np.where(np.triu(self.E), columns, -1).max(axis=1, initial=-1)
+        layers, start = [], 0
+        while start < self.nw:
+            stop = start + 1
+            if last[start] >= start:  # solved together with all that it sees
+                while last[start:stop].max() >= stop:
+                    stop = last[start:stop].max() + 1
+            else:
+                while (
+                    stop < self.nw
+                    and last[stop] < stop
+                    and self.sigma[stop] is self.sigma[start]
+                    and not np.any(self.E[stop, start:stop])
+                ):
+                    stop += 1
+            layers.append(slice(start, int(stop)))
+            start = int(stop)
+        return layers
+
+    @cached_property
+    def implicit(self):
+        """Return the layers that see themselves, by their first neuron."""
+        blocks = {layer.start: self.E[layer, layer] for layer in self.layers}
+        return {
+            start: ImplicitLayer(E, self.sigma[start])
+            for start, E in blocks.items()
+            if np.any(E)
+        }

@@ -27,6 +27,7 @@ def state_space(
     tied_bias=True,
     odd=False,
     activation="tanh",
+    input_map="identity",
 ):
     """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x + D u + k(x, u).
 
@@ -54,6 +55,9 @@ def state_space(
     activation : str, Activation or dict, default="tanh"
         Activation of all networks, or one per network: ``{"h": ..., "g": ...}``,
         where those not named have tanh.
+    input_map : {"identity", "monotone"}, default="identity"
+        Whether h sees s alone, or v = u + h(s, u) = phi(u, s) is a monotone map of u:
+        h(s) and a layer of as many neurons as its last one (eq. monotone).
 
     Returns
     -------
@@ -64,7 +68,8 @@ def state_space(
     ------
     ValueError
         If C is free in a model with networks, or an activation is unknown, for an
-        unknown network, or not odd where `odd` asks for it.
+        unknown network, not odd where `odd` asks for it, or decreases where
+        `input_map` forbids it.
     """
     n = {
         net: hidden_sizes(size)
@@ -85,15 +90,18 @@ def state_space(
         value = e.mlp(
             net, axis, n[net], inputs, bias=bias, biases=biases, activation=sigma[net]
         )
-        return e.signal(net, value) if n[net] else value
+        return e.signal(net, value) if n[net] and net != "h" else value
 
     of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
     y = e.signal("y", y + network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u))
-    if feedback == "state":
-        h = network("h", "u", of_h, "b_s", W_s=x)
-    else:
-        h = network("h", "u", of_h, "b_y", W_y=y)
-    v = e.signal("v", u + h)
+    of_x = feedback == "state"
+    seen = {"W_s" if of_x else "W_y": x if of_x else y}
+    h = network("h", "u", of_h, "b_s" if of_x else "b_y", **seen)
+    if n["h"] and input_map == "monotone":  # behind h(s), which does not see u
+        seen = {"V_phi": x if of_x else y}
+        options = {"biases": of_h, "activation": sigma["h"]}
+        h += e.monotone("phi", u, n["h"][-1], seen, **options) - u
+    v = e.signal("v", u + (e.signal("h", h) if n["h"] else h))
     g = network("g", "x", of_g, "b_x", W_x=x, W_u=u)
     updates = {"x": A @ x + B @ v + g}
     if n["g"]:  # what g adds to the output (eq. penalty)
@@ -110,6 +118,7 @@ def state_space(
             "tied_bias": tied_bias,
             "odd": odd,
             "activation": sigma,
+            "input_map": input_map,
         },
     )
 

@@ -31,6 +31,10 @@ NEEDS_S_AHEAD = (
     "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
     "late. Fit with input_delay=0 and more states."
 )
+NOT_MONOTONE = (
+    "v = phi(u, s) of this model is not known to have one u for every v: neurons of h "
+    "that see u must be those of `Equations.monotone`."
+)
 ALGEBRAIC = (
     "The law u = v - h(y) of this model is an algebraic loop: y depends on u of the "
     "same sample, through D or k. Fit with feedback='state', or without `feedthrough` "
@@ -108,7 +112,9 @@ class Plant:
         if self.no_law or not self.cancels:
             return
         reason = ""
-        if self.feedback == "output" and not self.has_linear_output:
+        if not (self.is_explicit or forms.increases(self.law_form, self.u_scale)):
+            reason = NOT_MONOTONE
+        elif self.feedback == "output" and not self.has_linear_output:
             reason = ALGEBRAIC
         elif np.any(self.delay):
             reason = NEEDS_S_AHEAD.format(self.delay.max())
@@ -150,6 +156,14 @@ class Plant:
     def cancels(self):
         """Return whether v is more than u."""
         return bool(np.any(self.virtual_rows != forms.only_input(self.form)))
+
+    @cached_property
+    def is_explicit(self):
+        """Return whether v = u + h(s); else the law solves v = phi(u, s) for u."""
+        form, nu = self.law_form, self.nu
+        return np.array_equal(form.M[-nu:, -nu:], np.eye(nu)) and not np.any(
+            form.V[:, -nu:]
+        )
 
     @cached_property
     def has_linear_output(self):
@@ -274,7 +288,8 @@ class Plant:
             Matrices of x+ = A x + B dv + omega, y = C x + D dv + eta.
         """
         nx, M = self.nx, self.lure.M[: self.nx + self.ny]
-        return M[:nx, :nx], M[:nx, nx:], M[nx:, :nx], M[nx:, nx:]
+        by_v = M[:, nx:] / forms.input_gain(self.form)
+        return M[:nx, :nx], by_v[:nx], M[nx:, :nx], by_v[nx:]
 
     def step(self, x, u):
         """Return the next state.
@@ -344,26 +359,40 @@ class Plant:
         v = self._regressors(x, u) @ self.virtual_rows.T + self.u_offset
         return v.reshape(*x.shape[:-1], self.nu)
 
-    def cancelled(self, s):
+    def cancelled(self, s, u=None):
         """Return what the law takes off v.
 
         Parameters
         ----------
         s : ndarray of shape (ns,) or (N, ns)
             Measured output, in the units of y, or state.
+        u : ndarray of shape (nu,) or (N, nu) or None, default=None
+            Input, in the user's units; needed unless `is_explicit`.
 
         Returns
         -------
         h : ndarray of shape (nu,) or (N, nu)
-            Nonlinearity h(s), in the units of u; zero for a model without it.
+            Nonlinearity h = phi(u, s) - u, in the units of u; zero for a model without
+            it.
+
+        Raises
+        ------
+        ValueError
+            If `u` is missing though h depends on it.
         """
         if not self.cancels:
             return np.zeros((*s.shape[:-1], self.nu))
-        ds = np.atleast_2d(s - self.y_offset if self.feedback == "output" else s)
-        ds = ds[:, : self.law_form.nu - self.nu]  # no network sees past inputs
-        at_rest = np.hstack([ds, np.zeros((len(ds), self.nu))])
-        Phi = regressors(self.law_form, np.zeros((len(ds), 0)), at_rest)
-        h = Phi @ self.law_form.rows_z.T
+        ds = self._seen(s)
+        du = np.zeros((len(ds), self.nu))
+        if not self.is_explicit:
+            if u is None:
+                raise ValueError(
+                    "`u` must be given, for what this law cancels depends on it, got "
+                    "None. Pass the input that goes to the plant."
+                )
+            du = np.broadcast_to(u - self.u_offset, du.shape)
+        Phi = regressors(self.law_form, np.zeros((len(ds), 0)), np.hstack([ds, du]))
+        h = Phi @ self.law_form.rows_z.T - (0.0 if self.is_explicit else du)
         return h.reshape(*s.shape[:-1], self.nu)
 
     def law(self, v, s):
@@ -388,7 +417,18 @@ class Plant:
         """
         if self.no_law:
             raise ValueError(self.no_law)
-        return v - self.cancelled(s)
+        if self.is_explicit:
+            return v - self.cancelled(s)
+        ds = self._seen(s)
+        dv = np.broadcast_to(v - self.u_offset, (len(ds), self.nu))
+        loop, form, n = self._inverse, self.law_form, self.nu
+        du = regressors(loop, ds, dv) @ loop.rows_z.T
+        # one step on u itself, for a steep phi takes digits from v - h
+        Phi = regressors(form, np.zeros((len(ds), 0)), np.hstack([ds, du]))
+        slope = form.M[:, -n:] + neuron_gains(form, form.W, Phi) @ form.V[:, -n:]
+        error = (Phi @ form.rows_z.T - dv)[..., None]
+        du -= np.linalg.solve(slope, error)[..., 0]
+        return (du + self.u_offset).reshape(*s.shape[:-1], n)
 
     def jacobian(self, x, u):
         """Return the linearization at a state and an input.
@@ -435,6 +475,19 @@ class Plant:
         Phi = self._regressors(x, u)
         A, B, _, _ = self._slopes(Phi, x.shape[:-1])
         return Phi @ self.form.rows_x.T, A, B
+
+    @cached_property
+    def _inverse(self):
+        """Return the law as a form with the state s, the input v and the channel u."""
+        static, ns = self.law_form, self.law_form.nu - self.nu
+        stay = np.eye(ns, static.Theta.shape[1])
+        Theta = np.vstack([stay, static.Theta])
+        return forms.closed(Lure(Theta, ns, self.nu, static.nw, static.sigma))
+
+    def _seen(self, s):
+        """Return deviations of what the law measures, one per row."""
+        ds = np.atleast_2d(s - self.y_offset if self.feedback == "output" else s)
+        return ds[:, : self.law_form.nu - self.nu]  # no network sees past inputs
 
     def _regressors(self, x, u):
         """Return phi of states and inputs, one per row."""

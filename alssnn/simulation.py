@@ -52,13 +52,18 @@ class Stepper:
         self._E = np.ascontiguousarray(lure.E, dtype=dtype)
         self._starts = np.array([*(layer.start for layer in layers), lure.nw])
         functions = [lure.sigma[layer.start] for layer in layers]
+        solved = lure.implicit
+        values = tuple(
+            solved[layer.start].value if layer.start in solved else function.value
+            for layer, function in zip(layers, functions, strict=True)
+        )
         codes = np.array([function.code for function in functions], dtype=np.int64)
         self._sigma: np.ndarray | tuple
-        if advance.is_compiled and self.dtype.kind == "f" and OTHER not in codes:
+        plain = OTHER in codes or self.dtype.kind != "f" or lure.implicit
+        if advance.is_compiled and not plain:
             self._kernel, self._sigma = advance, codes
         else:
-            self._kernel = advance.plain
-            self._sigma = tuple(function.value for function in functions)
+            self._kernel, self._sigma = advance.plain, values
 
     def __reduce__(self):
         """Leave out the kernel, which cannot be pickled."""
@@ -175,7 +180,10 @@ def regressors(lure, X, u):
     for layer in lure.layers:
         before = slice(0, layer.start)
         w[:, layer] += w[:, before] @ lure.E[layer, before].T
-        w[:, layer] = lure.sigma[layer.start].value(w[:, layer])
+        if layer.start in lure.implicit:
+            w[:, layer] = lure.implicit[layer.start].value(w[:, layer])
+        else:
+            w[:, layer] = lure.sigma[layer.start].value(w[:, layer])
     return np.hstack([xu, w, np.ones((len(xu), 1))])
 
 
@@ -260,6 +268,12 @@ def neuron_gains(lure, W, Phi):
     WR = np.repeat(W[None], len(w), axis=0)
     for layer in reversed(lure.layers):
         before = slice(0, layer.start)
+        if layer.start in lure.implicit:  # W (I - diag(sigma') E)^-1
+            inner = np.eye(layer.stop - layer.start) - (
+                np.swapaxes(slope[:, :, layer], 1, 2) * lure.E[layer, layer]
+            )
+            inner = np.swapaxes(np.linalg.inv(inner), 1, 2)
+            WR[:, :, layer] = np.einsum("njk,nik->nij", inner, WR[:, :, layer])
         WR[:, :, layer] *= slope[:, :, layer]
         WR[:, :, before] += WR[:, :, layer] @ lure.E[layer, before]
     return WR

@@ -3,14 +3,18 @@
 The output weights are zero, so that the start *is* the linear model; inner weights are
 spread over what the data show: the pre-activation of a neuron has a random direction in
 its (unit variance) inputs and is zero at a random sample.
+
+A weight that is squared would stay at zero: that of an input begins at one, which is
+the linear model, that of neurons small (eq. monotone).
 """
 
 import numpy as np
 
 from .simulation import simulate
-from .structures import ONE
+from .structures import ONE, Diagonal
 
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
+INITIAL_ROOT = 0.1  # of a squared weight
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 
 
@@ -97,7 +101,21 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
             seen = sum(behind(term, 1, samples) for term in terms)
             bias -= np.sum(p[name] * seen, axis=1)
         p |= dict.fromkeys(biases, bias)
+    for name, behind_it in _squared(structure).items():
+        root = 1.0 if behind_it in structure.inputs else INITIAL_ROOT
+        p[name] = np.full(structure.shapes[name], root)
     return structure.join(p)
+
+
+def _squared(structure):
+    """Return the columns of every weight that stands as diag(r)^2."""
+    return {
+        first.name: term.cols
+        for signal in structure.signals.values()
+        for term in signal.terms
+        for first, second in zip(term.factors, term.factors[1:], strict=False)
+        if first == second and type(first) is Diagonal
+    }
 
 
 def _free_weights(structure, name, bounds):

@@ -45,7 +45,26 @@ STRUCTURES = {
         },
         "yekh",
     ),
+    "monotone": ((3, 2, 2), {"n_h": 3, "input_map": "monotone"}, "y"),
+    "monotone-state": (
+        (2, 1, 1),
+        {"n_h": (2, 3), "n_g": 2, "feedback": "state", "input_map": "monotone"},
+        "yeh",
+    ),
+    "monotone-odd": (
+        (3, 2, 1),
+        {
+            "n_h": 2,
+            "n_g": 2,
+            "n_k": 2,
+            "feedback": "state",
+            "odd": True,
+            "input_map": "monotone",
+        },
+        "yg",
+    ),
 }
+FIRST_EDITION = [name for name in STRUCTURES if not name.startswith("monotone")]
 
 
 def declare(name, rng):

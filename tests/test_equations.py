@@ -101,7 +101,9 @@ def test_the_law_is_v_as_a_function_of_what_is_measured(name, rng):
     assert law.states == () and law.nx == law.n_x0 == 0
     of_h = set(structure.parameters) & {"W_h", "b_h", "W_s", "b_s", "W_y", "b_y"}
     deeper = {f"{kind}_h{i}" for kind in "Wb" for i in (2, 3)}
-    assert set(law.parameters) == of_h | (deeper & set(structure.parameters))
+    of_phi = {"U_phi", "V_phi", "b_phi", "r_phi", "r_phiu"}
+    declared = set(structure.parameters)
+    assert set(law.parameters) == of_h | ((deeper | of_phi) & declared)
     assert set(law.network_parameters) == set(law.parameters)
     lure = structure.observe("y", "v").lure(theta)
     x, u = rng.standard_normal((5, lure.nx)), rng.standard_normal((5, structure.nu))

@@ -91,7 +91,8 @@ def test_without_bounds_it_is_the_regulator_with_riccati_weight(pair):
         u = mpc.step(model.y_offset_, y)
     law = model.linearizing_law()
     s = x0 if law.feedback == "state" else y
-    x_s, v_s = mpc._rest.X[0], mpc._rest.U[0] + mpc._model.h(mpc._rest.X)[0]
+    x_s, rest = mpc._rest.X[0], mpc._model
+    v_s = rest.u_offset + rest.u_scale * mpc._rest.V[0]
     v = v_s - mpc.K @ (x0 - x_s)
     scale = model._scaling.u_scale
     np.testing.assert_allclose(u / scale, law(v, s) / scale, rtol=0, atol=1e-6)

@@ -264,9 +264,7 @@ def _unit_slopes(lure):
     W, E = lure.W, lure.E
     Theta[:, weights] *= b - a
     # nu = (I - E diag(a))^-1 (V [x; u] + E diag(b - a) w_1 + b)
-    Theta[n:] = solve_triangular(
-        np.eye(lure.nw) - E * a, Theta[n:], lower=True, unit_diagonal=True
-    )
+    Theta[n:] = np.linalg.solve(np.eye(lure.nw) - E * a, Theta[n:])
     Theta[:n] += (W * a) @ Theta[n:]
     return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
 

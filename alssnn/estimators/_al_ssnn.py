@@ -64,6 +64,7 @@ class AlSsnn(Ssnn):
     gamma_h: Any = take(Networks, "gamma_h")
     feedback: str = take(Networks, "feedback")
     penalty: str = take(Networks, "penalty")
+    input_map: str = take(Networks, "input_map")
     feedthrough: bool = take(Networks, "feedthrough")
     h_inputs: Any = take(Networks, "h_inputs")
     g_inputs: Any = take(Networks, "g_inputs")
@@ -77,6 +78,7 @@ class AlSsnn(Ssnn):
             "n_g": self.n_g,
             "n_k": self.n_k,
             "feedback": self.feedback,
+            "input_map": self.input_map,
             "activation": self.activation,
             "odd": self.odd,
         }

@@ -47,6 +47,7 @@ class FlSsnn(Ssnn):
     n_h: Any = take(Networks, "n_h", kw_only=False)
     feedback: str = take(Networks, "feedback")
     gamma_h: Any = take(Networks, "gamma_h")
+    input_map: str = take(Networks, "input_map")
     h_inputs: Any = take(Networks, "h_inputs")
     activation: Any = take(Networks, "activation")
     odd: bool = take(Networks, "odd")
@@ -55,6 +56,7 @@ class FlSsnn(Ssnn):
         return {
             "n_h": self.n_h,
             "feedback": self.feedback,
+            "input_map": self.input_map,
             "activation": self.activation,
             "odd": self.odd,
         }

@@ -44,6 +44,11 @@ class Networks:
     penalty : {"state", "output"}, default="output"
         What gamma weighs: ``|e|^2``, what g adds to the output (eq. gauge), which no
         state basis can hide, or ``|g|^2`` in state coordinates (the paper).
+    input_map : {"identity", "monotone"}, default="identity"
+        What the linear part answers to: v = u + h(s), the paper's; or v = phi(u, s)
+        with phi increasing in u (eq. monotone), for actuators and gains that are not
+        linear, such as valves, fans and magnets. The law then solves v = phi(u, s) for
+        u. The activation of h must not decrease.
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     h_inputs : array_like of int or str, or None, default=None
@@ -72,6 +77,7 @@ class Networks:
     gamma_k: float = option(1.0, [WEIGHT])
     gamma_h: Any = option(0.0, [WEIGHT])
     feedback: str = option("state", [FEEDBACK])
+    input_map: str = option("identity", [StrOptions({"identity", "monotone"})])
     penalty: str = option("output", [StrOptions({"state", "output"})])
     feedthrough: bool = option(False, ["boolean"])
     h_inputs: Any = option(None, H_INPUTS)

@@ -1,4 +1,4 @@
-"""The linearizing law u = v - h(s): one static feedback cancels the matched part.
+"""The linearizing law u = phi^-1(v, s): one static feedback cancels the matched part.
 
 The law lives in the units of the user.  Its input v has the units of u, and the linear
 system (A, B, C) sees v - u_offset:
@@ -7,6 +7,9 @@ system (A, B, C) sees v - u_offset:
 
 s is the measured y (s_offset = y_offset) for a model with output feedback, and the
 estimated state x_hat (s_offset = 0) for one with state feedback.
+
+A model with ``input_map="monotone"`` has v = phi(u, s), of which h = phi(u, s) - u is
+what the law cancels; it solves for the one u of every v (eq. inverse).
 """
 
 import control
@@ -20,8 +23,8 @@ from .export import signal_names
 class LinearizingLaw:
     """Cancel the matched nonlinearity h of an identified model, ``u = v - h(s)``.
 
-    For a model without h the law is the identity (up to saturation). It can be
-    pickled.
+    For a model without h the law is the identity (up to saturation). For one with a
+    monotone input map it solves v = phi(u, s) for u. It can be pickled.
 
     Parameters
     ----------
@@ -112,8 +115,8 @@ class LinearizingLaw:
         u : ndarray of shape (nu,) or (N, nu)
             Input for the plant, within the limits.
         cut : ndarray of shape (nu,) or (N, nu)
-            Part cut off, v - h(s) - u; zero where not saturated. The linear system
-            sees v - cut.
+            Part cut off, v - h - u; zero where not saturated. The linear system sees
+            v - cut.
 
         Raises
         ------
@@ -137,35 +140,44 @@ class LinearizingLaw:
         Loops have signals that overflow. An input that is not a number is then the one
         at the operating point, or its limit, and nothing counts as cut off.
         """
-        wanted = v - self.plant.cancelled(s)
+        plant = self.plant
+        wanted = plant.law(v, s)
         u = np.clip(wanted, self.u_min, self.u_max)
         limited = np.isfinite(self.u_min) | np.isfinite(self.u_max)
         lost = np.isnan(u) & limited
         if lost.any():
-            rest = np.clip(self.plant.u_offset, self.u_min, self.u_max)
+            rest = np.clip(plant.u_offset, self.u_min, self.u_max)
             u = np.where(lost, rest, u)
             return u, np.where(lost, 0.0, wanted - u)
-        return u, wanted - u
+        if plant.is_explicit or np.array_equal(u, wanted, equal_nan=True):
+            return u, wanted - u
+        return u, np.where(u == wanted, 0.0, v - u - plant.cancelled(s, u))
 
-    def h(self, s):
+    def h(self, s, u=None):
         """Return what the law cancels.
 
         Parameters
         ----------
         s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
+        u : array_like of shape (nu,) or (N, nu) or None, default=None
+            Input of the plant, in the units of u; needed for a model with
+            ``input_map="monotone"``, whose h depends on it.
 
         Returns
         -------
         h : ndarray of shape (nu,) or (N, nu)
-            Nonlinearity at the input, in the units of u; zero for a model without it.
+            Nonlinearity at the input, phi(u, s) - u, in the units of u; zero for a
+            model without it.
 
         Raises
         ------
         ValueError
-            If `s` has the wrong number of columns or is not finite.
+            If `s` or `u` has the wrong number of columns or is not finite, or `u` is
+            missing.
         """
-        return self.plant.cancelled(_rows("s", s, self._size))
+        u = None if u is None else _rows("u", u, len(self.u_min))
+        return self.plant.cancelled(_rows("s", s, self._size), u)
 
     def output(self, t, x, signals, params):
         """Return u for the stacked inputs (v, s), for python-control.

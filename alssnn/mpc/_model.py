@@ -1,10 +1,10 @@
 """The model as the controller sees it, with a constant disturbance (eq. mpc).
 
-    x+ = f(x, u, d) = A x + B v + omega,      v = u + h(s) - u_offset
+    x+ = f(x, u, d) = A x + B v + omega,      v = u + h(s, u) - u_offset
 
 omega is what the linear model lacks.  v counts in standard deviations of u and C x in
 those of y; u, d and h have the units of the user.  h sees the output or the state of
-the model, without d.
+the model, without d, and u if the map v = phi(u, s) is no sum.
 """
 
 import numpy as np
@@ -126,8 +126,8 @@ class DisturbedModel:
         """
         return self._disturbed.output(self._with(X, d))
 
-    def h(self, X):
-        """Return what the law cancels at states.
+    def seen(self, X):
+        """Return what the law measures.
 
         Parameters
         ----------
@@ -136,11 +136,27 @@ class DisturbedModel:
 
         Returns
         -------
+        S : ndarray of shape (N, ns)
+            States, or outputs in the units of y.
+        """
+        return X if self._own.feedback == "state" else self._own.output(X)
+
+    def h(self, S, U):
+        """Return what the law cancels.
+
+        Parameters
+        ----------
+        S : ndarray of shape (N, ns)
+            What the law measures.
+        U : ndarray of shape (N, nu)
+            Inputs of the plant.
+
+        Returns
+        -------
         h : ndarray of shape (N, nu)
             Nonlinearity at the input, in the units of u.
         """
-        by_state = self._own.feedback == "state"
-        return self._own.cancelled(X if by_state else self._own.output(X))
+        return self._own.cancelled(S, U)
 
     def v(self, U, h):
         """Return the input of the linear system for one of the plant.
@@ -158,6 +174,47 @@ class DisturbedModel:
             Deviations u + h - u_offset, scaled.
         """
         return (U + h - self.u_offset) / self.u_scale
+
+    def v_limit(self, bound, S, h):
+        """Return where a limit of u is one of the input of the linear system.
+
+        Parameters
+        ----------
+        bound : ndarray of shape (nu,)
+            Limits of u; infinite without one.
+        S : ndarray of shape (N, ns)
+            What the law measures.
+        h : ndarray of shape (N, nu)
+            What the law cancels along the plan.
+
+        Returns
+        -------
+        V : ndarray of shape (N, nu)
+            phi(bound, s): exact for one input. With several, which a map couples, it
+            is the limit of every input while the others are at theirs.
+        """
+        if self._own.is_explicit:
+            return self.v(bound, h)
+        finite = np.where(np.isfinite(bound), bound, self.u_offset)
+        U = np.broadcast_to(finite, (len(S), len(finite)))
+        return np.where(np.isfinite(bound), self.v(U, self.h(S, U)), bound)
+
+    def u(self, V, S):
+        """Return the input of the plant for one of the linear system.
+
+        Parameters
+        ----------
+        V : ndarray of shape (N, nu)
+            Inputs of the linear system, scaled deviations.
+        S : ndarray of shape (N, ns)
+            What the law measures.
+
+        Returns
+        -------
+        U : ndarray of shape (N, nu)
+            Inputs of the plant, by the law.
+        """
+        return self._own.law(self.u_offset + V * self.u_scale, S)
 
     def _with(self, X, d):
         """Return the states with the disturbance behind them."""

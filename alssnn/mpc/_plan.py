@@ -100,12 +100,13 @@ class Planner:
         """
         model, limits = self.model, self.limits
         X = model.trajectory(x, d, self.U)  # (N + 1, nx)
-        h = model.h(X[:-1])
+        S = model.seen(X[:-1])
+        h = model.h(S, self.U)
         solution, plan = self.program.solve(
             x,
             model.omega(X, model.v(self.U, h)),
             rest,
-            (model.v(limits.u_min, h), model.v(limits.u_max, h)),
+            (model.v_limit(limits.u_min, S, h), model.v_limit(limits.u_max, S, h)),
             self._change(h, u_last) if limits.rated else None,
             soft_bounds,
         )
@@ -115,12 +116,15 @@ class Planner:
                 solution, X[1:], h[0], self.U[0], np.zeros((self.horizon, n_soft))
             )
         X[1:], V, slack = plan
-        wanted = model.u_offset + V * model.u_scale - model.h(X[:-1])
+        wanted = model.u(V, model.seen(X[:-1]))
         self.U = limits.clip(wanted)
         return Pass(solution, X[1:], h[0], wanted[0], slack)
 
     def _change(self, h, u_last):
-        """Return the change of h, from which u = v - h moves on from the last input."""
+        """Return the change of h, from which u = v - h moves on from the last input.
+
+        Where h sees u, it is that of the last plan, on which the passes settle.
+        """
         model = self.model
         # an input that the limits allow: else they would cross
         first = (self.limits.clip(u_last) - model.u_offset) / model.u_scale

@@ -61,7 +61,7 @@ class StatesOfRest:
 
     def _keep(self, X, U):
         self.X, self.U = X, U
-        self.V = self.model.v(U, self.model.h(X))
+        self.V = self.model.v(U, self.model.h(self.model.seen(X), U))
 
     def resize(self, n):
         """Let the number of references be another one.

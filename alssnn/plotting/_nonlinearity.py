@@ -90,9 +90,19 @@ class NonlinearityDisplay:
             runs = [simulate(form, record.du, record.x0)[:-1] for record in records]
         else:
             runs = [record.y for record in records]
-        s = np.vstack(runs)
+        s, h = np.vstack(runs), plant.cancelled
+        if not plant.is_explicit:  # h = phi(u, s) - u
+            u, names = (
+                np.vstack([r.du + plant.u_offset for r in records]),
+                names + inputs,
+            )
+            ns, s = s.shape[1], np.hstack([s, u])
+
+            def h(z):
+                return plant.cancelled(z[:, :ns], z[:, ns:])
+
         s = s[np.isfinite(s).all(axis=1)]
-        display = cls(plant.cancelled, s, names, inputs)
+        display = cls(h, s, names, inputs)
         return display.plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):

@@ -120,7 +120,10 @@ def _in_words(model):
         return []
     h, g, k = (any(options[f"n_{net}"]) for net in "hgk")
     s = "x" if options["feedback"] == "state" else "y - y_e"
-    state = "x+ = A x + B " + (f"(du + h({s}))" if h else "du")
+    of_v = f"(du + h({s}))" if h else "du"
+    if not model.plant_.is_explicit:
+        of_v = f"phi(du, {s})"
+    state = f"x+ = A x + B {of_v}"
     output = "y - y_e = C x" + (" + D du" if np.any(model.D_) else "")
     return [
         state + (" + g(x, du)" if g else ""),
@@ -137,7 +140,12 @@ def _law_words(plant):
     if not plant.no_law and np.any(plant.observed.rows_z[plant.ny + plant.nu :]):
         left = "The law leaves (A, B, C) from v, and what it does not cancel."
     return [
-        paragraph(f"u = v - h({s})", "equation"),
+        paragraph(
+            f"u = v - h({s})"
+            if plant.is_explicit
+            else f"v = phi(u, {s}), solved for u: phi increases with u",
+            "equation",
+        ),
         paragraph(plant.no_law or left, "note"),
     ]
 

@@ -372,7 +372,8 @@ class Structure:
     def rescale(self, p, scales):
         """Change the units of parameters and constants.
 
-        A matrix that maps axis b to axis a has the units of a over those of b.
+        A matrix that maps axis b to axis a has the units of a over those of b; an
+        axis "per_a" has one over those of a.
 
         Parameters
         ----------
@@ -388,6 +389,7 @@ class Structure:
             Parameters in the new units.
         """
         axes_of = {**self.constant_axes, **self.parameters}
+        scales = {**scales, **{f"per_{a}": 1.0 / scale for a, scale in scales.items()}}
         out = {}
         for name, value in p.items():
             axes = axes_of[name]

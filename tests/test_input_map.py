@@ -1,0 +1,229 @@
+"""v = phi(u, s): a monotone map, its inverse, and the loop that it closes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from structures import STRUCTURES, declare
+
+import alssnn
+from alssnn.activations import ACTIVATIONS
+from alssnn.certificates import certify_gain, certify_iss
+from alssnn.equations import Equations
+from alssnn.implicit import ImplicitLayer
+from alssnn.lure import Lure
+from alssnn.models import state_space
+from alssnn.simulation import channels, simulate
+from helpers import plant_of_structure
+
+MONOTONE = [name for name in STRUCTURES if name.startswith("monotone")]
+
+
+def plant_of(name, rng, size=1.0, residual=1.0):
+    """Return a plant with steep maps, in units that differ."""
+    structure = declare(name, rng)
+    p = {k: 0.4 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    p["A"] *= 0.7 / np.abs(np.linalg.eigvals(p["A"])).max()
+    for weights in ("U_phi", "r_phi", "V_phi"):
+        p[weights] *= size
+    if "W_g" in p:
+        p["W_g"] *= residual
+    return plant_of_structure(structure, structure.join(p), rng, 0)
+
+
+def law_signals(plant, rng, n):
+    ns = plant.law_form.nu - plant.nu
+    s = rng.standard_normal((n, ns))
+    if plant.feedback == "output":
+        s = plant.y_offset + plant.y_scale * s
+    return plant.u_offset + 3 * plant.u_scale * rng.standard_normal((n, plant.nu)), s
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("name", MONOTONE)
+def test_the_law_solves_for_u(name, size, rng):
+    plant = plant_of(name, rng, size)
+    assert not plant.is_explicit and plant.cancels and not plant.no_law
+    u, s = law_signals(plant, rng, 2000)
+    v = u + plant.cancelled(s, u)
+    found = plant.law(v, s)
+    error = np.abs(found - u) / plant.u_scale
+    assert error.max() < 1e-12 * (1 + np.abs(u / plant.u_scale).max())
+    np.testing.assert_array_equal(plant.law(v[7], s[7]), plant.law(v[7:8], s[7:8])[0])
+
+
+@pytest.mark.parametrize("name", MONOTONE)
+def test_every_v_is_reached_by_one_u(name, rng):
+    """The derivative of phi by u is symmetric in scaled inputs and at least d."""
+    plant = plant_of(name, rng, 3.0)
+    u, s = law_signals(plant, rng, 20)
+    step = 1e-6
+    slope = np.stack(
+        [
+            (plant.cancelled(s, u + d) - plant.cancelled(s, u - d)) / (2 * step)
+            for d in step * np.diag(plant.u_scale)
+        ],
+        axis=-1,
+    )
+    slope = slope / plant.u_scale[:, None] + np.eye(plant.nu)
+    np.testing.assert_allclose(slope, np.swapaxes(slope, 1, 2), atol=1e-6)
+    assert np.linalg.eigvalsh(slope).min() > 0.01 - 1e-6
+    v = plant.u_offset + plant.u_scale * rng.uniform(-50, 50, (200, plant.nu))
+    u = plant.law(v, np.resize(s, (200, s.shape[1])))
+    assert np.isfinite(u).all()
+
+
+@pytest.mark.parametrize("name", MONOTONE)
+def test_the_closed_loop_is_the_plant_under_its_law(name, rng):
+    plant = plant_of(name, rng, 2.0)
+    loop = plant.close()
+    assert loop.implicit
+    dv = rng.standard_normal((50, plant.nu)) * plant.u_scale
+    x0 = rng.standard_normal(plant.nx)
+    X = simulate(loop, dv, x0)
+    u = channels(loop, X, dv)[:, plant.ny :] + plant.u_offset
+    x = x0
+    for k in range(50):
+        s = x if plant.feedback == "state" else plant.output(x)
+        by_law = plant.law(dv[k] + plant.u_offset, s)
+        assert np.all(np.abs(u[k] - by_law) <= 1e-10 * plant.u_scale)
+        x = plant.step(x, by_law)
+        np.testing.assert_allclose(X[k + 1], x, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", MONOTONE)
+def test_the_linear_part_is_that_from_v(name, rng):
+    plant = plant_of(name, rng)
+    A, B, *_ = plant.linear()
+    u, s = law_signals(plant, rng, 30)
+    x = s if plant.feedback == "state" else rng.standard_normal((30, plant.nx))
+    dv = plant.virtual(x, u) - plant.u_offset
+    omega = plant.step(x, u) - x @ A.T - dv @ B.T
+    Z = channels(plant.observed, x, u - plant.u_offset)
+    of_omega = slice(plant.ny + plant.nu, plant.ny + plant.nu + plant.nx)
+    np.testing.assert_allclose(Z[:, of_omega], omega, atol=1e-11)
+    if "g" not in declare(name, rng).signals:
+        np.testing.assert_allclose(omega, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MONOTONE)
+def test_slopes_of_the_loop(name, rng):
+    loop = plant_of(name, rng, 2.0).linearized()
+    x, u = rng.standard_normal((4, loop.nx)), rng.standard_normal((4, loop.nu))
+    A, B, _, _ = loop.jacobian(x, u)
+    step = 1e-6
+    for J, size, moved in (
+        (A, loop.nx, lambda d: loop.step(x + d, u)),
+        (B, loop.nu, lambda d: loop.step(x, u + d)),
+    ):
+        differences = [(moved(d) - moved(-d)) / (2 * step) for d in step * np.eye(size)]
+        np.testing.assert_allclose(J, np.stack(differences, axis=-1), atol=1e-6)
+
+
+def test_certificates_hold_for_the_implicit_loop(rng):
+    plant = plant_of("monotone-state", rng, residual=0.03)
+    gain = certify_gain(plant)
+    iss = certify_iss(plant, eps="global")
+    assert gain.holds and iss.holds
+    loop = plant.close()
+    worst = 0.0
+    for _ in range(20):
+        a, b = rng.standard_normal((2, 300, 1)) * plant.u_scale
+        b[150:] = a[150:]
+        X = [simulate(loop, dv, np.zeros(plant.nx)) for dv in (a, b)]
+        y = [
+            channels(loop, x, dv)[:, : plant.ny]
+            for x, dv in zip(X, (a, b), strict=True)
+        ]
+        worst = max(worst, np.linalg.norm(y[0] - y[1]) / np.linalg.norm(a - b))
+    assert worst <= gain.gamma
+    A, B, C, _ = plant.linear()
+    linear = Lure(np.hstack([A, B, np.zeros((len(A), 1))]), plant.nx, plant.nu, 0)
+    deviation = (X[0] - simulate(linear, a, np.zeros(plant.nx))) @ C.T
+    assert np.all(np.abs(deviation).max(axis=0) <= iss.output_bounds)
+
+
+def test_what_need_not_have_an_inverse_has_no_law(rng):
+    e = Equations(x=2, u=1, y=1)
+    x, u = e.state("x"), e.input("u")
+    y = e.signal("y", e.parameter("C", "y", "x") @ x)
+    v = e.signal("v", u + e.mlp("f", "u", 4, {"W_u": u}))
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    structure = e.structure({"x": A @ x + B @ v}, {"y": y, "v": v})
+    plant = plant_of_structure(
+        structure, 0.3 * rng.standard_normal(structure.n_params), rng, 0
+    )
+    assert "one u for every v" in plant.no_law
+    with pytest.raises(ValueError, match="one u for every v"):
+        plant.law(np.zeros(1), np.zeros(1))
+
+
+def test_a_mirrored_weight_has_no_law(rng):
+    plant = plant_of("monotone", rng)
+    assert not plant.no_law
+    Theta = plant.law_form.Theta.copy()
+    Theta[plant.nu :, plant.law_form.nu - plant.nu : plant.law_form.nu] *= -1
+    law_form = Lure(Theta, 0, plant.law_form.nu, plant.law_form.nw)
+    assert "one u for every v" in replace(plant, law_form=law_form).no_law
+
+
+def test_activations_of_the_map_must_not_decrease():
+    with pytest.raises(ValueError, match="must not decrease, got 'sin'"):
+        state_space(2, 1, 1, n_h=2, C=[[1, 0]], activation="sin", input_map="monotone")
+    u, y = np.random.default_rng(0).standard_normal((2, 200, 1))
+    with pytest.raises(ValueError, match="must not decrease, got 'sin'"):
+        alssnn.FlSsnn(nx=1, activation="sin", input_map="monotone").fit(u, y)
+    with pytest.raises(ValueError, match="input_map"):
+        alssnn.FlSsnn(nx=1, input_map="square").fit(u, y)
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+@pytest.mark.parametrize("rank", [1, 3])
+def test_an_implicit_layer_is_solved_to_rounding(activation, rank, rng):
+    sigma = ACTIVATIONS[activation]
+    U = rng.standard_normal((12, rank)) * rng.choice([1e-3, 1, 30], (12, 1))
+    E = -U @ (U * rng.uniform(0, 5, (12, 1))).T
+    a = 20 * rng.standard_normal((3000, 12))
+    w = ImplicitLayer(E, sigma).value(a)
+    v = a + w @ E.T
+    size = np.abs(a) + np.abs(w) @ np.abs(E.T)
+    assert np.all(np.abs(sigma.value(v) - w) <= 1e-11 * (1 + size))
+
+
+def test_a_layer_without_a_solution_says_nan():
+    relu = ACTIVATIONS["relu"]
+    layer = ImplicitLayer(np.array([[2.0]]), relu)  # w = max(1 + 2 w, 0)
+    assert np.isnan(layer.value(np.array([1.0]))).all()
+    np.testing.assert_allclose(layer.value(np.array([-1.0])), 0.0, atol=1e-12)
+
+
+def fan_arm(n, seed, noise=0.01):
+    """Return a record of an arm that a fan lifts: thrust u^2, gravity, friction."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(0.1, 1.0, n // 20 + 1), 20)[:n]
+    x, X = np.array([0.3, 0.0]), []
+    for force in 8 * u**2:
+        X.append(x)
+        for _ in range(4):
+            rate = force - 9 * np.sin(x[0]) - 2 * x[1]
+            x = x + 0.0125 * np.array([x[1] + 0.00625 * rate, rate])
+    y = np.array(X)[:, :1]
+    return u[:, None], y + noise * y.std() * rng.standard_normal(y.shape)
+
+
+def test_a_fan_is_linearized_by_default_options():
+    u, y = fan_arm(1200, 0)
+    fresh = fan_arm(1200, 1, noise=0)
+    options = {"nx": 2, "n_init": 1, "random_state": 0, "dt": 0.05}
+    model = alssnn.FlSsnn(input_map="monotone", **options).fit(u, y)
+    plain = alssnn.FlSsnn(**options).fit(u, y)
+    error, of_plain = (np.sqrt(1 - m.score(*fresh)) for m in (model, plain))
+    assert error < 0.05 < 3 * error < of_plain
+    # the law on the arm itself: u^2 in the place of u, up to what the state adds
+    x = np.zeros((40, 2))
+    inputs = np.linspace(0.15, 1.0, 40)[:, None]
+    v = inputs + model.plant_.cancelled(x, inputs)
+    fit = np.polyfit(inputs[:, 0] ** 2, v[:, 0], 1)
+    assert np.abs(v[:, 0] - np.polyval(fit, inputs[:, 0] ** 2)).max() < 0.1 * np.ptp(v)
+    figures = model.linearizability(u, y)
+    assert figures.closed_linearization_error.max() < 1e-9
