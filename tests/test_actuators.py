@@ -37,7 +37,8 @@ def levitation_rates(t, x, i):
 
 def inertia(q2):
     m12 = 1 / 3 + 3 / 8 * np.cos(q2)
-    return np.array([[11 / 12 + 3 / 4 * np.cos(q2), m12], [m12, 1 / 3]])
+    m11 = 11 / 12 + 3 / 4 * np.cos(q2)
+    return np.array([[m11 + 0.05, m12], [m12, 1 / 3 + 0.05]])
 
 
 def arm_rest(x):
@@ -73,7 +74,7 @@ def fan_law(v, x):
 
 def levitation_law(v, x):
     # v is a gap: force linear in gap, speed and v, and i follows from the force
-    force = 1 + 0.3 * (x[0] - v) + 0.009 * x[1]
+    force = 1 + 0.12 * (x[0] - v) + 0.007 * x[1]
     return x[0] / 10 * np.sqrt(force)
 
 
@@ -102,11 +103,11 @@ PLANTS = {
 }
 # law, range of v, and how often better than any law u = v - h(s) it must be
 LAWS = {
-    "fan": (make_fan_arm, fan_law, (0.35, 0.8), 3),
-    "levitation": (make_magnetic_levitation, levitation_law, (8.0, 12.0), 2),
-    "arm": (make_two_input_arm, arm_law, (-9.0, 9.0), 2),
-    "exchanger": (make_exchanger, exchanger_law, (25.0, 90.0), 3),
-    "tank": (make_tank, tank_law, (0.1, 0.55), 3),
+    "fan": (make_fan_arm, fan_law, (0.35, 0.8), 10),
+    "levitation": (make_magnetic_levitation, levitation_law, (6.0, 14.0), 10),
+    "arm": (make_two_input_arm, arm_law, (-9.0, 9.0), 5),
+    "exchanger": (make_exchanger, exchanger_law, (25.0, 90.0), 10),
+    "tank": (make_tank, tank_law, (0.1, 0.55), 10),
 }
 MAKERS = [plant[0] for plant in PLANTS.values()] + [make_regulated]
 every_maker = pytest.mark.parametrize("make", MAKERS, ids=range(len(MAKERS)))
@@ -321,7 +322,7 @@ def test_the_true_law_makes_it_linear_and_no_sum_does(name):
     exact = unexplained(X[1:], monomials(X[:-1], 1), v) / alone
     assert np.all(summed > times * exact), (summed, exact)
     # what is left is that of a law that is held between two samples
-    assert np.all(exact < 0.15), exact
+    assert np.all(exact < 0.06), exact
 
 
 # -- bad arguments ---------------------------------------------------------------------

@@ -18,10 +18,10 @@ from ._record import Record
 
 FAN_DT = 0.05  # s, 40 samples per period of small swings
 FAN_STEPS = 2  # Runge-Kutta steps per sample: 1e-6 rad from the exact solution
-ARM_DT = 0.01  # s, a third of the shortest time constant of the stretched arm
+ARM_DT = 0.01  # s, a tenth of the fastest time constant of the stretched arm
 ARM_STEPS = 4
-# kg m^2: two rods of 1 kg and 0.5 m, and 1 kg at the tip
-ARM_INERTIA = (11 / 12, 3 / 8, 1 / 3)
+# kg m^2: two rods of 1 kg and 0.5 m, 1 kg at the tip, and a rotor in either joint
+ARM_LINKS, ARM_ROTOR = (11 / 12, 3 / 8, 1 / 3), 0.05
 # The transients fall below 1e-8 of their start.
 FAN_WARMUP, ARM_WARMUP = 1_000, 4_000  # samples
 
@@ -101,8 +101,13 @@ def make_fan_arm(
     -----
     The command is a stair-step: levels uniform in `command`, held for uniformly
     distributed durations. The record is stationary: the first 1,000 samples are
-    discarded. The plant is the sampled map of two Runge-Kutta steps of order 4 per
-    sample, 1e-6 rad from the differential equation.
+    discarded.
+
+    Whatever h, a law u = v - h(x) leaves 25 % of what the command does within a sample;
+    the law above, held for a sample, 0.6 %.
+
+    The plant is the sampled map of two Runge-Kutta steps of order 4 per sample, 1e-6
+    rad from the differential equation.
 
     References
     ----------
@@ -163,14 +168,15 @@ def make_two_input_arm(
 
         M(q_2) \ddot q + c(q_2, \dot q) + D \dot q + K q = \tau, \qquad y = q,
 
-        M = \begin{bmatrix} a + 2 b \cos q_2 & c_0 + b \cos q_2 \\
-        c_0 + b \cos q_2 & c_0 \end{bmatrix}, \qquad
+        M = \begin{bmatrix} a + 2 b \cos q_2 + J & c_0 + b \cos q_2 \\
+        c_0 + b \cos q_2 & c_0 + J \end{bmatrix}, \qquad
         c = b \sin q_2 \begin{bmatrix} -\dot q_2 (2 \dot q_1 + \dot q_2) \\
         \dot q_1^2 \end{bmatrix}
 
     the planar elbow manipulator [1]_, sampled every 0.01 s: two rods of 1 kg and 0.5 m
-    with 1 kg at the tip, a = 11/12, b = 3/8 and :math:`c_0` = 1/3 kg m^2. The springs
-    hold it together without a controller. In continuous time the law
+    with 1 kg at the tip, a = 11/12, b = 3/8 and :math:`c_0` = 1/3 kg m^2, and a rotor
+    of J = 0.05 kg m^2 in either joint. The springs bring it back without a controller.
+    In continuous time the law
 
     .. math::
 
@@ -226,9 +232,14 @@ def make_two_input_arm(
     The torques are independent stair-steps: levels uniform within +-`amplitude`, held
     for uniformly distributed durations. The record is stationary: the first 4,000
     samples are discarded. At the default amplitudes :math:`q_2` reaches about 2 rad;
-    the determinant of M is 3.6 times larger at a right angle than stretched. The plant
-    is the sampled map of four Runge-Kutta steps of order 4 per sample, 1e-8 rad from
-    the differential equation.
+    stretched, the arm has 1.8 times the inertia about the first joint that it has when
+    bent at a right angle.
+
+    Whatever h, a law of the form v - h(x) leaves 28 to 35 % of what the torques do
+    within a sample; the law above, held for a sample, 4 %.
+
+    The plant is the sampled map of four Runge-Kutta steps of order 4 per sample, 1e-6
+    rad from the differential equation.
 
     References
     ----------
@@ -253,14 +264,14 @@ def make_two_input_arm(
     )
     holds = _check_hold(hold, ARM_DT)
     rng = check_random_state(random_state)
-    a, b, c = ARM_INERTIA
+    a, b, c = ARM_LINKS
 
     def derivative(x, u):
         q1, q2, w1, w2 = x
         bend, turn = b * math.cos(q2), b * math.sin(q2)
         p1 = u[0] - k1 * q1 - d1 * w1 + turn * w2 * (2 * w1 + w2)
         p2 = u[1] - k2 * q2 - d2 * w2 - turn * w1 * w1
-        m11, m12, m22 = a + 2 * bend, c + bend, c
+        m11, m12, m22 = a + 2 * bend + ARM_ROTOR, c + bend, c + ARM_ROTOR
         det = m11 * m22 - m12 * m12  # M w' = p
         return (w1, w2, (m22 * p1 - m12 * p2) / det, (m11 * p2 - m12 * p1) / det)
 

@@ -109,9 +109,12 @@ def make_heat_exchanger(
     Flow and inlet temperature are independent stair-steps with levels uniform in their
     ranges, held for uniformly distributed durations. The record is stationary: the
     first 1,000 samples are discarded. :math:`T_d - T_h`, the gain of the flow, varies
-    by a factor of 3.7 without disturbance.
+    by a factor of 4 without disturbance.
 
-    The plant is the sampled map of two Runge-Kutta steps of order 4 per sample, 1e-4
+    Without disturbance, whatever h, a law u = v - h(x) leaves 33 % of what the flow
+    does within a sample; the law above, held for a sample, 1 %.
+
+    The plant is the sampled map of two Runge-Kutta steps of order 4 per sample, 1e-5
     degrees from the differential equation.
 
     References
@@ -238,7 +241,10 @@ def make_valve_tank(
     held for uniformly distributed durations. The record is stationary: the first 1,000
     samples are discarded. The flow of the valve varies by a factor of 8.6.
 
-    The plant is the sampled map of two Runge-Kutta steps of order 4 per sample, 1e-6 m
+    Without disturbance, whatever h, a law u = v - h(x) leaves 30 % of what the lift
+    does within a sample; the law above, held for a sample, 0.7 %.
+
+    The plant is the sampled map of two Runge-Kutta steps of order 4 per sample, 1e-8 m
     from the differential equation.
 
     References
