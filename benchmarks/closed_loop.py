@@ -182,11 +182,34 @@ class Run:
 
 
 def references(setting, seed, offset):
-    """Return a staircase of references around the operating point."""
+    """Return a staircase of references around the operating point, a row per output."""
     rng = np.random.default_rng(seed)
-    steps = rng.uniform(-setting.reference, setting.reference, setting.n_steps)
-    deviation = np.r_[np.zeros(setting.settle), np.repeat(steps, setting.hold)]
-    return offset + deviation
+    size = len(offset), setting.n_steps
+    steps = rng.uniform(-setting.reference, setting.reference, size)
+    start = np.zeros((len(offset), setting.settle))
+    return offset[:, None] + np.hstack([start, np.repeat(steps, setting.hold, axis=1)])
+
+
+def follow(plant, model, K, r, x0, limits):
+    """Run the true plant and the designed loop; return true y, designed y and v."""
+    r_model = r - model.y_offset_[:, None]
+    t = times(plant, r)
+    designed = control.forced_response(
+        designed_loop(model, K), t, r_model, squeeze=False
+    ).outputs
+    law = model.linearizing_law(**limits)
+    loop = closed_loop(plant, model, K, law=law)
+    start = np.zeros(loop.nstates)
+    start[: len(x0)] = x0  # the plant comes first
+    true = control.input_output_response(loop, t, r, start, squeeze=False).outputs
+    ny = len(r)
+    design = designed[:ny] + model.y_offset_[:, None]
+    return true[:ny], design, designed[ny:] + model.u_offset_[:, None]
+
+
+def times(plant, r):
+    """Return the time of every sample of a reference."""
+    return plant.dt * np.arange(r.shape[1])
 
 
 def run(record, model, setting, seed, x0):
@@ -196,21 +219,13 @@ def run(record, model, setting, seed, x0):
     Q[:nx, :nx] = C.T @ C
     Q[nx:, nx:] = setting.weight_z * np.eye(ny)
     K = lqi(model, Q, setting.weight_v * np.eye(model.B_.shape[1]))
-    r = references(setting, seed, model.y_offset_[0])
-    t = record.dt * np.arange(len(r))
-    designed = control.forced_response(
-        designed_loop(model, K), t, r - model.y_offset_[0], squeeze=False
-    ).outputs
-    law = model.linearizing_law(**setting.limits)
-    loop = closed_loop(record.plant, model, K, law=law)
-    start = np.zeros(loop.nstates)
-    start[: len(x0)] = x0  # the plant comes first
-    true = control.input_output_response(loop, t, r, start, squeeze=False).outputs
-    y, design = true[0], designed[0] + model.y_offset_[0]
+    r = references(setting, seed, model.y_offset_)
+    true, designed, v = follow(record.plant, model, K, r, x0, setting.limits)
+    y, design = true[0], designed[0]
     difference = (y - design)[setting.settle :]
     distance = float(np.sqrt(np.mean(difference**2)))
-    v = designed[1] + model.u_offset_[0]
-    return Run(t, y, design, v, distance if np.isfinite(distance) else np.inf)
+    t = times(record.plant, r)
+    return Run(t, y, design, v[0], distance if np.isfinite(distance) else np.inf)
 
 
 def attempt(record, model, setting, seed, x0):

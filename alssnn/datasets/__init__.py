@@ -1,12 +1,15 @@
 """Simulated plants with their true model, and measured benchmark records."""
 
+from ._arms import make_fan_arm, make_two_input_arm
 from ._benchmarks import fetch_cascaded_tanks, fetch_coupled_drives, fetch_silverbox
 from ._classics import fetch_classics
 from ._drone import fetch_quarter_drone
+from ._levitation import make_magnetic_levitation
 from ._measured import fetch_wiener_hammerstein
 from ._mirror import fetch_fine_steering_mirror
 from ._oscillators import make_duffing, make_pendulum
 from ._populations import make_prey_predator
+from ._processes import make_heat_exchanger, make_valve_tank
 from ._record import Record
 from ._simulated import make_wiener_hammerstein
 
@@ -20,7 +23,12 @@ __all__ = [
     "fetch_silverbox",
     "fetch_wiener_hammerstein",
     "make_duffing",
+    "make_fan_arm",
+    "make_heat_exchanger",
+    "make_magnetic_levitation",
     "make_pendulum",
     "make_prey_predator",
+    "make_two_input_arm",
+    "make_valve_tank",
     "make_wiener_hammerstein",
 ]

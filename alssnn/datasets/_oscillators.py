@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 from sklearn.utils import check_random_state
 
-from ._checks import _check_numbers, _check_positive, _check_samples
+from ._checks import _check_positive, _check_samples
+from ._excitation import _check_hold, _stairs
 from ._plants import _add_noise, _runge_kutta, _sampled_plant, _simulate
 from ._record import Record
 
@@ -136,8 +137,8 @@ def make_pendulum(
         )
     u, X = u[N_WARMUP:], X[N_WARMUP:]
     y = _add_noise(X[:, 0], noise, rng)
-    names = (["tau"], "theta", ["theta", "omega"])
-    plant = _sampled_plant(step, 0, PENDULUM_DT, names, "pendulum")
+    names = (["tau"], ["theta"], ["theta", "omega"])
+    plant = _sampled_plant(step, [0], PENDULUM_DT, names, "pendulum")
     return Record(u, y, PENDULUM_DT, "simulated pendulum", plant, X[0])
 
 
@@ -266,34 +267,9 @@ def make_duffing(
         )
     u, X = u[N_WARMUP:], X[N_WARMUP:]
     y = _add_noise(X[:, 0], noise, rng)
-    names = (["u"], "y", ["position", "velocity"])
-    plant = _sampled_plant(step, 0, DUFFING_DT, names, "duffing")
+    names = (["u"], ["y"], ["position", "velocity"])
+    plant = _sampled_plant(step, [0], DUFFING_DT, names, "duffing")
     return Record(u, y, DUFFING_DT, "simulated Duffing oscillator", plant, X[0])
-
-
-def _check_hold(hold, dt):
-    """Return shortest and longest hold in samples."""
-    remedy = "Give the shortest and the longest time between two steps in seconds."
-    shortest, longest = (
-        round(time / dt) for time in _check_numbers("hold", hold, 2, remedy)
-    )
-    if not 1 <= shortest <= longest:
-        raise ValueError(
-            f"`hold` must be an increasing pair of at least one sample of {dt} s, "
-            f"got {hold!r}. {remedy}"
-        )
-    return shortest, longest
-
-
-def _stairs(n_samples, hold, rng):
-    """Draw levels in (-1, 1), each held for hold[0] to hold[1] samples."""
-    levels, holds, n_drawn = [], [], 0
-    # One by one, level before duration: a longer record continues a shorter one.
-    while n_drawn < n_samples:
-        levels.append(rng.uniform(-1, 1))
-        holds.append(rng.randint(hold[0], hold[1] + 1))
-        n_drawn += holds[-1]
-    return np.repeat(levels, holds)[:n_samples]
 
 
 def _multisine(n_samples, share, rng):

@@ -2,7 +2,7 @@
 
 Every plant is a differential equation
 
-    x' = f(x, u),      y = x_i,
+    x' = f(x, u),      y = some of x,
 
 driven through a zero-order hold: u is constant between two samples. One sampling
 interval is integrated by n steps of the classical Runge-Kutta method of order 4
@@ -13,7 +13,7 @@ interval is integrated by n steps of the classical Runge-Kutta method of order 4
 F generates the record and is the update of `record.plant`, so that plant and record
 agree to the last bit, and a sampled controller closes its loop around F without an
 integrator between them. The makers say how far F is from the differential equation; no
-plant here has a feedthrough, and the output is always one of the states.
+plant here has a feedthrough, and the outputs are always states.
 """
 
 import math
@@ -51,26 +51,26 @@ def _add_noise(y, noise, rng):
     """Add white noise, drawn after the input, which does not depend on it."""
     if noise == 0:
         return y
-    return y + noise * y.std() * rng.standard_normal(len(y))
+    return y + noise * y.std(axis=0) * rng.standard_normal(y.shape)
 
 
-def _sampled_plant(step, output_index, dt, names, name):
-    """Return x+ = step(x, u) with one state as output, as a NonlinearIOSystem."""
+def _sampled_plant(step, measured, dt, names, name):
+    """Return x+ = step(x, u) with the states `measured`, as a NonlinearIOSystem."""
     import control  # here, so that importing the datasets stays light
 
-    inputs, output_name, states = names
+    inputs, outputs, states = names
 
     def update(t, x, u, params):
         return np.array(step(x.tolist(), u.tolist()))
 
     def output(t, x, u, params):
-        return x[output_index : output_index + 1]
+        return x[measured]
 
     return control.nlsys(
         update,
         output,
         inputs=inputs,
-        outputs=[output_name],
+        outputs=outputs,
         states=states,
         dt=dt,
         name=name,

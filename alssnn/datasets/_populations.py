@@ -142,6 +142,6 @@ def make_prey_predator(
             "positive populations, use the default rates, or lower `dt`."
         )
     y = _add_noise(X[:, 2], noise, check_random_state(random_state))
-    names = (["u1", "u2"], "x3", ["x1", "x2", "x3"])
-    plant = _sampled_plant(step, 2, dt, names, "prey_predator")
+    names = (["u1", "u2"], ["x3"], ["x1", "x2", "x3"])
+    plant = _sampled_plant(step, [2], dt, names, "prey_predator")
     return Record(u, y, dt, "simulated prey and predator", plant, X[0])
