@@ -128,7 +128,11 @@ class Lure:
     def layers(self):
         """Return the layers of neurons, as slices: one activation each.
 
-        The neurons of a layer do not see each other, unless it is one of `implicit`.
+        Returns
+        -------
+        layers : list of slice
+            The layers in the order of evaluation. The neurons of one do not see each
+            other, unless it is one of `implicit`.
         """
         columns = np.arange(self.nw)
         # the last that a neuron sees of itself and those behind it
@@ -153,7 +157,13 @@ class Lure:
 
     @cached_property
     def implicit(self):
-        """Return the layers that see themselves, by their first neuron."""
+        """Return the layers that see themselves.
+
+        Returns
+        -------
+        implicit : dict of int to ImplicitLayer
+            The layers, by the number of their first neuron.
+        """
         blocks = {layer.start: self.E[layer, layer] for layer in self.layers}
         return {
             start: ImplicitLayer(E, self.sigma[start])

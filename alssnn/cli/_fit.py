@@ -190,6 +190,14 @@ def _add_models(model):
         help="what h sees (default: state, output for al-paper)",
     )
     model.add_argument(
+        "--input-map",
+        choices=["identity", "monotone"],
+        default="identity",
+        help="what the linear part of FL-SSNN and AL-SSNN answers to: u + h, or a map "
+        "that increases with u, for valves, fans and gains that depend on the state "
+        "(default: %(default)s)",
+    )
+    model.add_argument(
         "--max-iter",
         type=count,
         metavar="N",
@@ -250,6 +258,7 @@ def run(args):
         alpha=args.alpha,
         stability=None if args.stability == "none" else args.stability,
         feedback=args.feedback,
+        input_map=args.input_map,
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,

@@ -45,6 +45,7 @@ def model_ladder(
     alpha="auto",
     stability="auto",
     feedback=None,
+    input_map="identity",
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -89,6 +90,9 @@ def model_ladder(
     feedback : {"output", "state"} or None, default=None
         What h sees in all models with h; None leaves it to the models: the state, and
         the output in "al-paper".
+    input_map : {"identity", "monotone"}, default="identity"
+        Whether the linear part of all models with h answers to v = u + h(s), or to a
+        monotone map v = phi(u, s).
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -146,6 +150,7 @@ def model_ladder(
         "alpha": alpha,
         "dt": dt,
         "random_state": random_state,
+        "input_map": input_map,
         "verbose": verbose,
     }
     choices = {

@@ -190,8 +190,8 @@ class DisturbedModel:
         Returns
         -------
         V : ndarray of shape (N, nu)
-            phi(bound, s): exact for one input. With several, which a map couples, it
-            is the limit of every input while the others are at theirs.
+            Limits phi(bound, s): exact for one input. With several, which a map
+            couples, that of every input while the others are at theirs.
         """
         if self._own.is_explicit:
             return self.v(bound, h)

@@ -177,14 +177,14 @@ def model_steps(plant):
     }
     if plant.cancels:
         maps["v - u_e"] = ("v", plant.law_form, law)
-    steps = Steps()
+    steps = _Steps()
     for value, (prefix, lure, signals) in maps.items():
         steps.prefix = prefix
         walk(lure, signals, steps, value)
     return steps.lines, steps.arrays
 
 
-class Steps:
+class _Steps:
     """Write static maps as lines of text, for `walk`."""
 
     def __init__(self):
