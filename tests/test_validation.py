@@ -22,7 +22,7 @@ from alssnn.validation import (
     sine_response,
     validate,
 )
-from helpers import as_records, plant_of
+from helpers import as_records, linear_plant, plant_of
 from models import al_ssnn, fl_ssnn
 
 A = np.array([[0.8, 0.3], [-0.2, 0.7]])
@@ -635,6 +635,21 @@ def test_sine_response_of_a_linear_model_is_its_frequency_response(true_model):
     expected = frequency_response(true_model.to_statespace(), f)[..., 1]
     np.testing.assert_allclose(G, expected, atol=1e-3 * np.abs(expected).max())
     assert f[0] == pytest.approx(1 / 12.8) and f[-1] < 5
+
+
+@pytest.mark.parametrize(("pole", "settle"), [(0.5, 1), (0.9, 2), (0.98, 8)])
+def test_a_sine_response_waits_for_the_transient(monkeypatch, pole, settle):
+    """Until 1e-4 of it is left, for at most eight periods."""
+    assert settle == min(np.ceil(np.log(1e-4) / np.log(pole) / 50), 8)
+    plant_ = linear_plant([[pole]], [[1.0]])
+    steps, step = [], type(plant_).step
+    monkeypatch.setattr(
+        type(plant_), "step", lambda *args: steps.append(1) or step(*args)
+    )
+    f, G = sine_response(plant_, 2.0, n_frequencies=5, period=50)
+    assert len(steps) == 50 * (settle + 1)
+    expected = 1 / (np.exp(2j * np.pi * f) - pole)
+    np.testing.assert_allclose(G[:, 0], expected, rtol=2e-3)
 
 
 def test_the_law_makes_the_response_linear_at_any_amplitude(fl_model):
