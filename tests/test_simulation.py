@@ -95,6 +95,15 @@ def test_a_trajectory_is_given_up_where_a_state_is_beyond_sense(size, finite):
     assert np.isfinite(X).all() == finite
 
 
+def test_a_divergence_takes_its_own_1024_samples_along():
+    structure = state_space(1, 1, 1)
+    theta = structure.join({"A": [[0.5]], "B": [[1.0]], "C": [[1.0]]})
+    u = np.zeros((4000, 1))
+    u[1100] = 1e9
+    X = simulate(structure.lure(theta), u, np.ones(1))
+    assert np.isfinite(X[:1025]).all() and np.isinf(X[1025:]).all()
+
+
 def test_sensitivities_of_a_chunk_fit_the_cache(structure):
     sample = 8 * (structure.n_params + structure.n_x0) * structure.nz  # bytes
     chunk = chunk_length(structure)
