@@ -244,6 +244,19 @@ def test_diverging_sensitivities_of_a_bounded_simulation(activation, gain, x0, n
             derivative(free)
 
 
+@pytest.mark.parametrize("N", [1, 9, 1025])
+def test_a_state_lost_at_the_last_sample_is_a_divergence(N):
+    """To the norm as to the derivatives, wherever chunks end."""
+    structure = state_space(1, 1, 1, C=np.ones((1, 1)))
+    u = np.zeros((N, 1))
+    u[-1] = 1e9
+    criterion = Criterion(structure, [(u, np.zeros((N, 1)))])
+    free = criterion.join(structure.join({"A": [[0.5]], "B": [[1.0]]}), [[0.0]])
+    assert criterion.norm(free) == DIVERGED_NORM
+    with pytest.raises(FloatingPointError, match="diverges at these parameters"):
+        criterion.normal_equations(free)
+
+
 @pytest.mark.parametrize("n_jobs", [None, 2])
 @pytest.mark.parametrize(("square", "is_refused"), [(0.5e32, False), (1.5e32, True)])
 def test_where_a_mean_square_derivative_leads_nowhere(square, is_refused, n_jobs):
