@@ -2,6 +2,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import cvxpy as cp
 import numpy as np
@@ -24,6 +25,7 @@ from alssnn.certificates import (
     linearized_loop,
     state_feedback,
 )
+from alssnn.certificates._disturbance import _largest
 from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
@@ -708,3 +710,16 @@ def test_model_gain(fitted):
         assert certificate.gamma >= empirical_gain(certificate.lure, rng)
     else:
         assert certificate.reason
+
+
+def test_the_corners_of_16_neurons_are_tried(rng):
+    """An exact maximum up to there, an upper bound beyond."""
+    G, c = rng.standard_normal((2, 17)), rng.standard_normal(2)
+
+    def tried(G):
+        signs = np.array(list(product([-1.0, 1.0], repeat=G.shape[1])))
+        return np.linalg.norm(signs @ G.T + c, axis=1).max()
+
+    assert _largest(G[:, :16], c) == pytest.approx(tried(G[:, :16]))
+    exact = tried(G)
+    assert 1.001 * exact < _largest(G, c) < 3 * exact

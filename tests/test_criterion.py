@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
+from scipy.optimize import brentq, least_squares
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
 from alssnn.models import state_space
@@ -242,6 +242,47 @@ def test_diverging_sensitivities_of_a_bounded_simulation(activation, gain, x0, n
     for derivative in (criterion.normal_equations, criterion.jac):
         with pytest.raises(FloatingPointError, match="sensitivities diverge"):
             derivative(free)
+
+
+@pytest.mark.parametrize("N", [1, 9, 1025])
+def test_a_state_lost_at_the_last_sample_is_a_divergence(N):
+    """To the norm as to the derivatives, wherever chunks end."""
+    structure = state_space(1, 1, 1, C=np.ones((1, 1)))
+    u = np.zeros((N, 1))
+    u[-1] = 1e9
+    criterion = Criterion(structure, [(u, np.zeros((N, 1)))])
+    free = criterion.join(structure.join({"A": [[0.5]], "B": [[1.0]]}), [[0.0]])
+    assert criterion.norm(free) == DIVERGED_NORM
+    with pytest.raises(FloatingPointError, match="diverges at these parameters"):
+        criterion.normal_equations(free)
+
+
+@pytest.mark.parametrize("n_jobs", [None, 2])
+@pytest.mark.parametrize(("square", "is_refused"), [(0.5e32, False), (1.5e32, True)])
+def test_where_a_mean_square_derivative_leads_nowhere(square, is_refused, n_jobs):
+    """x+ = a x from zero: y = 0, dy_k/dx0 = a^k, whose mean square is given."""
+    N, k = 50, np.arange(50)
+    a = brentq(lambda a: np.log(np.mean(a ** (2.0 * k)) / square), 1.5, 4.0)
+    structure = state_space(1, 1, 1, C=np.ones((1, 1)))
+    record = np.zeros((N, 1)), np.zeros((N, 1))
+    criterion = Criterion(structure, [record], n_jobs=n_jobs, chunk=7)
+    free = criterion.join(structure.join({"A": [[a]]}), [[0.0]])
+    if is_refused:
+        with pytest.raises(FloatingPointError, match="sensitivities diverge"):
+            criterion.normal_equations(free)
+    else:
+        JJ, _, norm = criterion.normal_equations(free)
+        assert norm == 0 and JJ[-1, -1] == pytest.approx(square)
+
+
+def test_what_the_cost_does_not_see_is_raised_to_rounding(rng):
+    """A direction without effect keeps 1e-12 of the largest eigenvalue."""
+    one = rng.standard_normal(30)
+    J = np.column_stack([one, one])  # equilibrated: eigenvalues 2 and 0
+    L_t = compress(J.T @ J, np.zeros(2), 1.0)[1:] / np.linalg.norm(one)
+    eigenvalues = np.linalg.eigvalsh(L_t.T @ L_t)
+    assert eigenvalues[1] == pytest.approx(2)
+    assert np.linalg.norm(L_t @ [1, -1]) ** 2 / 2 == pytest.approx(2e-12, rel=1e-3)
 
 
 def test_restricted_is_a_part_of_the_whole(criterion, free, rng):

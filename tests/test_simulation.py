@@ -5,7 +5,13 @@ import pytest
 from alssnn import kernels
 from alssnn.activations import ACTIVATIONS
 from alssnn.models import state_space
-from alssnn.simulation import SIMULATION_CHUNK, channels, sensitivities, simulate
+from alssnn.simulation import (
+    SIMULATION_CHUNK,
+    channels,
+    chunk_length,
+    sensitivities,
+    simulate,
+)
 from helpers import assert_jacobian, random_theta, simulate_linear
 
 
@@ -77,6 +83,32 @@ def test_divergence_fills_the_rest_with_inf():
     assert X.shape == (5001, 1)
     assert np.isinf(X[1:]).all()
     assert X[0] == 0
+
+
+@pytest.mark.parametrize(("size", "finite"), [(0.99e8, True), (1.01e8, False)])
+def test_a_trajectory_is_given_up_where_a_state_is_beyond_sense(size, finite):
+    structure = state_space(1, 1, 1)  # scaled units: 1e8 standard deviations
+    theta = structure.join({"A": [[0.5]], "B": [[1.0]], "C": [[1.0]]})
+    u = np.zeros((9, 1))
+    u[4] = -size
+    X = simulate(structure.lure(theta), u, np.zeros(1))
+    assert np.isfinite(X).all() == finite
+
+
+def test_a_divergence_takes_its_own_1024_samples_along():
+    structure = state_space(1, 1, 1)
+    theta = structure.join({"A": [[0.5]], "B": [[1.0]], "C": [[1.0]]})
+    u = np.zeros((4000, 1))
+    u[1100] = 1e9
+    X = simulate(structure.lure(theta), u, np.ones(1))
+    assert np.isfinite(X[:1025]).all() and np.isinf(X[1025:]).all()
+
+
+def test_sensitivities_of_a_chunk_fit_the_cache(structure):
+    sample = 8 * (structure.n_params + structure.n_x0) * structure.nz  # bytes
+    chunk = chunk_length(structure)
+    assert chunk * sample <= 1.2e6 < (chunk + 1) * sample
+    assert chunk_length(state_space(50, 3, 30)) == 32  # a loop over less is slow
 
 
 def test_unstable_but_short_simulation_is_not_divergence():

@@ -12,10 +12,10 @@ REASONS = {
 
 ESTIMATORS = [
     LinearStateSpace(),
-    FlSsnn(n_h=2, max_iter=10),
+    FlSsnn(n_h=2, max_iter=3),
     # the same search; one order and one start are enough for the others
-    AlSsnn(2, n_h=2, n_g=2, n_init=1, max_iter=10),
-    GrSsnn(2, n_f=2, n_init=1, max_iter=10),
+    AlSsnn(2, n_h=2, n_g=2, n_init=1, max_iter=3),
+    GrSsnn(2, n_f=2, n_init=1, max_iter=3),
 ]
 
 

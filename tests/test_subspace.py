@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from alssnn.linear_model import LinearModel, decorrelate, stabilize
-from alssnn.subspace import hankel_triangle, identify_linear
+from alssnn.subspace import _candidate_horizons, hankel_triangle, identify_linear
 from helpers import simulate_linear
 
 
@@ -180,6 +180,26 @@ def test_too_short_for_the_order(rng, nx, needed):
         identify_linear([(u, y)], nx)
     u, y = rng.standard_normal((needed, 1)), rng.standard_normal((needed, 1))
     assert isinstance(identify_linear([(u, y)], nx), LinearModel)
+
+
+@pytest.mark.parametrize(
+    ("n", "nx", "horizons"),
+    [
+        (1000, 3, [15, 40]),  # fast and slow sampling
+        (155, 3, [15, 26]),  # N + 1 columns of 2 (nu + ny) i + 2 rows, nu = ny = 1
+        (50, 3, [8]),
+        (1000, 20, [21, 40]),  # one block more than the order
+        (1000, 60, [61]),
+    ],
+)
+def test_horizons_are_within_reach_of_record_and_order(n, nx, horizons):
+    z = np.zeros((n, 1))
+    assert _candidate_horizons([(z, z)], nx) == horizons
+
+
+def test_singular_values_are_those_of_the_longest_horizon(rng):
+    model = identify_linear(records(rng, system(rng, 2, 1, 2), (700,)), 2, max_iter=1)
+    assert len(model.singular_values) == 2 * 40
 
 
 def test_constant_output_gives_a_model_of_zero(rng):

@@ -1,5 +1,8 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from alssnn.criterion import Criterion
 from alssnn.initial_states import estimate_x0
@@ -8,7 +11,7 @@ from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contractive_basis
 from alssnn.starts import initial_theta
-from alssnn.training import train
+from alssnn.training import _start_of_stage, train
 from alssnn.watch import Watch
 from helpers import random_theta
 
@@ -69,6 +72,27 @@ def test_inner_weights_are_spread_over_the_data(rng):
     assert len(np.unique(p["b_x"])) == 50
 
 
+def test_neurons_start_where_tanh_bends(rng):
+    """Pre-activations have unit variance over the record, whatever they see."""
+    structure = state_space(2, 1, 1, n_h=2000, n_g=2000, C=np.ones((1, 2)))
+    A, B = (
+        np.diag([0.8, -0.6]),
+        np.array([[0.6], [0.8]]),
+    )  # white u: x has unit variance
+    linear = LinearModel(A, B, np.ones((1, 2)), np.zeros((1, 1)), np.zeros((1, 2)))
+    u, y = rng.standard_normal((4000, 1)), rng.standard_normal((4000, 1))
+    p = structure.split(initial_theta(structure, linear, [(u, y)], rng))
+    X = np.stack(
+        [
+            lfilter([0, b], [1, -a], u[:, 0])
+            for a, b in zip(np.diag(A), B[:, 0], strict=True)
+        ],
+        1,
+    )
+    for v in (y @ p["W_y"].T, X @ p["W_x"].T + u @ p["W_u"].T):
+        assert np.sqrt(np.mean(v**2)) == pytest.approx(1.0, rel=0.1)
+
+
 def test_exact_recovery_of_a_known_fl_system(problem, rng):
     structure, theta, experiments = problem
     start = theta + 0.1 * rng.standard_normal(len(theta))
@@ -91,6 +115,22 @@ def test_estimate_x0_finds_the_true_state(problem, rng):
     for (u, y), start in zip(experiments, x0, strict=True):
         y_hat = channels(lure, simulate(lure, u, start), u)
         np.testing.assert_allclose(y_hat, y, atol=1e-7)
+
+
+@pytest.mark.parametrize(("sample", "counts"), [(199, True), (200, False)])
+def test_a_stage_takes_initial_states_from_200_samples(sample, counts):
+    structure = state_space(1, 1, 1)
+    theta = structure.join({"A": [[0.999]], "B": [[1.0]], "C": [[1.0]]})
+    u, y = np.zeros((600, 1)), 0.999 ** np.arange(600.0)[:, None]
+    other = y.copy()
+    other[sample] *= -1  # as large as before: the noise of the prior is the same
+    limits = SimpleNamespace(clip=lambda theta: theta, at_rest=False)
+    starts = [
+        _start_of_stage(Criterion(structure, [(u, z)]), theta, limits, None)[-1]
+        for z in (y, other)
+    ]
+    assert starts[0] == pytest.approx(1.0, abs=0.02)  # but for the prior
+    assert (abs(starts[1] - starts[0]) > 1e-3) == counts
 
 
 def test_the_prior_keeps_unobservable_states_at_rest(rng):

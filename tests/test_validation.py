@@ -11,7 +11,7 @@ from alssnn import LinearStateSpace
 from alssnn.linearizability import Region, judge, measure, percent, worst_error
 from alssnn.lure import Lure
 from alssnn.regression import lagged
-from alssnn.simulation import simulate
+from alssnn.simulation import sensitivities, simulate
 from alssnn.validation import (
     ahead_fit,
     frequency_response,
@@ -22,7 +22,8 @@ from alssnn.validation import (
     sine_response,
     validate,
 )
-from helpers import as_records, plant_of
+from alssnn.validation._explained import explained_shares
+from helpers import as_records, linear_plant, plant_of
 from models import al_ssnn, fl_ssnn
 
 A = np.array([[0.8, 0.3], [-0.2, 0.7]])
@@ -399,6 +400,45 @@ def test_explained_shares_against_a_plain_cross_validation():
     assert 0.5 < tests.explained["independence"][0] < 0.6  # 1.25 of 2.25
 
 
+def test_scored_samples_are_in_the_units_of_the_user():
+    u = colored(np.random.default_rng(0), (500, 2), 0.5)
+    y = plant(u) + np.array([40.0, -7.0])  # about an operating point
+    u = u + np.array([3.0, -20.0])
+    model = LinearStateSpace(nx=2, n_init_samples=30).fit(u, y)
+    ((u_s, y_s, y_hat),), (start,) = scored_experiments(model, u, y)
+    assert start == 30
+    np.testing.assert_allclose(u_s, u[30:])
+    np.testing.assert_array_equal(y_s, y[30:])
+    np.testing.assert_allclose(y_hat, y[30:], atol=0.1)  # of its mean, too
+
+
+def test_scored_sensitivities_are_those_of_the_scored_samples():
+    u = colored(np.random.default_rng(0), (9000, 2), 0.5)  # more than one chunk
+    model = LinearStateSpace(nx=2, n_init_samples=30).fit(u[:600], plant(u[:600]))
+    u, y = u[400:], plant(u)[400:]  # not from rest
+    (parts,) = scored_sensitivities(model, u, y)
+    pieces = [(J.copy(), J_x0.copy()) for J, J_x0 in parts()]
+    J, J_x0 = map(np.concatenate, zip(*pieces, strict=True))
+    (record,), fit = model.prepare_records(u, y), model.fitted_
+    assert np.abs(record.x0).min() > 0.1
+    x0 = record.x0 / fit.x_scale  # as the training had it
+    ones, n = np.ones(2), fit.structure.n_params
+    whole = sensitivities(fit.structure, fit.theta, x0, record.u_s, ones, 8600)
+    ((_, _, expected),) = whole
+    assert len(pieces) > 1 and len(J) == 8570
+    np.testing.assert_allclose(J, expected[30:, :, :n][..., fit.free], atol=1e-10)
+    np.testing.assert_allclose(J_x0, expected[30:, :, n:], atol=1e-10)
+
+
+@pytest.mark.parametrize("offset", [0.0, 3.0, -1e3])
+def test_an_offset_of_the_residual_is_no_part_of_its_variance(offset):
+    z, noise = np.random.default_rng(0).standard_normal((2, 600, 1))
+    r = (z + noise)[:, 0] + offset
+    (share,) = explained_shares([r], [([z], range(3))])
+    assert share == pytest.approx(0.5, abs=0.05)
+    assert explained_shares([np.full(600, offset)], [([z], range(3))])[0] == 0
+
+
 @pytest.mark.parametrize(
     ("missed", "passes"), [(0.03, True), (0.15, False), (1.2, False)]
 )
@@ -635,6 +675,21 @@ def test_sine_response_of_a_linear_model_is_its_frequency_response(true_model):
     expected = frequency_response(true_model.to_statespace(), f)[..., 1]
     np.testing.assert_allclose(G, expected, atol=1e-3 * np.abs(expected).max())
     assert f[0] == pytest.approx(1 / 12.8) and f[-1] < 5
+
+
+@pytest.mark.parametrize(("pole", "settle"), [(0.5, 1), (0.9, 2), (0.98, 8)])
+def test_a_sine_response_waits_for_the_transient(monkeypatch, pole, settle):
+    """Until 1e-4 of it is left, for at most eight periods."""
+    assert settle == min(np.ceil(np.log(1e-4) / np.log(pole) / 50), 8)
+    plant_ = linear_plant([[pole]], [[1.0]])
+    steps, step = [], type(plant_).step
+    monkeypatch.setattr(
+        type(plant_), "step", lambda *args: steps.append(1) or step(*args)
+    )
+    f, G = sine_response(plant_, 2.0, n_frequencies=5, period=50)
+    assert len(steps) == 50 * (settle + 1)
+    expected = 1 / (np.exp(2j * np.pi * f) - pole)
+    np.testing.assert_allclose(G[:, 0], expected, rtol=2e-3)
 
 
 def test_the_law_makes_the_response_linear_at_any_amplitude(fl_model):
