@@ -9,10 +9,10 @@ left of the difference is the rounding of double precision.
 
 import numpy as np
 import pytest
+from structures import declare
 
 from alssnn.criterion import EIGENVALUE_FLOOR, Criterion
 from helpers import random_theta
-from structures import declare
 
 EPS = np.finfo(float).eps
 N = (60, 40)  # samples of two experiments
