@@ -5,12 +5,13 @@
 Good models have the structure of their plant and are judged on a fresh record of the
 same kind: four plants (two linear ones, of two inputs and outputs and of a resonance;
 two that a law linearizes), white noise and noise of a pole at 0.9 with 10 % of the
-standard deviation of the output, 500 to 2,000 samples.  The baseline is the linear model.
+standard deviation of the output, 500 to 2,000 samples.  The baseline is the linear
+model.
 
-Wrong models are trained on one thing and judged on another, or are too small, too large,
-too late, or lead to a law that fails (`WRONG`).  Every case runs with several seeds; its
-row shows the largest error of the free run against the output without noise, as a share
-of its standard deviation, and what the verdict named.
+Wrong models are trained on one thing and judged on another, or are too small, too
+large, too late, or lead to a law that fails (`WRONG`).  Every case runs with several
+seeds; its row shows the largest error of the free run against the output without noise,
+as a share of its standard deviation, and what the verdict named.
 
 Without --quick it writes doc/benchmarks/verdicts.md. Exits with 1 if a wrong model
 passes, or more than 3 % of the good ones fail.
@@ -67,7 +68,7 @@ def good_models(n, show=print):
 
 
 def wrong_models(seeds, show=print):
-    """Return the rows of all wrong models: (name, passed, error, checks that failed)."""
+    """Return rows of wrong models: name, whether it passed, error, what failed."""
     rows = []
     for name, make in WRONG.items():
         for seed in range(seeds):
@@ -89,6 +90,11 @@ def _failures(validation):
     return ", ".join(c.name for c in validation if c.decides and not c.passed)
 
 
+def _by_check(failed):
+    counts = collections.Counter(part for _, by in failed for part in by.split(", "))
+    return counts.most_common()
+
+
 def _report(failed, counts, n_good, rows):
     """Return the page, as lines."""
     passes = sum(row[1] for row in rows)
@@ -100,6 +106,10 @@ def _report(failed, counts, n_good, rows):
         f"- false alarms: {len(failed)} of {n_good} good models "
         f"({len(failed) / n_good:.1%})",
         f"- false passes: {passes} of {len(rows)} wrong models ({len(WRONG)} cases)",
+        "",
+        "Alarms by check: "
+        + ", ".join(f"{count} {name}" for name, count in _by_check(failed))
+        + ".",
         "",
         "Good models: "
         + ", ".join(f"{count} of {plant}" for plant, count in counts.items())
@@ -137,7 +147,7 @@ def main(arguments=None):
     rows = wrong_models(options.seeds)
     failed, counts = good_models(options.good)
     lines = _report(failed, counts, options.good, rows)
-    print("\n".join(lines[4:6]))
+    print("\n".join(lines[4:8]))
     if not options.quick:
         versions = [f"{m.__name__} {m.__version__}" for m in (alssnn, np, scipy)]
         system = [platform.machine(), f"Python {platform.python_version()}", *versions]
