@@ -24,11 +24,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from .criterion import DIVERGED_NORM, Criterion
 from .training import LEAST_MOVE
 from .watch import Watch
+from .workers import finished
 
 ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = slice(0, 5, 2)  # of the alphas, by which orders are compared
@@ -257,8 +257,9 @@ def search(
     if n_jobs in (None, 1) or len(paths) == 1:
         paths = [path.descend(alphas, quiet, **options) for path in paths]
     else:
-        tasks = (delayed(_descend)(path, alphas, quiet, options) for path in paths)
-        paths = Parallel(n_jobs=n_jobs)(tasks)
+        calls = [(path, alphas, quiet, options) for path in paths]
+        walked = dict(finished(_descend, calls, n_jobs))
+        paths = [walked[i] for i in range(len(calls))]
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
         best.descend(rest, quiet, **options)

@@ -12,7 +12,6 @@ All arrays here are scaled deviations (`experiments`).
 """
 
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, Criterion
@@ -22,6 +21,7 @@ from .linear_model import stabilize
 from .mapping import Held
 from .optimizers import single_threaded
 from .watch import INTERRUPTED, Patience, Watch
+from .workers import finished
 
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 ONLY_STAGE = "train"  # label of a training that is one search
@@ -164,17 +164,18 @@ def _best_start(stages, starts, limits, watch, n_jobs, options):
         (_of_start(stages, i, len(starts)), (theta,), limits, watch.fork(), options)
         for i, theta in enumerate(starts)
     ]
-    results = []
+    found = {}
     try:
         if len(starts) == 1 or not stages[0][1].experiments.is_here:
             # in this process, whatever the backend of the caller
-            for call in calls:
-                results.append(_descend(*call))
+            for i, call in enumerate(calls):
+                found[i] = _descend(*call)
         else:
-            for result in _as_they_come(calls, n_jobs):
-                results.append(result)
+            for i, result in finished(_descend, calls, n_jobs):
+                found[i] = result
     except KeyboardInterrupt as interrupt:
         watch.stop(INTERRUPTED, interrupt)
+    results = [found[i] for i in sorted(found)]
     if not results:  # interrupted while all worked elsewhere: the start is a model
         results = [_descend(stages, (starts[0],), limits, watch, options)]
     for result in results:
@@ -216,16 +217,6 @@ def _of_start(stages, i, n_starts):
         (start if label == ONLY_STAGE else f"{start}, {label}", criterion)
         for label, criterion in stages
     ]
-
-
-def _as_they_come(calls, n_jobs):
-    """Yield the results of descents in order, as early as the backend allows."""
-    tasks = (delayed(_descend)(*call) for call in calls)
-    try:
-        parallel = Parallel(n_jobs=n_jobs, return_as="generator")
-    except ValueError:  # a backend that only returns everything at once
-        parallel = Parallel(n_jobs=n_jobs)
-    yield from parallel(tasks)
 
 
 def _descend(stages, start, limits, watch, options):

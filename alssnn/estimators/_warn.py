@@ -1,29 +1,16 @@
-"""Warnings of a fit, at the line of the user who called it."""
-
-import sys
-import warnings
+"""Warnings of a fit."""
 
 from sklearn.exceptions import ConvergenceWarning
 
-OURS = ("alssnn", "sklearn", "joblib")  # packages whose frames no user wrote
+from ..warn import warn_user
 
 
 def warn_of_training(message):
     """Warn of a training that failed in some way, at the line of the user.
-
-    How many frames are between depends on the estimator, on the decorators of
-    scikit-learn, and on what calls the fit.
 
     Parameters
     ----------
     message : str
         What failed, and what to do.
     """
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and _is_ours(frame):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, ConvergenceWarning, stacklevel=level)
-
-
-def _is_ours(frame):
-    return frame.f_globals.get("__name__", "").partition(".")[0] in OURS
+    warn_user(message, ConvergenceWarning)

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 from ..metrics import rmse
 from ..optimizers import single_threaded
+from ..workers import finished
 
 DEFAULT_GAMMAS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 
@@ -231,9 +231,9 @@ def gamma_path(
         models.append(copy.deepcopy(model).set_params(warm_start=False))
         if callback is not None:
             callback(float(gamma), models[-1])
-    measured = Parallel(n_jobs=n_jobs)(
-        delayed(_measure)(fitted, (u, y, experiment), test) for fitted in models
-    )
+    calls = [(fitted, (u, y, experiment), test) for fitted in models]
+    found = dict(finished(_measure, calls, n_jobs))
+    measured = [found[i] for i in range(len(calls))]
     records, rmse_train, rmse_test = zip(*measured, strict=True)
     return GammaPath(
         gammas=gammas,

@@ -111,6 +111,10 @@ def read(path):
         raise ValueError(
             _refusal(path, f"a damaged file ({error}). Copy or save it again")
         ) from error
+    for name, array in arrays.items():
+        if array.dtype.kind not in "biuf":
+            what = f"an altered file: {name} is of type {array.dtype}"
+            raise ValueError(_refusal(path, what))
     try:
         text = arrays.pop(DOCUMENT).tobytes().decode()
         document = json.loads(text)

@@ -34,6 +34,7 @@ CENTER = "center."
 REGION = ("low", "high", "center", "whiten", "radius")
 SCALING = ("u_offset", "y_offset", "u_scale", "y_scale")
 RESULTS = ("x0_", "input_delay_", "singular_values_")
+LONGEST = 300  # characters of a reason for which a file is refused
 # What contradictions in a file raise, besides those that are looked for.
 ALTERED = (
     KeyError,
@@ -147,15 +148,20 @@ def load(path, classes):
         If the file is of another type or version, damaged, or contradicts itself.
     """
     document, arrays = read(path)
-    if document.get("class") not in classes:
+    name = str(document.get("class"))
+    if name not in classes:
         raise ValueError(
-            f"`path` must hold one of {', '.join(classes)}, got "
-            f"{document.get('class')!r}: {path}. Upgrade alssnn if the model is new."
+            f"`path` must hold one of {', '.join(classes)}, got {name[:LONGEST]!r}: "
+            f"{path}. Upgrade alssnn if the model is new."
         )
     try:
-        return _restore(classes[document["class"]], document, arrays)
+        with np.errstate(all="ignore"):  # what overflows is refused
+            model = _restore(classes[name], document, arrays)
+            _check_model(model)
+        return model
     except ALTERED as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error)
+        reason = reason if len(reason) <= LONGEST else f"{reason[:LONGEST]} ..."
         raise ValueError(
             f"`path` must be a file as `model.save` wrote it, got an altered one: "
             f"{path}: {reason.rstrip('.')}. Save the model again."
@@ -270,10 +276,21 @@ def _check_arrays(arrays, shapes):
         if value.dtype != (int if name == "input_delay" else float):
             raise ValueError(f"{name} is of type {value.dtype}")
         _finite(name, value)
-        if name.endswith("_scale") and not np.all(value > 0):
-            raise ValueError(f"{name} is not positive")
+        if name.endswith("_scale"):
+            square = value * np.abs(value)
+            if not np.all((square > 0) & np.isfinite(square)):
+                raise ValueError(f"{name} is not positive, or its square no number")
     if np.any(arrays["input_delay"] < 0):
         raise ValueError("input_delay is negative")
+
+
+def _check_model(model):
+    """Refuse a model whose options contradict its parameters, or that overflows."""
+    for name, value in model.get_params(deep=False).items():
+        _encode_param(name, value)  # what was loaded can be saved
+    for name, value in {**model.params_, "x0": model.x0_}.items():
+        _finite(name, value)
+    _finite("theta", model.fitted_.theta)
 
 
 def _check_fit(fitted, results, nu, ny):
@@ -286,7 +303,8 @@ def _check_fit(fitted, results, nu, ny):
         if not strings or (names is not None and len(names) != size):
             raise ValueError(f"{size} signals are named {names}")
     labels = results["experiments_"]
-    if not isinstance(labels, list) or not labels:
+    plain = isinstance(labels, list) and all(map(_is_plain, labels))
+    if not plain or not labels:
         raise ValueError(f"the experiments are labeled {labels}")
     container = fitted.container
     if container.library not in (None, "pandas", "polars"):
@@ -321,9 +339,12 @@ def _names(names):
     return None if names is None else [str(name) for name in names]
 
 
+def _is_plain(label):
+    return label is None or isinstance(label, str | Real)
+
+
 def _encode_label(label):
-    is_plain = label is None or isinstance(label, str | Real)
-    encoded = encode(label) if is_plain else {}
+    encoded = encode(label) if _is_plain(label) else {}
     if isinstance(encoded, dict):
         raise ValueError(
             f"Labels in `experiment` must be finite numbers or strings for a file, got "

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import alssnn
+from damage import altered, damaged, unpacked
 from fuzzing import SCALE, cases, only_warnings_for_users
 
 MEGABYTE = 2**20
@@ -43,32 +44,56 @@ def check(path, data, u, y, limit=None):
 def test_random_corruptions(saved, tmp_path):
     _, data, u, y = saved
     rng, path = np.random.default_rng(1), tmp_path / "model.npz"
-    refused = 0
+    refused, before = 0, memory()
     for _ in range(round(2_000 * SCALE)):
-        bad = bytearray(data)
-        kind = rng.integers(4)
-        at = int(rng.integers(len(bad)))
-        if kind == 0:  # some bytes
-            for k in rng.integers(len(bad), size=rng.integers(1, 5)):
-                bad[k] = rng.integers(256)
-        elif kind == 1:  # one bit
-            bad[at] ^= 1 << int(rng.integers(8))
-        elif kind == 2:  # cut, or a hole
-            del bad[at : at + int(rng.integers(1, len(bad)))]
-        else:  # a block that was moved
-            length = int(rng.integers(1, 200))
-            to = int(rng.integers(len(bad)))
-            bad[to : to + length] = bad[at : at + length]
-        refused += check(path, bytes(bad), u, y)
+        refused += check(path, damaged(data, rng), u, y)
     assert refused > 1_000 * SCALE
+    assert memory() - before < 64 * MEGABYTE
+
+
+def test_altered_fields_with_valid_checksums(saved, tmp_path):
+    """What is still a model may be another one, but it can be used, and saved."""
+    _, data, u, _ = saved
+    rng, path = np.random.default_rng(2), tmp_path / "model.npz"
+    members, refused, before = unpacked(data), 0, memory()
+    for _ in range(round(2_000 * SCALE)):
+        path.write_bytes(altered(members, rng))
+        try:
+            model = alssnn.load(path)
+        except ValueError as error:
+            message = str(error)
+            assert message.startswith("`path` must "), repr(error)
+            assert message.endswith(".") and len(message) < 1_000, message
+            refused += 1
+            continue
+        check_use(model, u, path)
+    assert refused > 1_000 * SCALE
+    assert memory() - before < 64 * MEGABYTE
+
+
+def check_use(model, u, path):
+    """Assert that a model simulates, and is the same one after another save."""
+    for name, value in model.params_.items():
+        assert np.isfinite(value).all(), name
+    with np.errstate(all="ignore"), only_warnings_for_users():
+        y = model.predict(u)
+        assert len(y) == len(u)
+        model.save(path)
+        np.testing.assert_array_equal(alssnn.load(path).predict(u), y)
+        repr(model)
+
+
+def memory():
+    """Return the most memory that this process has ever had, in bytes."""
+    resource = pytest.importorskip("resource", reason="no such figure on this system")
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 @cases(30)
 @given(data=st.data())
 def test_headers_edited_with_a_valid_checksum(saved, tmp_path_factory, data):
     _, content, _, _ = saved
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
+    members = unpacked(content)
     name = data.draw(st.sampled_from(sorted(set(members) - {"document.npy"})))
     header = members[name][10:128].decode("latin1")
     old = data.draw(st.sampled_from(["'descr'", "'<f8'", "False", "(", ",", ")", "}"]))
@@ -98,8 +123,7 @@ def test_headers_edited_with_a_valid_checksum(saved, tmp_path_factory, data):
 
 def test_memory_of_files_that_claim_much(saved, tmp_path):
     _, content, _, _ = saved
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
+    members = unpacked(content)
     bombs = {
         "extra.npy": bytes(300 * MEGABYTE),
         "document.npy": members["document.npy"] + bytes(300 * MEGABYTE),
