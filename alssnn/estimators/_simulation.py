@@ -304,7 +304,8 @@ def score(model, u, y, experiment=None):
         Coefficient of determination, averaged over the outputs; -inf if the
         simulation diverges.
     """
-    y_true, y_pred = model.simulate_test(u, y, experiment)
+    pair = model.simulate_test(u, y, experiment)
+    y_true, y_pred = (z.reshape(len(z), -1) for z in pair)
     if not np.isfinite(y_pred).all():
         return -np.inf
     measured = ~np.isnan(y_true)
@@ -341,9 +342,10 @@ def simulate_test(model, u, y, experiment=None):
 
     Returns
     -------
-    y_true : ndarray of shape (n_scored, ny)
-        Measured outputs without the samples that estimate the initial states.
-    y_pred : ndarray of shape (n_scored, ny)
+    y_true : ndarray of shape (n_scored,) or (n_scored, ny)
+        Measured outputs without the samples that estimate the initial states, with as
+        many dimensions as `y`.
+    y_pred : ndarray of the same shape
         Simulated outputs at the same samples.
     """
     records = model.prepare_records(u, y, experiment)
@@ -355,7 +357,8 @@ def simulate_test(model, u, y, experiment=None):
         y_pred.append(y_hat[record.scored])
     scaling = model._scaling
     y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
-    return np.vstack(y_true), y_pred
+    y_true = np.vstack(y_true)
+    return (y_true[:, 0], y_pred[:, 0]) if is_flat(u, y) else (y_true, y_pred)
 
 
 def _outputs(lure, u_s, x0):
@@ -365,6 +368,24 @@ def _outputs(lure, u_s, x0):
         for part, u, X in trajectory(lure, u_s, x0):
             y[part] = regressors(lure, X[:-1], u) @ lure.rows_z.T
     return y
+
+
+def is_flat(u, y):
+    """Tell whether one output came as a plain sequence.
+
+    Parameters
+    ----------
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs.
+
+    Returns
+    -------
+    is_flat : bool
+        Whether y has no columns, so that what is returned should have none.
+    """
+    return len(np.shape(y[0] if is_list_of_records(u) else y)) == 1
 
 
 def join_records(u, y, experiment):
