@@ -258,7 +258,9 @@ class Ssnn(StateSpaceModel):
             )
             fallback = self._start(plain, linear, near, seeds[0])
             if is_auto and plain.nw > 0:
-                found = self._search(near, linear, seeds, watch)
+                # a stretch of a stretch would not be that of the training
+                far = near if self.coarse_samples is None else experiments
+                found = self._search(far, linear, seeds, watch)
                 if found is None or not found.helps:
                     return self._left_linear(linear, near, experiments, watch)
                 plain, starts = found.structure, [found.theta]
