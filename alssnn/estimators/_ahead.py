@@ -12,7 +12,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..experiments import is_list_of_records
-from ._simulation import is_flat, labeled_data, simulated, start_states
+from ._simulation import labeled_data, simulated, start_states
 
 CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
 
@@ -66,7 +66,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
             f"`steps` must be a positive integer or inf, got {steps!r}. It counts "
             "samples."
         )
-    as_list, flat = is_list_of_records(u), is_flat(u, y)
+    as_list = is_list_of_records(u)
     u, y, parts, labels = labeled_data(model, u, y, experiment)
     observer = Observer(model) if observer is None else observer
     n_late = observer.plant.n_late
@@ -79,7 +79,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
         if n < len(u_i):
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
-    y_hat = y_hat[:, 0] if flat else y_hat
+    y_hat = y_hat[:, 0] if y.ndim == 1 else y_hat
     return [y_hat[part] for part in parts] if as_list else y_hat
 
 

@@ -5,7 +5,7 @@ from numbers import Integral
 
 import numpy as np
 from sklearn.metrics import r2_score
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from ..containers import as_columns, index_of, part_of
 from ..experiments import (
@@ -17,9 +17,7 @@ from ..experiments import (
 from ..initial_states import estimate_x0 as least_squares_x0
 from ..records import PreparedRecord
 from ..simulation import regressors, trajectory
-
-# Single precision stays what it is, chunks are converted; nan are left to our checks.
-DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
+from ._data import check_u
 
 
 def predict(model, u, experiment=None, x0="rest"):
@@ -55,7 +53,7 @@ def predict(model, u, experiment=None, x0="rest"):
     u = as_columns(u) if model.n_features_in_ == 1 else u
     u, _, experiment = join_records(u, u, experiment)
     index = index_of(u)
-    u = validate_data(model, u, reset=False, **DATA)
+    u = check_u(model, u, reset=False)
     check_inputs(u)
     parts, labels = split_experiments(len(u), experiment)
     y = np.empty((len(u), len(model.C_)))
@@ -417,4 +415,13 @@ def join_records(u, y, experiment):
             "`experiment` must be None for a list of records, got labels. The list "
             "itself tells the experiments."
         )
-    return stack_experiments(u, y)
+    if not isinstance(y, list | tuple):
+        raise ValueError(
+            "`y` must be a list of records, as `u` is, got "
+            f"{type(y).__name__}. Give one record of outputs per experiment."
+        )
+    try:
+        return stack_experiments(u, y)
+    except ValueError as error:  # of arguments of another name
+        words = str(error).replace("`us", "`u").replace("`ys", "`y")
+        raise ValueError(words) from error

@@ -5,8 +5,8 @@ import numpy as np
 from ..linearizability import judge, percent, worst_error
 from ..metrics import fit_percent
 from ._ahead import ahead_fit
-from ._record import Check, Validation
 from ._lags import choose_lags
+from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import column_names, scored_experiments, scored_sensitivities
 
