@@ -115,6 +115,8 @@ def _named(name, data):
         reason = (str(error).splitlines() or [""])[0].rstrip(": ")
         for words, ours in IS_X if name == "u" else ():
             reason = reason.replace(words, ours)
+        if "Reshape your data" in str(error):
+            reason += ". Reshape your data to one column per signal"
         if len(reason) > LONGEST:
             reason = f"{reason[:LONGEST]}..."
         kind = TypeError if isinstance(error, TypeError) else ValueError
