@@ -450,6 +450,8 @@ def test_a_closed_loop_has_no_bands(rng):
     with pytest.warns(UserWarning, match="No confidence band holds"):
         covariance = model.parameter_covariance(u, y)
     assert not covariance.holds and "feedback" in covariance.reason
+    with pytest.warns(UserWarning, match=r"no sample of what is possible: .* feedback"):
+        model.sample_models(covariance, 1, random_state=0)
     band = covariance.frequency_response(OMEGA)
     assert (
         np.isnan(band.magnitude_band()).all() and not band.covers(band.response).any()

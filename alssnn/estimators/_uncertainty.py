@@ -205,6 +205,11 @@ def sample_models(
     ValueError
         If the covariance belongs to another model or other data.
 
+    Warns
+    -----
+    UserWarning
+        If the covariance does not hold: neither do the draws.
+
     Notes
     -----
     Without `data` this is nearly free. With it, every model costs one short
@@ -217,6 +222,13 @@ def sample_models(
         raise ValueError(
             "`covariance` must be that of this model, got that of another one. "
             "Call `parameter_covariance` again after a fit."
+        )
+    if not covariance.holds:
+        warnings.warn(
+            "The models that are drawn are no sample of what is possible: "
+            f"{covariance.reason} They are too close to each other.",
+            UserWarning,
+            stacklevel=2,
         )
     if data is None:
         draws = ((z, model.x0_) for z in covariance.sample(n_models, random_state))
