@@ -355,8 +355,8 @@ def simulate_test(model, u, y, experiment=None):
         y_pred.append(y_hat[record.scored])
     scaling = model._scaling
     y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
-    y_true = np.vstack(y_true)
-    return (y_true[:, 0], y_pred[:, 0]) if is_flat(u, y) else (y_true, y_pred)
+    pair = np.vstack(y_true), y_pred
+    return tuple(z[:, 0] for z in pair) if is_flat(u, y) else pair
 
 
 def _outputs(lure, u_s, x0):
