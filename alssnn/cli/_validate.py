@@ -36,7 +36,6 @@ def add(commands):
     parser.add_argument(
         "--lags",
         type=count,
-        default="auto",
         metavar="N",
         help="lags of the tests of residuals (default: 25, fewer on a short record)",
     )
@@ -58,7 +57,7 @@ def run(args):
     """
     model = load(args.model)
     record, _ = read_record(args, model)
-    validation = model.validate(*record, n_lags=args.lags)
+    validation = model.validate(*record, n_lags=args.lags or "auto")
     print(validation)
     if args.output_file is not None:
         columns = ("name", "passed", "decides", "value", "quantity", "sentence")
