@@ -242,24 +242,6 @@ class Plant:
             raise ValueError(self.no_law)
         return forms.closed(lure)
 
-    def close_beside(self):
-        """Return the loop u = v - h(y + r), r what the model lacks of y (eq. carried).
-
-        Returns
-        -------
-        loop : Lure
-            Form with the states of the plant, the inputs [v; r] and the channels
-            [y; u], all deviations; y is that of the model.
-
-        Raises
-        ------
-        ValueError
-            If the law is none of this plant, or measures the state.
-        """
-        if self.no_law or self.feedback != "output":
-            raise ValueError(self.no_law or "The law measures the state, not y.")
-        return forms.closed_beside(self.lure, self.law_form)
-
     def linearized(self):
         """Return the plant behind its law: v is its input, and nothing is cancelled.
 

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
+from ..forms import closed_beside
 from ..lure import Lure
 from ..plant import as_plant
 from ..simulation import channels, simulate
@@ -131,7 +132,7 @@ def _carried(plant, records, opened, closed):
         return np.full(plant.ny, np.nan)
     beside = None
     if plant.cancels and plant.feedback == "output":
-        beside = plant.close_beside()
+        beside = closed_beside(plant.lure, plant.law_form)
     distance, designed = [], []
     with np.errstate(over="ignore", invalid="ignore"):
         for record, run, loop in zip(records, opened, closed, strict=True):
