@@ -176,6 +176,45 @@ def increases(law_form, scale):
     )
 
 
+def closed_beside(form, law):
+    """Return the loop whose law measures y beside what the model says (eq. carried).
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant with linear output, y = C x.
+    law : Lure
+        Its v as a static map of [y; u].
+
+    Returns
+    -------
+    loop : Lure
+        Form with the inputs [v; r] and the channels [y; u], u = phi^-1(v, C x + r).
+    """
+    nx, nu, nw, nh = form.nx, form.nu, form.nw, law.nw
+    v = virtual(form)
+    ny = v.start - nx
+    ends = np.cumsum([nx, nu, ny, nh, nw])
+    x, u, r, w_h, w = (slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
+    every = np.eye(ends[-1] + 1)  # regressors [x; v; r; w_h; w; 1]
+    y_seen = form.M[nx : v.start, :nx] @ every[x] + every[r]
+
+    def of_law(rows):  # without what u makes
+        by_y, _, by_w, constant = np.split(rows, [ny, ny + nu, ny + nu + nh], axis=1)
+        return by_y @ y_seen + by_w @ every[w_h] + constant @ every[-1:]
+
+    to_u = (every[u] - of_law(law.rows_z)) / input_gain(form)[:, None]
+    by_x, by_u, by_w, constant = np.split(
+        form.Theta, [nx, nx + nu, nx + nu + nw], axis=1
+    )
+    Theta = by_x @ every[x] + by_u @ to_u + by_w @ every[w] + constant @ every[-1:]
+    Theta[v] = to_u
+    signals, neurons = np.split(Theta, [v.stop])
+    of_neurons = of_law(law.rows_v) + law.V[:, ny:] @ to_u
+    Theta = np.vstack([signals, of_neurons, neurons])
+    return Lure(Theta, nx, nu + ny, nh + nw, (*law.sigma, *form.sigma))
+
+
 def observed(form):
     """Return the form with the channels [y; v; omega; eta] (eq. eta).
 

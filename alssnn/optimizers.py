@@ -29,7 +29,7 @@ STOPPED = -1  # status of a search that was left (`watch`)
 CLIFF = "the derivatives overflow next to the best point"
 RETREATS = 8  # halvings of the way to a point whose derivatives overflow
 TERMINATION_MESSAGES = {
-    0: "stopped after max_iter trial steps",
+    0: "stopped after all trial steps that its last stage may take",
     1: "the gradient vanishes",
     2: "the cost no longer falls",
     3: "the parameters no longer move",

@@ -17,7 +17,7 @@ from alssnn.criterion import Criterion
 from alssnn.mapping import Held
 from alssnn.models import state_space
 from helpers import random_theta
-from models import al_ssnn, fl_ssnn
+from models import al_ssnn, fl_ssnn, gr_ssnn
 
 dask = pytest.importorskip("distributed", reason='needs the extra "cluster"')
 remote = pytest.importorskip("alssnn.distributed")
@@ -314,3 +314,18 @@ def test_a_fit_survives_a_killed_worker(experiments):
             fitted = model.fit_remote(there)
     assert calls.count(False) > 2
     assert fitted.cost_ == pytest.approx(expected.cost_, rel=5e-3)
+
+
+@pytest.mark.parametrize("alpha", ["auto", 1e-4])
+def test_coarse_stages_are_the_same_wherever_the_data_lie(
+    client, futures, experiments, alpha
+):
+    options = {"alpha": alpha, "max_iter": 15, "tol": 1e-4, "random_state": 0}
+    options |= {"coarse_samples": 300, "polish_iter": 3, "n_init": 2}
+    here = gr_ssnn(nx=2, n_f=3, **options).fit(
+        *map(list, zip(*experiments, strict=True))
+    )
+    there = remote.fit(gr_ssnn(nx=2, n_f=3, **options), futures, client=client)
+    assert here.alpha_ == there.alpha_
+    assert there.cost_ == pytest.approx(here.cost_, rel=1e-5)
+    assert [step.label for step in here.history_] == [s.label for s in there.history_]

@@ -574,7 +574,7 @@ def test_states_that_only_the_cost_needs_change_no_measure(mimo):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda u, y: (u, y[:-1]), "inconsistent numbers of samples: .400, 399."),
+        (lambda u, y: (u, y[:-1]), "got 400 and 399, inconsistent numbers of samples"),
         (lambda u, y: (np.where(u > 14, np.nan, u), y), "`u` must not contain NaN"),
         (lambda u, y: (u, np.where(y > 80, np.inf, y)), "Input y contains infinity"),
         (lambda u, y: (0 * u + 1, y), "constant column 0, 1"),

@@ -589,3 +589,45 @@ def test_frame_without_pandas(model, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(ImportError, match=r"needs pandas.* Install it by pip install"):
         measured(model).to_frame()
+
+
+# -- the error of the model, carried through the loop ----------------------------------
+
+
+@pytest.mark.parametrize("slope", [1.0, -3.0])
+def test_the_error_of_the_model_is_carried_through_the_law(slope):
+    """x+ = 0.6 x + u + slope tanh(x)/4, and a record that is off by r."""
+    rng = np.random.default_rng(0)
+    u, x = rng.standard_normal((600, 1)), np.zeros(601)
+
+    def h(y):
+        return 0.25 * slope * np.tanh(y)
+
+    for k in range(600):
+        x[k + 1] = 0.6 * x[k] + u[k, 0] + h(x[k])
+    options = {"feedback": "output", "stability": "contractive", "gamma_h": 1e-4}
+    model = fl_ssnn(nx=1, n_h=4, max_iter=60, random_state=0, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(u, x[:600])
+    r = 0.2 * np.sin(0.3 * np.arange(600))
+    exact = model.linearizability(u, x[:600])
+    found = model.linearizability(u, x[:600] + r)
+    assert exact.carried[0] < 0.05 + exact.closed_linearization_error[0]
+    # by a plain loop: u = v - h(C x + r), for the law of the model
+    (record,), plant = model.prepare_records(u, x[:600] + r), model.plant_
+    z, y_true = record.x0.copy(), np.zeros(600)
+    gap = record.y[:, 0] - model.predict(u, x0=record.x0)
+    for k in range(600):
+        y_true[k] = plant.output(z, u[k])[0] + gap[k]
+        z = plant.step(z, plant.law(u[k], y_true[k : k + 1]))
+    linear, x_l = np.zeros(600), record.x0.copy()
+    for k in range(600):
+        linear[k] = (model.C_ @ x_l)[0]
+        x_l = model.A_ @ x_l + model.B_ @ (u[k] - model.u_offset_)
+    off = y_true - model.y_offset_[0] - linear
+    expected = np.sqrt(np.mean(off**2)) / np.std(linear)
+    assert found.carried[0] == pytest.approx(expected, rel=1e-6)
+    assert found.carried[0] > np.sqrt(np.mean(gap**2)) / np.std(linear) / 2
+    assert "with the error of the model" in repr(found)
+    assert "carried" in set(found.to_frame()["quantity"])

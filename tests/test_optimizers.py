@@ -75,7 +75,9 @@ def test_max_iter_and_message(method):
     result = minimize(Rosenbrock(), np.array([-1.2, 1.0]), method=method, max_iter=3)
     assert result.nfev == 3
     assert not result.success
-    assert result.message == "stopped after max_iter trial steps"
+    assert (
+        result.message == "stopped after all trial steps that its last stage may take"
+    )
 
 
 def test_report_sees_falling_cost(method):

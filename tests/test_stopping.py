@@ -423,3 +423,21 @@ def test_an_observer_ends_the_whole_fit(rng):
     np.testing.assert_array_equal(result.x, seen[-1])
     again = minimize(criterion, result.x, watch=watch)
     assert again.nfev == 0 and again.cost == pytest.approx(result.cost)
+
+
+@pytest.mark.parametrize("n_init", [1, 2])
+def test_a_training_takes_no_more_than_its_trial_steps(two, n_init):
+    model = al_ssnn(2, 2, 2, n_init=n_init, max_iter=7, tol=1e-12, random_state=0)
+    model.fit(*two)
+    assert model.n_iter_ == 7
+    assert "max_iter" not in model.message_  # each stage has a limit of its own
+    model.set_params(continuation=2).fit(*two)
+    assert 7 < model.n_iter_ <= 3 * 7
+    for what in ("continuation", "n_iter_", "polish_iter"):
+        assert what in type(model).__doc__.partition("max_iter : ")[2][:600]
+
+
+def test_a_long_record_asks_for_more_steps_of_the_stage_that_ended(two):
+    model = al_ssnn(2, 2, 2, coarse_samples=40, polish_iter=2, max_iter=5, tol=1e-12)
+    with pytest.warns(ConvergenceWarning, match="Increase `polish_iter`"):
+        model.fit(*two)

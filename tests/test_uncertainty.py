@@ -262,6 +262,24 @@ def test_criteria_find_the_order(rng):
     assert aic[2] == pytest.approx(deviance + 2 * n, abs=0.05)
 
 
+def test_criteria_know_the_color_of_the_noise(rng):
+    """White noise of the same size is less likely than what its past tells."""
+    n, pole = 800, 0.9
+    right = {"aic": 0, "bic": 0}
+    for _ in range(12):
+        u = rng.standard_normal((n, 1))
+        y = lfilter([0.0, 1.0], [1.0, -1.2, 0.5], u[:, 0])
+        e = 0.3 * lfilter([1.0], [1.0, -pole], rng.standard_normal(n))
+        models = [LinearStateSpace(nx=nx).fit(u, y + e) for nx in (1, 2, 3, 4)]
+        for name in right:
+            values = [getattr(model, name)(u, y + e) for model in models]
+            right[name] += int(np.argmin(values)) == 1
+    # minus twice the likelihood of the true innovations
+    deviance = n * (1 + np.log(2 * np.pi * 0.3**2))
+    assert models[1].aic(u, y + e) == pytest.approx(deviance, abs=0.15 * n)
+    assert right["bic"] >= 11 and right["aic"] >= 6
+
+
 def test_penalties_cost_effective_parameters(rng):
     u, y = mimo(rng, 400)
     common = {"nx": 3, "n_h": 2, "n_g": 2, "max_iter": 20, "tol": 1e-3}
@@ -432,6 +450,8 @@ def test_a_closed_loop_has_no_bands(rng):
     with pytest.warns(UserWarning, match="No confidence band holds"):
         covariance = model.parameter_covariance(u, y)
     assert not covariance.holds and "feedback" in covariance.reason
+    with pytest.warns(UserWarning, match=r"no sample of what is possible: .* feedback"):
+        model.sample_models(covariance, 1, random_state=0)
     band = covariance.frequency_response(OMEGA)
     assert (
         np.isnan(band.magnitude_band()).all() and not band.covers(band.response).any()

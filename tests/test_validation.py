@@ -190,8 +190,8 @@ def test_a_residual_of_rounding_passes():
     ("options", "message"),
     [
         ({"level": 0}, "`level` must be between 0 and 1, got 0. It is"),
-        ({"n_lags": 0}, "`n_lags` must be a positive integer, got 0. Give"),
-        ({"n_lags": np.nan}, "`n_lags` must be a positive integer, got nan"),
+        ({"n_lags": 0}, "`n_lags` must be a positive integer or 'auto', got 0. Give"),
+        ({"n_lags": np.nan}, "`n_lags` must be a positive integer or 'auto', got nan"),
         ({"output_names": ["a", "b"]}, "`output_names` must have one name per signal"),
         ({"n_lags": 60}, "`y` must have at least 212 measured samples behind the"),
     ],
@@ -763,3 +763,44 @@ def test_models_that_are_not_fitted_are_refused():
     ):
         with pytest.raises(NotFittedError):
             ask(LinearStateSpace(nx=2))
+
+
+# -- short records ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [60, 120, 250, 500])
+def test_short_records_are_tested_with_fewer_lags(true_model, n):
+    rng = np.random.default_rng(n)
+    u = rng.standard_normal((n, 2))
+    found = true_model.validate(u, plant(u) + 0.05 * rng.standard_normal((n, 2)))
+    for name in TESTS:
+        check = found[name]
+        assert check.outcome in ("pass", "open")
+        assert check.undecided == (not check.passed)
+    lags = 0 if found.residuals is None else len(found.residuals.lags) - 1
+    assert 4 <= lags <= 25 if n >= 250 else lags == 0
+    assert (found.residuals is None) == (n < 250)
+    assert found.passed == (n >= 250)
+    assert repr(found).endswith(
+        "passes." if found.passed else "independence, squares, cubes."
+    )
+
+
+def test_a_short_record_of_many_parameters_leaves_open_what_it_does_not_tell():
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal((500, 2))
+    y = plant(np.tanh(u)) + 0.02 * rng.standard_normal((500, 2))
+    model = fit(fl_ssnn(nx=2, n_h=20, max_iter=15, random_state=0), u[:250], y[:250])
+    assert model.fitted_.free.sum() > 100
+    found = model.validate(u[250:], y[250:])
+    assert not any(found[name].outcome == "FAIL" for name in TESTS)
+    assert found.residuals.n_parameters == 0
+    with pytest.raises(ValueError, match="Take fewer `n_lags`"):
+        model.validate(u[250:], y[250:], n_lags=25)
+    wrong = y[250:] + (y[250:] - y.mean(axis=0))  # another gain
+    check = model.validate(u[250:], wrong)["independence"]
+    assert check.outcome == "FAIL" and "too much for errors" in check.sentence
+    lost = model.validate(u[250:330], y[250:330])
+    assert [lost[name].outcome for name in TESTS] == ["open"] * 3
+    assert "too short" in lost["independence"].sentence
+    assert "is undecided" in lost.verdict or "fails" in lost.verdict

@@ -147,12 +147,7 @@ def run(args):
         f"Files: {folder / 'gain.csv'}, {folder / 'step.csv'}, {folder / args.figure}"
     )
     if args.data is None:
-        words = (
-            "The model was not validated here: whether the plant follows this design "
-            "is open. Name a record that did not train it, by --data FILE.csv --last "
-            "SHARE."
-        )
-        print(textwrap.fill(words, TEXT_WIDTH))
+        print(textwrap.fill(_unknown(model), TEXT_WIDTH))
     if not np.isfinite(table).all():
         print("The loop of the model diverges: choose slower weights.")
         return 1
@@ -175,6 +170,19 @@ def _trusted(args, model):
         )
         return False
     return True
+
+
+def _unknown(model):
+    """Say what is known of a model that no record has judged."""
+    missed = 100 * np.sqrt(max(1 - model.train_score_, 0.0))
+    known = ""
+    if np.isfinite(missed):
+        known = f" Of its training record the model misses {missed:.2g} %."
+    return (
+        "The verdict is unknown. The model was not validated here: whether the plant "
+        f"follows this design is open.{known} Name a record that did not train it, by "
+        "--data FILE.csv --last SHARE."
+    )
 
 
 def _print_distances(display, designed):

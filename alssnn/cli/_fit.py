@@ -201,7 +201,9 @@ def _add_models(model):
         "--max-iter",
         type=count,
         metavar="N",
-        help="largest number of trial steps of every model (default: 300, 100 for lti)",
+        help="largest number of trial steps of the training of every model, without "
+        "the search for alpha and the stages on all samples of a record of more than "
+        "8000 (default: 300, 100 for lti)",
     )
     model.add_argument(
         "--n-init",

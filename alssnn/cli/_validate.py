@@ -7,7 +7,7 @@ from ._record import add_data, add_model, read_record, write_csv
 EPILOG = """\
 The record should not have trained the model: --last 0.5 takes the half that `fit` kept
 for testing, or name another file. The exit code is 0 if all checks passed that decide,
-1 if one failed: a shell script can ask for it.
+1 if one failed or is open, as on a very short record: a shell script can ask for it.
 
 examples:
   alssnn validate plant.npz --data plant.csv --last 0.5
@@ -36,9 +36,8 @@ def add(commands):
     parser.add_argument(
         "--lags",
         type=count,
-        default=25,
         metavar="N",
-        help="lags of the tests of residuals (default: %(default)s)",
+        help="lags of the tests of residuals (default: 25, fewer on a short record)",
     )
     add_output(parser, "FILE.csv", "write the checks as a table")
 
@@ -58,7 +57,7 @@ def run(args):
     """
     model = load(args.model)
     record, _ = read_record(args, model)
-    validation = model.validate(*record, n_lags=args.lags)
+    validation = model.validate(*record, n_lags=args.lags or "auto")
     print(validation)
     if args.output_file is not None:
         columns = ("name", "passed", "decides", "value", "quantity", "sentence")

@@ -42,7 +42,8 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
     Returns
     -------
     y_hat : ndarray of shape (N,) or (N, ny), or list of them
-        Predicted outputs: row k uses the outputs up to k - steps of its experiment
+        Predicted outputs, with as many dimensions as `y`: row k uses the outputs up to
+        k - steps of its experiment
         and the inputs up to k. The first `steps` rows use no output, they are
         simulated from `x0`.
 
@@ -78,7 +79,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
         if n < len(u_i):
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
-    y_hat = y_hat[:, 0] if model._y_ndim == 1 else y_hat
+    y_hat = y_hat[:, 0] if y.ndim == 1 else y_hat
     return [y_hat[part] for part in parts] if as_list else y_hat
 
 

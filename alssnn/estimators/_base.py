@@ -10,11 +10,7 @@ from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
 from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils.metadata_routing import UNUSED
-from sklearn.utils.validation import (
-    check_consistent_length,
-    check_is_fitted,
-    validate_data,
-)
+from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
 from ..experiments import check_inputs, split_experiments
@@ -27,6 +23,7 @@ from ..subspace import TRIAL_SAMPLES
 from ..watch import BY_OBSERVER, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._checks import input_delays, order_choices, output_weights
+from ._data import check_lengths, check_u, check_y
 from ._deferred import deferred
 from ._fitted import fitted_model
 from ._integrators import (
@@ -39,7 +36,7 @@ from ._options import estimator, option
 from ._plant import make_plant
 from ._progress import Progress
 from ._remote import training_region
-from ._simulation import DATA, join_records
+from ._simulation import join_records
 from ._sklearn import manual_page, with_tags
 from ._start import check_bounds, linear_start, portable
 
@@ -459,17 +456,15 @@ class StateSpaceModel(
 
     def _validate(self, u, y, reset):
         shape: tuple = getattr(u, "shape", ())
-        if len(shape) == 2 and shape[0] < shape[1] == len(y):
+        n = len(y) if isinstance(y, list | tuple) else (*getattr(y, "shape", ()), 0)[0]
+        if len(shape) == 2 and shape[0] < shape[1] == n:
             raise ValueError(
-                f"`u` must have one row per sample, got shape {shape} for {len(y)} "
+                f"`u` must have one row per sample, got shape {shape} for {n} "
                 "samples of `y`. Time runs down the rows: pass u.T."
             )
-        check_u = {**DATA, "ensure_min_samples": 2 if reset else 1}
-        check_y = {**DATA, "ensure_2d": False}
-        u, y = validate_data(
-            self, u, y, reset=reset, validate_separately=(check_u, check_y)
-        )
-        check_consistent_length(u, y)
+        u = check_u(self, u, reset=reset, least=2 if reset else 1)
+        y = check_y(self, y)
+        check_lengths(u, y)
         check_inputs(u)
         return u, y
 

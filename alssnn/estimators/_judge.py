@@ -129,10 +129,13 @@ def warn_if_unsettled(estimator, watch):
     """
     if estimator.converged_:
         return
-    reason = f"before the cost settled to tol={estimator.tol}. Increase `max_iter`"
+    history = estimator.history_
+    is_last = bool(history) and "all samples" in history[-1].label
+    more = "`polish_iter` or `coarse_samples`" if is_last else "`max_iter`"
+    reason = f"before the cost settled to tol={estimator.tol}. Increase {more}"
     if watch.reason == OUT_OF_TIME:
         reason = "because max_time is over. Increase `max_time`"
-    fall, n_steps = late_fall(estimator.history_)
+    fall, n_steps = late_fall(history)
     settled = f" Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
     warn_of_training(
         f"{type(estimator).__name__} stopped after {estimator.n_iter_} trial steps "

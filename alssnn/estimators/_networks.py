@@ -68,6 +68,7 @@ class Networks:
     continuation : int, default=0
         Number of larger weights gamma that are trained first, each half a decade above
         the next, if `alpha` is a number; "auto" goes down a path of alphas instead.
+        Each may take `max_iter` trial steps.
     """
 
     n_h: Any = option(10, SIZES, kw_only=False)

@@ -5,7 +5,7 @@ from numbers import Integral
 
 import numpy as np
 from sklearn.metrics import r2_score
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from ..containers import as_columns, index_of, part_of
 from ..experiments import (
@@ -17,9 +17,7 @@ from ..experiments import (
 from ..initial_states import estimate_x0 as least_squares_x0
 from ..records import PreparedRecord
 from ..simulation import outputs
-
-# Single precision stays what it is, chunks are converted; nan are left to our checks.
-DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
+from ._data import check_u
 
 
 def predict(model, u, experiment=None, x0="rest"):
@@ -55,7 +53,7 @@ def predict(model, u, experiment=None, x0="rest"):
     u = as_columns(u) if model.n_features_in_ == 1 else u
     u, _, experiment = join_records(u, u, experiment)
     index = index_of(u)
-    u = validate_data(model, u, reset=False, **DATA)
+    u = check_u(model, u, reset=False)
     check_inputs(u)
     parts, labels = split_experiments(len(u), experiment)
     y = np.empty((len(u), len(model.C_)))
@@ -304,7 +302,8 @@ def score(model, u, y, experiment=None):
         Coefficient of determination, averaged over the outputs; -inf if the
         simulation diverges.
     """
-    y_true, y_pred = model.simulate_test(u, y, experiment)
+    pair = model.simulate_test(u, y, experiment)
+    y_true, y_pred = (z.reshape(len(z), -1) for z in pair)
     if not np.isfinite(y_pred).all():
         return -np.inf
     measured = ~np.isnan(y_true)
@@ -341,9 +340,10 @@ def simulate_test(model, u, y, experiment=None):
 
     Returns
     -------
-    y_true : ndarray of shape (n_scored, ny)
-        Measured outputs without the samples that estimate the initial states.
-    y_pred : ndarray of shape (n_scored, ny)
+    y_true : ndarray of shape (n_scored,) or (n_scored, ny)
+        Measured outputs without the samples that estimate the initial states, with as
+        many dimensions as `y`.
+    y_pred : ndarray of the same shape
         Simulated outputs at the same samples.
     """
     records = model.prepare_records(u, y, experiment)
@@ -355,7 +355,26 @@ def simulate_test(model, u, y, experiment=None):
         y_pred.append(y_hat[record.scored])
     scaling = model._scaling
     y_pred = np.vstack(y_pred) * scaling.y_scale + scaling.y_offset
-    return np.vstack(y_true), y_pred
+    pair = np.vstack(y_true), y_pred
+    return tuple(z[:, 0] for z in pair) if is_flat(u, y) else pair
+
+
+def is_flat(u, y):
+    """Tell whether one output came as a plain sequence.
+
+    Parameters
+    ----------
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs.
+
+    Returns
+    -------
+    is_flat : bool
+        Whether y has no columns, so that what is returned should have none.
+    """
+    return len(np.shape(y[0] if is_list_of_records(u) else y)) == 1
 
 
 def join_records(u, y, experiment):
@@ -387,4 +406,13 @@ def join_records(u, y, experiment):
             "`experiment` must be None for a list of records, got labels. The list "
             "itself tells the experiments."
         )
-    return stack_experiments(u, y)
+    if not isinstance(y, list | tuple):
+        raise ValueError(
+            "`y` must be a list of records, as `u` is, got "
+            f"{type(y).__name__}. Give one record of outputs per experiment."
+        )
+    try:
+        return stack_experiments(u, y)
+    except ValueError as error:  # of arguments of another name
+        words = str(error).replace("`us", "`u").replace("`ys", "`y")
+        raise ValueError(words) from error

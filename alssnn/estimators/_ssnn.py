@@ -55,8 +55,11 @@ class Ssnn(StateSpaceModel):
         among the same orders, with "auto" up to one more than the best linear one. See
         `orders_`.
     max_iter : int, default=300
-        Largest number of trial steps of the coarse stage, or of the only one. A stage
-        of the search of ``alpha="auto"``, one alpha of one start, takes a 25th of it.
+        Largest number of trial steps of the training of one start: of `n_iter_`, but
+        for `continuation`, where every weight may take as many, and for the stages that
+        follow on a record longer than `coarse_samples` (`polish_iter`). Not counted is
+        the search of ``alpha="auto"``, of which a stage, one alpha of one start, takes
+        a 25th of it.
     tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     bounds : dict of str to tuple or None, default=None
@@ -114,7 +117,8 @@ class Ssnn(StateSpaceModel):
         Weight of the squared network parameters that was given or found; inf if
         networks do not help and the linear model was returned.
     n_iter_ : int
-        Trial steps of the training, linear start excluded.
+        Trial steps of the training, all stages of the best start together; linear
+        start and search are excluded.
     converged_ : bool
         Whether the training ended by itself: a tolerance was reached, validation or
         the number of steps that hidden samples allow ended the last stage, or the
@@ -254,7 +258,9 @@ class Ssnn(StateSpaceModel):
             )
             fallback = self._start(plain, linear, near, seeds[0])
             if is_auto and plain.nw > 0:
-                found = self._search(near, linear, seeds, watch)
+                # a stretch of a stretch would not be that of the training
+                far = near if self.coarse_samples is None else experiments
+                found = self._search(far, linear, seeds, watch)
                 if found is None or not found.helps:
                     return self._left_linear(linear, near, experiments, watch)
                 plain, starts = found.structure, [found.theta]

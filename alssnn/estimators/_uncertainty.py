@@ -65,7 +65,7 @@ def parameter_covariance(model, u, y, experiment=None):
     bound; entries held by equal bounds are certain. Of a contractive model, A counts as
     free. Whether the model is right is for `validate` to say.
     """
-    fit = _gauss_newton(model, u, y, experiment, correlated=True)
+    fit = _gauss_newton(model, u, y, experiment)
     n_params = model._structure.n_params
     EE, count = fit.moments.products[0], fit.moments.pairs[0]
     freedom = count - fit.n_effective / len(EE)
@@ -128,10 +128,12 @@ def aic(model, u, y, experiment=None):
     Returns
     -------
     aic : float
-        ``-2 log L + 2 n``: L the likelihood of white normal output noise, n the
-        effective number of parameters (eq. effective); the lower the better.
+        ``-2 log L + 2 n``: L the likelihood of normal output noise of the color that
+        the residuals have (eq. criteria), n the effective number of parameters
+        (eq. effective) and those of the color; the lower the better.
     """
-    return _criterion_value(model, _gauss_newton(model, u, y, experiment), 2.0)
+    fit = _gauss_newton(model, u, y, experiment)
+    return _criterion_value(model, fit, 2.0)
 
 
 def bic(model, u, y, experiment=None):
@@ -203,6 +205,11 @@ def sample_models(
     ValueError
         If the covariance belongs to another model or other data.
 
+    Warns
+    -----
+    UserWarning
+        If the covariance does not hold: neither do the draws.
+
     Notes
     -----
     Without `data` this is nearly free. With it, every model costs one short
@@ -215,6 +222,13 @@ def sample_models(
         raise ValueError(
             "`covariance` must be that of this model, got that of another one. "
             "Call `parameter_covariance` again after a fit."
+        )
+    if not covariance.holds:
+        warnings.warn(
+            "The models that are drawn are no sample of what is possible: "
+            f"{covariance.reason} They are too close to each other.",
+            UserWarning,
+            stacklevel=2,
         )
     if data is None:
         draws = ((z, model.x0_) for z in covariance.sample(n_models, random_state))
@@ -268,7 +282,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
         yield result.theta, result.x0 * model._x_scale
 
 
-def _gauss_newton(model, u, y, experiment, correlated=False):
+def _gauss_newton(model, u, y, experiment):
     """Return the Gauss-Newton matrices of the training and its residuals."""
     check_is_fitted(model)
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
@@ -297,7 +311,7 @@ def _gauss_newton(model, u, y, experiment, correlated=False):
             ) from None
         ny = structure.sizes["y"]
         n_measured = sum(count_measured(y_s) for _, y_s in experiments) / ny
-        n_lags = highest_order(int(n_measured), ny) if correlated else 0
+        n_lags = highest_order(int(n_measured), ny)
         n_lags = min(n_lags, longest - 1)
         moments = residual_moments(structure, theta, x0, experiments, n_lags)
     free = free_entries(model, len(JJ[0]))
@@ -342,15 +356,18 @@ def free_entries(model, n):
 
 
 def _criterion_value(model, fit, price):
-    """Return -2 log L + price n_effective, in the units of y."""
+    """Return -2 log L + price n, in the units of y (eq. criteria)."""
     scale = model._scaling.y_scale
     EE, count = fit.moments.products[0], fit.moments.pairs[0]
     measured = np.diag(count)
-    Lambda = EE / np.maximum(count, 1) * np.outer(scale, scale)
+    noise = fit_noise(fit.moments)
+    Lambda = EE / np.maximum(count, 1) if noise.order == 0 else noise.innovation
+    Lambda = Lambda * np.outer(scale, scale)
+    n = fit.n_effective + noise.order * len(Lambda) ** 2
     with np.errstate(divide="ignore"):
         if np.all(count == fit.n_samples):
             deviance = fit.n_samples * np.linalg.slogdet(Lambda)[1]
         else:  # outputs that were measured apart: as if their noise were, too
             deviance = float(np.sum(measured * np.log(np.diag(Lambda))))
     deviance += measured.sum() * (1 + np.log(2 * np.pi))
-    return float(deviance + price * fit.n_effective)
+    return float(deviance + price * n)

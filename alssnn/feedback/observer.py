@@ -111,6 +111,11 @@ class Observer:
         self._set_gain(C)
         self.reset()
 
+    @property
+    def largest_innovation(self):
+        """Return what the gate cuts at the stationary gain, (ny,); None without one."""
+        return None if self.gate is None else self.gate * self._deviation
+
     def reset(self, x0=None):
         """Start anew.
 

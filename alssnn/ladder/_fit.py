@@ -305,8 +305,8 @@ def _climb(name, model, train, test):
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(*train)
     seconds = time.perf_counter() - start
-    rmse_train, _ = _errors(*model.simulate_test(*train))
-    y_test, y_hat = model.simulate_test(*test)
+    rmse_train, _ = _errors(*_columns(model.simulate_test(*train)))
+    y_test, y_hat = _columns(model.simulate_test(*test))
     rmse_test, fit = _errors(y_test, y_hat)
     record = model.linearizability(*test)
     records = model.prepare_records(*test)
@@ -328,6 +328,11 @@ def _climb(name, model, train, test):
         e=np.vstack([record.e[r.part][r.scored] for r in records]),
     )
     return row, records
+
+
+def _columns(signals):
+    """Return signals with one column per output."""
+    return tuple(z.reshape(len(z), -1) for z in signals)
 
 
 def _errors(y_true, y_pred):

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
+from ..forms import closed_beside
 from ..lure import Lure
 from ..plant import as_plant
 from ..simulation import channels, simulate
@@ -90,6 +91,7 @@ def measure(plant, records, *, output_names=None):
         ratio_h_max=float(ratio_h.max()),
         spectral_radius=radius,
         **_closed_measures(plant, closed, u, spread),
+        carried=_carried(plant, records, opened, closed),
         peak_gain=peak_gain(A) if radius < 1 else np.inf,
         h2_gain=h2_gain(A, C) if radius < 1 else np.full(len(C), np.inf),
         outside=_share_outside(plant.region, opened, y),
@@ -122,6 +124,29 @@ def _closed_measures(plant, runs, u, spread):
         **dict(zip(names, numbers, strict=True)),
         "closed_outside": _share_outside(plant.region, runs, [None] * len(runs)),
     }
+
+
+def _carried(plant, records, opened, closed):
+    """Return how far the plant may be from the design, the model's error with it."""
+    if plant.no_law:
+        return np.full(plant.ny, np.nan)
+    beside = None
+    if plant.cancels and plant.feedback == "output":
+        beside = closed_beside(plant.lure, plant.law_form)
+    distance, designed = [], []
+    with np.errstate(over="ignore", invalid="ignore"):
+        for record, run, loop in zip(records, opened, closed, strict=True):
+            r = np.where(np.isnan(record.dy), 0.0, record.dy - run.y)
+            y = loop.y
+            if beside is not None and np.isfinite(r).all():
+                driven = np.hstack([record.du, r])
+                X = simulate(beside, driven, record.x0)[:-1]
+                y = channels(beside, X, driven)[:, : plant.ny]
+            y_linear = loop.y - loop.e
+            off = y + r - y_linear  # (eq. carried)
+            distance.append(np.where(np.isfinite(off), off, np.inf))
+            designed.append(y_linear)
+        return _relative(_squares(distance), _variation(designed))
 
 
 # -- trajectories ----------------------------------------------------------------------

@@ -12,6 +12,7 @@ PER_OUTPUT = (
     "linearization_error",
     "closed_linearization_error",
     "closed_output_size",
+    "carried",
     "h2_gain",
 )
 SCALARS = (
@@ -118,6 +119,11 @@ class Linearizability:
         Size std(y_lin) / std(y) per output: how much of the recorded output the linear
         response to the recorded input as v covers. Far below one the figures of the
         closed loop are those of small signals.
+    carried : ndarray of shape (ny,) or None, default=None
+        Distance of the plant from the linear design in the closed loop if it differs
+        from the model by as much as in this record (eq. carried): rms over std(y_lin),
+        noise included. A law of y measures this difference, one of the state is taken
+        to know the state. None if unknown.
 
     Notes
     -----
@@ -157,6 +163,7 @@ class Linearizability:
     law_size: float = 0.0
     closed_law_size: float = 0.0
     closed_output_size: np.ndarray | None = None
+    carried: np.ndarray | None = None
 
     def __repr__(self):
         """Return a table."""
@@ -188,6 +195,10 @@ class Linearizability:
             *(
                 (f"std(y_lin) / std(y){of}", "", _percent(size))
                 for of, size in zip(self._suffixes(), self._output_size, strict=True)
+            ),
+            *(
+                (f"with the error of the model{of}", "", _percent(error))
+                for of, error in zip(self._suffixes(), self._carried, strict=True)
             ),
             (),
             ("spectral radius of A", f"{self.spectral_radius:.6f}"),
@@ -229,6 +240,11 @@ class Linearizability:
         return float(size) if size > LARGE_LAW else 0.0
 
     @property
+    def _carried(self):
+        unknown = np.full(len(self.linearization_error), np.nan)
+        return unknown if self.carried is None else self.carried
+
+    @property
     def _output_size(self):
         unknown = np.full(len(self.linearization_error), np.nan)
         return unknown if self.closed_output_size is None else self.closed_output_size
@@ -243,7 +259,7 @@ class Linearizability:
         """
         words = (
             f"The law is {self.large_law:.3g} times the recorded input. Errors of the "
-            "model weigh as much more in the loop, and no figure here shows them. Fit "
+            "model weigh as much more in the loop, see its figure with that error. Fit "
             "with a larger `gamma_h`."
         )
         return textwrap.wrap(words, sum(WIDTHS))
@@ -255,7 +271,9 @@ class Linearizability:
             return textwrap.wrap(words, sum(WIDTHS))
         return (
             "closed loop: u = v - h, where v is the recorded input; its",
-            "linearization error is relative to the linear response to v",
+            "linearization error is relative to the linear response to v;",
+            "with the error of the model: the plant beside the design, if it",
+            "differs from the model in the loop as it does in this record",
         )
 
     def to_frame(self):

@@ -50,8 +50,8 @@ def to_c(
         Law, for example with limits; None takes ``model.linearizing_law()``, or
         leaves it out where it is ill-posed.
     observer : Observer, None or False, default=None
-        Observer with constant gain; None takes ``model.observer()``, False leaves it
-        out.
+        Observer with constant gain; None takes ``model.observer(gate=100)``, whose
+        gate keeps spikes of a sensor small; False leaves it out.
     gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
         Gain of a controller, as for `feedback.closed_loop`.
     dtype : {"double", "float"}, default="double"
@@ -129,6 +129,7 @@ def _flags(export):
         "BY_STATE": plant.feedback == "state",
         "LIMITED": law is not None and bool(np.isfinite([law.u_min, law.u_max]).any()),
         "OBSERVER": export.M is not None,
+        "GATED": export.gate is not None,
         "CONTROL": export.K_x is not None,
         "INTEGRATES": export.integrates,
     }
@@ -183,6 +184,8 @@ def _constants(export, flags, numbers):
         arrays |= {"u_min": law.u_min, "u_max": law.u_max}
     if flags["OBSERVER"]:
         arrays["M"] = export.M
+    if flags["GATED"]:
+        arrays["gate"] = export.gate
     if flags["CONTROL"]:
         arrays["K_x"] = export.K_x
     if flags["INTEGRATES"]:

@@ -9,6 +9,8 @@ import numpy as np
 from ..plant import Plant, as_plant
 from ..walk import static_map
 
+GATE = 100  # standard deviations of an innovation: noise does not reach it, spikes do
+
 
 @dataclass(frozen=True, eq=False)
 class Export:
@@ -26,6 +28,8 @@ class Export:
         Gain of the observer; None without one.
     K_x, K_z : ndarray or None
         Gains of states and integrators; None without a controller.
+    gate : ndarray of shape (ny,) or None
+        Largest innovations, in the units of y; None without a gate.
     """
 
     plant: Plant
@@ -34,6 +38,7 @@ class Export:
     M: np.ndarray | None
     K_x: np.ndarray | None
     K_z: np.ndarray | None
+    gate: np.ndarray | None = None
 
     @property
     def integrates(self):
@@ -63,8 +68,8 @@ class Export:
             Law, for example with limits; None takes ``model.linearizing_law()``, or
             leaves it out where it is ill-posed.
         observer : Observer, None or False, default=None
-            Observer with constant gain; None takes ``model.observer()``, False leaves
-            it out.
+            Observer with constant gain; None takes ``model.observer(gate=100)``, False
+            leaves it out.
         gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
             Gain of a controller, as for `feedback.closed_loop`.
 
@@ -88,7 +93,7 @@ class Export:
         plant = as_plant(model)
         law, no_law = _law(plant, law, required=gain is not None)
         K_x, K_z = (None, None) if gain is None else split_gain(gain, plant.late())
-        M = _observer_gain(plant.late(), observer)
+        M, gate = _observer_gain(plant.late(), observer)
         if gain is not None and M is None:
             raise ValueError(
                 "`observer` must not be False with a `gain`, which acts on the "
@@ -100,7 +105,7 @@ class Export:
                 "sample, through D or k: the estimated state would wait for u, and u "
                 "for the state. Fit without `feedthrough` and `n_k`."
             )
-        return cls(plant, law, no_law, M, K_x, K_z)
+        return cls(plant, law, no_law, M, K_x, K_z, gate)
 
 
 def _law(plant, law, required):
@@ -130,12 +135,12 @@ def _numbers(plant):
 
 
 def _observer_gain(late, observer):
-    """Return the constant gain of an observer, or None."""
+    """Return the constant gain of an observer and its gate, None where it has none."""
     from ..feedback import Observer
 
     if observer is False:
-        return None
-    observer = Observer(late) if observer is None else observer
+        return None, None
+    observer = Observer(late, gate=GATE) if observer is None else observer
     if not isinstance(observer, Observer):
         raise TypeError(
             f"`observer` must be an Observer, None or False, got "
@@ -146,14 +151,9 @@ def _observer_gain(late, observer):
             f"`observer` must have a constant gain, kind='kalman', got "
             f"{observer.kind!r}. Use `model.observer`."
         )
-    if observer.gate is not None:
-        raise ValueError(
-            f"`observer` must have no gate, which is not exported, got gate="
-            f"{observer.gate:g}. Gate y before it reaches the code."
-        )
     if not np.array_equal(observer.plant.form.Theta, late.form.Theta):
         raise ValueError(
             "`observer` must estimate the states of this model alone, got one of "
             "another model, or of a disturbance. Use `model.observer`."
         )
-    return observer.gain
+    return observer.gain, observer.largest_innovation

@@ -187,7 +187,8 @@ def _restore(cls, document, arrays):
     n_region = nx if np.shape(arrays["region.center"]) == (nx,) else nx + nu  # [x; u]
     shapes = {
         **{PARAMETER + name: shape for name, shape in structure.shapes.items()},
-        **{PARAMETER + name: (ny, nx) for name in structure.constants},  # C alone
+        **{PARAMETER + name: np.shape(z) for name, z in structure.constants.items()},
+        **({PARAMETER + "C": (ny, nx)} if is_fixed else {}),
         "u_offset": (nu,),
         "y_offset": (ny,),
         "u_scale": (nu,),

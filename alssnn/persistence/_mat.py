@@ -44,6 +44,11 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
     """
     from scipy.io import savemat
 
+    if getattr(observer, "gate", None) is not None:
+        raise ValueError(
+            f"`observer` must have no gate, which is not exported, got gate="
+            f"{observer.gate:g}. Gate y before it reaches the observer."
+        )
     export = Export.of(model, law, observer, gain)
     plant, law = export.plant, export.law
     M, x, y = plant.form.M, slice(plant.nx), slice(plant.nx, plant.nx + plant.ny)

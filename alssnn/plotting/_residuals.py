@@ -48,7 +48,16 @@ class ResidualDisplay:
 
     @classmethod
     def from_estimator(
-        cls, model, u, y, experiment=None, *, level=0.01, n_lags=25, ax=None, **kwargs
+        cls,
+        model,
+        u,
+        y,
+        experiment=None,
+        *,
+        level=0.01,
+        n_lags="auto",
+        ax=None,
+        **kwargs,
     ):
         """Simulate a fitted model and draw the correlations of its residuals.
 
@@ -64,8 +73,8 @@ class ResidualDisplay:
             Label of the experiment of every sample.
         level : float, default=0.01
             Probability to leave the band by chance, at each lag.
-        n_lags : int, default=25
-            Number of lags.
+        n_lags : int or "auto", default="auto"
+            Number of lags; "auto" takes 25, or as many as a shorter record bears.
         ax : sequence of matplotlib.axes.Axes or None, default=None
             One plus nu axes per output; None makes a figure.
         **kwargs : dict
@@ -104,7 +113,7 @@ class ResidualDisplay:
         *,
         dt=1.0,
         level=0.01,
-        n_lags=25,
+        n_lags="auto",
         input_names=None,
         output_names=None,
         ax=None,
@@ -124,8 +133,8 @@ class ResidualDisplay:
             Sampling time, in seconds.
         level : float, default=0.01
             Probability to leave the band by chance, at each lag.
-        n_lags : int, default=25
-            Number of lags.
+        n_lags : int or "auto", default="auto"
+            Number of lags; "auto" takes 25, or as many as a shorter record bears.
         input_names, output_names : sequence of str or None, default=None
             Names of the signals; None means u0, ... and y0, ...
         ax : sequence of matplotlib.axes.Axes or None, default=None

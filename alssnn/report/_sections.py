@@ -55,10 +55,13 @@ def summary(model, data, validation):
     if validation is None:
         rows.append(("validation", "not available, see below"))
     else:
-        failed = [c.name for c in validation if c.decides and not c.passed]
-        rows.append(("validation", "pass" if not failed else "FAIL"))
-        if failed:
-            rows.append(("failed checks", ", ".join(failed)))
+        outcomes = {check.outcome for check in validation}
+        word = next((z for z in ("FAIL", "open") if z in outcomes), "pass")
+        rows.append(("validation", word))
+        if word != "pass":
+            names = [check.name for check in validation if check.outcome == word]
+            what = "failed checks" if word == "FAIL" else "undecided checks"
+            rows.append((what, ", ".join(names)))
     settings = [
         (name, "default" if value is None else str(value))
         for name, value in sorted(model.get_params(deep=False).items())
@@ -297,7 +300,7 @@ def checks(model, validation, reason):
         return paragraph(f"Validation: not available. {reason}", "note")
     rows = [
         (
-            "pass" if check.passed else "FAIL" if check.decides else "note",
+            check.outcome,
             check.name,
             number(check.value, 3),
             check.quantity.strip(","),
@@ -308,7 +311,7 @@ def checks(model, validation, reason):
     verdict = (
         "Passed: all required checks."
         if validation.passed
-        else "Failed: see the checks marked FAIL."
+        else f"The model {validation.verdict}. See the checks below."
     )
     content = paragraph(verdict, "pass" if validation.passed else "fail")
     content += table(("", "check", "value", "quantity", "meaning"), rows, "checks")

@@ -86,10 +86,9 @@ def _doubt(validation, record):
         if passed:
             return "The model was not validated: see above."
         return f"The model was not validated, and it is not linear. {sentence}"
-    failed = [check.name for check in validation if check.decides and not check.passed]
     linear = validation["linearizability"]
-    if failed:
-        words = f"The model failed: {', '.join(failed)}."
+    if not validation.passed:
+        words = f"The model {validation.verdict}."
     elif not linear.passed:  # a model that was not made for control
         words = "The model is not linearizable."
     else:

@@ -3,6 +3,8 @@
 import textwrap
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..linearizability import Linearizability
 from ._ahead import AheadFit
 from ._residuals import ResidualTests
@@ -28,6 +30,8 @@ class Check:
         Whether the verdict depends on it; a check that does not is reported only.
     sentence : str
         What the outcome means and what to do about it.
+    undecided : bool, default=False
+        Whether the record is too short to tell; the check has then not passed.
 
     Examples
     --------
@@ -44,6 +48,16 @@ class Check:
     quantity: str
     decides: bool
     sentence: str
+    undecided: bool = False
+
+    @property
+    def outcome(self):
+        """Return "pass", "FAIL", "open" if undecided, or "note" if none decides."""
+        if self.passed:
+            return "pass"
+        if not self.decides:
+            return "note"
+        return "open" if self.undecided else "FAIL"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,18 +120,27 @@ class Validation:
         """Return a table, a sentence below each line, and the verdict."""
         lines = []
         for check in self.checks:
-            outcome = "pass" if check.passed else "FAIL" if check.decides else "note"
             number = f"{check.quantity} {check.value:.3g}"
-            lines.append(f"{outcome}  {check.name:<18s}{number}")
+            number = (
+                "too short" if np.isnan(check.value) and check.undecided else number
+            )
+            lines.append(f"{check.outcome}  {check.name:<18s}{number}")
             lines += textwrap.wrap(
                 check.sentence,
                 WIDTH,
                 initial_indent=" " * 6,
                 subsequent_indent=" " * 6,
             )
-        failed = [c.name for c in self.checks if c.decides and not c.passed]
-        verdict = "passes" if not failed else f"fails: {', '.join(failed)}"
-        return "\n".join([*lines, f"{self.name} {verdict}."])
+        return "\n".join([*lines, f"{self.name} {self.verdict}."])
+
+    @property
+    def verdict(self):
+        """Return "passes", or what fails, or else what is undecided, in words."""
+        for outcome, word in (("FAIL", "fails"), ("open", "is undecided")):
+            names = [check.name for check in self.checks if check.outcome == outcome]
+            if names:
+                return f"{word}: {', '.join(names)}"
+        return "passes"
 
     def to_frame(self):
         """Return the checks as a pandas DataFrame.

@@ -26,17 +26,19 @@ out.
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement
+from numbers import Real
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from ..regression import Triangle, lagged
 from ._explained import explained_shares
+from ._lags import LEAST, POWER_LAGS, choose_lags, fewest_rows, rows_needed
 from ._regression import regress
 from ._scored import check_names
 
 BLOCKS = ("independence", "squares", "cubes")
-POWER_LAGS = 10  # lags of squares and cubes: the simulated output has memory itself
+AUTO = "auto"
 PERFECT = 1e-10  # residual over output that is rounding
 
 
@@ -120,7 +122,7 @@ def residual_tests(
     *,
     sensitivities=None,
     level=0.01,
-    n_lags=25,
+    n_lags="auto",
     dt=1.0,
     input_names=None,
     output_names=None,
@@ -138,8 +140,9 @@ def residual_tests(
         no dependence. None takes the model for exact, and finds these errors.
     level : float, default=0.01
         Probability of a false alarm, of each test and of the bands at each lag.
-    n_lags : int, default=25
-        Number of lags. Choose it to cover the response of the plant.
+    n_lags : int or "auto", default="auto"
+        Number of lags, which should cover the response of the plant; "auto" takes 25,
+        or as many as a shorter record bears.
     dt : float, default=1.0
         Sampling time, in seconds.
     input_names, output_names : sequence of str or None, default=None
@@ -178,13 +181,15 @@ def residual_tests(
     n_parameters = 0
     if sensitivities is not None:
         n_parameters = next(sensitivities[0]())[0].shape[2]
+    if n_lags == AUTO:
+        n_lags = choose_lags(experiments, n_parameters) or LEAST
+    _check_rows(experiments, n_lags, n_parameters)
     few = range(min(n_lags, POWER_LAGS) + 1)
     blocks = [(u, range(n_lags + 1)), *((q, few) for q in powers)]
     columns, white, filters, explained = [], [], [], []
     for i in range(ny):
         r_i = [part[:, i] for part in r]
         y_i = [y[:, i] for _, y, _ in experiments]
-        _check_rows(r_i, (u, *powers), n_lags, n_parameters)
         column, white_i, a = _test_output(r_i, y_i, u, n_lags, z)
         columns.append(column)
         white.append(white_i)
@@ -229,7 +234,7 @@ def check_options(level, n_lags):
     ----------
     level : float
         Probability of a false alarm.
-    n_lags : int
+    n_lags : int or "auto"
         Number of lags.
 
     Raises
@@ -242,10 +247,13 @@ def check_options(level, n_lags):
             f"`level` must be between 0 and 1, got {level}. It is the probability of "
             "a false alarm, such as 0.01."
         )
-    if not (n_lags >= 1 and n_lags % 1 == 0):
+    if isinstance(n_lags, str) and n_lags == AUTO:
+        return
+    number = isinstance(n_lags, Real) and not isinstance(n_lags, bool)
+    if not (number and n_lags >= 1 and n_lags % 1 == 0):
         raise ValueError(
-            f"`n_lags` must be a positive integer, got {n_lags}. Give the number of "
-            "samples over which the plant responds."
+            f"`n_lags` must be a positive integer or 'auto', got {n_lags!r}. Give the "
+            "number of samples over which the plant responds."
         )
 
 
@@ -276,14 +284,11 @@ def _check_experiments(experiments):
     return checked
 
 
-def _check_rows(r, blocks, n_lags, n_parameters):
+def _check_rows(experiments, n_lags, n_parameters):
     """Refuse a record that is too short for its regression."""
-    lags = (n_lags, *[min(n_lags, POWER_LAGS)] * (len(blocks) - 1))
-    n_columns = 1 + sum(
-        z[0].shape[1] * (n + 1) for z, n in zip(blocks, lags, strict=True)
-    )
-    rows = sum(int(np.isfinite(part[n_lags:]).sum()) for part in r)
-    needed = 2 * n_columns + n_parameters
+    nu, ny = experiments[0][0].shape[1], experiments[0][1].shape[1]
+    rows = fewest_rows(experiments, n_lags)
+    needed = rows_needed(nu, ny, n_lags, n_parameters)
     if rows < needed:
         raise ValueError(
             f"`y` must have at least {needed} measured samples behind the "

@@ -5,8 +5,9 @@ import numpy as np
 from ..linearizability import judge, percent, worst_error
 from ..metrics import fit_percent
 from ._ahead import ahead_fit
+from ._lags import choose_lags
 from ._record import Check, Validation
-from ._residuals import BLOCKS, check_options, residual_tests
+from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import column_names, scored_experiments, scored_sensitivities
 
 OUTSIDE = 0.01  # share of samples outside the training region that is accepted
@@ -40,7 +41,7 @@ def validate(
     experiment=None,
     *,
     level=0.01,
-    n_lags=25,
+    n_lags="auto",
     horizons=(1, 2, 5, 10, 20, 50),
     linear_within=0.05,
     exact=False,
@@ -60,8 +61,11 @@ def validate(
         Label of the experiment of every sample.
     level : float, default=0.01
         Probability of a false alarm of every test of residuals.
-    n_lags : int, default=25
-        Number of lags of the tests, in samples.
+    n_lags : int or "auto", default="auto"
+        Number of lags of the tests, in samples; "auto" takes 25, or as many as a
+        shorter record bears, at least 4. Where it does not bear these beside the
+        parameters, a test that finds nothing of exact parameters passes, and another
+        is undecided unless the dependence is too large for errors of parameters.
     horizons : sequence of int, default=(1, 2, 5, 10, 20, 50)
         Samples ahead at which predictions are compared.
     linear_within : float, default=0.05
@@ -86,7 +90,7 @@ def validate(
     NotFittedError
         If the model is not fitted.
     ValueError
-        If an option is out of range or the record is too short for the lags.
+        If an option is out of range or the record is too short for the given lags.
 
     Notes
     -----
@@ -111,16 +115,16 @@ def validate(
     experiments, _ = scored_experiments(model, u, y, experiment)
     inputs, outputs = column_names(model)
     linear = model.linearizability(u, y, experiment)
-    residuals = None
+    residuals, doubt = None, ""
     if all(np.isfinite(y_hat).all() for _, _, y_hat in experiments):
         sensitivities = None
         if not exact:
             sensitivities = scored_sensitivities(model, u, y, experiment)
-        residuals = residual_tests(
+        residuals, doubt = _tested(
             experiments,
-            sensitivities=sensitivities,
+            sensitivities,
+            n_lags,
             level=level,
-            n_lags=n_lags,
             dt=model.dt,
             input_names=inputs,
             output_names=outputs,
@@ -140,25 +144,44 @@ def validate(
         free_run,
         _extrapolation(linear),
         _linear(linear, linear_within, model.fitted_.for_control, free_run.value),
-        *(_block(residuals, name, missed) for name in BLOCKS),
+        *(_block(residuals, name, missed, doubt) for name in BLOCKS),
         _ahead(ahead, problem, outputs),
-        _whiteness(residuals),
+        _whiteness(residuals, doubt),
     )
     return Validation(checks, residuals, ahead, linear, type(model).__name__)
+
+
+def _tested(experiments, sensitivities, n_lags, **options):
+    """Return the tests of residuals, and what a short record leaves open."""
+    doubt = ""
+    if n_lags == AUTO:
+        n_free = 0
+        if sensitivities is not None:
+            n_free = next(sensitivities[0]())[0].shape[2]
+        n_lags = choose_lags(experiments, n_free)
+        if n_lags == 0 and n_free:
+            n_lags, sensitivities = choose_lags(experiments, 0), None
+            doubt = f"The record is too short for a model of {n_free} parameters"
+        if n_lags == 0:
+            return None, "The record is too short for tests of residuals."
+    tests = residual_tests(
+        experiments, sensitivities=sensitivities, n_lags=n_lags, **options
+    )
+    return tests, doubt
 
 
 def _bonferroni(p):
     return float(min(1.0, len(p) * p.min()))
 
 
-def _diverged(name, decides=True):
-    sentence = "The free run diverges: there is no residual to test."
-    return Check(name, False, np.nan, "p-value", decides, sentence)
+def _untested(name, doubt, decides=True):
+    sentence = doubt or "The free run diverges: there is no residual to test."
+    return Check(name, False, np.nan, "p-value", decides, sentence, bool(doubt))
 
 
-def _block(residuals, name, missed):
+def _block(residuals, name, missed, doubt):
     if residuals is None:
-        return _diverged(name)
+        return _untested(name, doubt)
     p, share = residuals.p_values[name], residuals.shares[name]
     worst = int(p.argmin())
     value = _bonferroni(p)
@@ -173,6 +196,7 @@ def _block(residuals, name, missed):
         f"On samples left out {together} predict {percent(explained.max())} of the "
         f"residual, {percent(part.max())} of the output."
     )
+    undecided = False
     if np.any(large):
         worst = int(np.argmax(np.where(large, part, 0.0)))
         passed = False
@@ -189,18 +213,24 @@ def _block(residuals, name, missed):
             " beyond errors of the parameters. " if residuals.n_parameters else ". "
         )
         sentence += size
+    elif doubt:
+        passed, undecided = False, True
+        sentence = (
+            f"{doubt}: the residual of {residuals.output_names[worst]} depends on "
+            f"{what}, but errors of the parameters may be all of it. {size}"
+        )
     else:
         passed = False
         sentence = (
             f"The residual of {residuals.output_names[worst]} depends on {what}, which "
             f"explain {percent(share[worst])} of it (whitened); {remedy}. {size}"
         )
-    return Check(name, passed, value, "p-value", True, sentence)
+    return Check(name, passed, value, "p-value", True, sentence, undecided)
 
 
-def _whiteness(residuals):
+def _whiteness(residuals, doubt):
     if residuals is None:
-        return _diverged("whiteness", decides=False)
+        return _untested("whiteness", doubt, decides=False)
     p, share = residuals.p_values["whiteness"], residuals.shares["whiteness"]
     value = _bonferroni(p)
     passed = value >= residuals.level

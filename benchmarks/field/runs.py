@@ -132,7 +132,7 @@ def score(model, experiments, scale=1.0):
     if not all(np.isfinite(y_hat).all() for _, y_hat in pairs):
         return {"rmse": np.inf, "std": np.inf}
     errors = np.mean([rmse(*pair, multioutput="raw_values") for pair in pairs], axis=0)
-    spread = np.nanstd(np.vstack([y for y, _ in pairs]), axis=0)
+    spread = np.nanstd(np.vstack([y.reshape(len(y), -1) for y, _ in pairs]), axis=0)
     return {"rmse": scale * errors.mean(), "std": np.mean(errors / spread)}
 
 

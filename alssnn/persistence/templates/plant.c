@@ -126,12 +126,32 @@ void plant_correct(real x[PLANT_NX], const real *u, const real y[PLANT_NY])
     int i;
     plant_output(x, u, e);
     subtract(NY, y, e, e);
-    for (i = 0; i < NY; i++)
+    for (i = 0; i < NY; i++) {
         e[i] = isfinite(e[i]) ? e[i] : 0;
+#if GATED
+        e[i] = e[i] > gate[i] ? gate[i] : e[i] < -gate[i] ? -gate[i] : e[i];
+#endif
+    }
     add(PLANT_NX, NY, M, e, x);
 }
 #endif
 #if CONTROL
+
+/* seen = y, no further from what the model expects than the gate */
+static void believe(const real *x, const real *y, real *seen)
+{
+#if GATED
+    int i;
+    plant_output(x, 0, seen);
+    for (i = 0; i < NY; i++) {
+        real low = seen[i] - gate[i], high = seen[i] + gate[i];
+        seen[i] = !isfinite(y[i]) ? y[i] : y[i] < low ? low : y[i] > high ? high : y[i];
+    }
+#else
+    (void)x;
+    set(NY, y, seen);
+#endif
+}
 
 void plant_reset(plant_controller *c)
 {
@@ -151,14 +171,15 @@ void plant_control(plant_controller *c, const real r[PLANT_NR],
     const real y[PLANT_NY], real u[PLANT_NU])
 {
 #if BY_STATE
-    real Kx[NU] = {0}, v[NU], cut[NU];
+    real Kx[NU] = {0}, v[NU], cut[NU], seen[NY];
 #else
-    real Kx[NU] = {0}, v[NU], cut[NU], s[NY];
+    real Kx[NU] = {0}, v[NU], cut[NU], seen[NY], s[NY];
 #endif
     int i;
     for (i = 0; i < PLANT_NR; i++)
         c->r[i] = isfinite(r[i]) ? r[i] : c->r[i];
-    plant_correct(c->x, 0, y);
+    believe(c->x, y, seen);
+    plant_correct(c->x, 0, seen);
     add(NU, PLANT_NX, K_x, c->x, Kx);
 #if INTEGRATES
     add(NU, NY, K_z, c->z, Kx);
@@ -172,12 +193,12 @@ void plant_control(plant_controller *c, const real r[PLANT_NR],
     /* the law takes the output of the model for one that was not measured */
     plant_output(c->x, 0, s);
     for (i = 0; i < NY; i++)
-        s[i] = isfinite(y[i]) ? y[i] : s[i];
+        s[i] = isfinite(seen[i]) ? seen[i] : s[i];
     plant_law(v, s, u, cut);
 #endif
 #if INTEGRATES
     for (i = 0; i < NY; i++)
-        c->z[i] += isfinite(y[i]) ? y[i] - c->r[i] : 0;
+        c->z[i] += isfinite(seen[i]) ? seen[i] - c->r[i] : 0;
     add(NY, NU, back, cut, c->z);
 #endif
     plant_step(c->x, u);

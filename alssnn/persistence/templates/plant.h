@@ -64,7 +64,11 @@ void plant_law(const plant_real v[PLANT_NU], const plant_real s[PLANT_NS],
 #if OBSERVER
 
 /* Observer: correct the predicted x by the measured y. What is not finite, such as
- * NaN, was not measured. u is the input of the same sample$unused. */
+ * NaN, was not measured.
+#if GATED
+ * What is further from the output of the model than the gate counts as the gate.
+#endif
+ * u is the input of the same sample$unused. */
 void plant_correct(plant_real x[PLANT_NX], const plant_real *u,
     const plant_real y[PLANT_NY]);
 #endif
