@@ -67,8 +67,15 @@ MODELS = {
         al_ssnn(nx=2, n_h=2, n_g=0, feedback="state", feedthrough=True, **SMALL),
         (1, 1),
     ),
+    "monotone": (fl_ssnn(nx=2, n_h=3, input_map="monotone", **SMALL), (2, 2)),
+    "monotone, state": (
+        al_ssnn(nx=2, n_h=3, n_g=2, input_map="monotone", feedback="state", **SMALL),
+        (1, 1),
+    ),
     "all late": (gr_ssnn(nx=2, n_f=2, input_delay=(1, 2), **SMALL), (2, 1)),
 }
+LAWS = ["fl", "fl, state, sin", "al, state, deep", "linear"]
+LAWS += ["monotone", "monotone, state"]
 LOOPS = ["fl", "fl, state, sin", "al", "al, state, deep", "gr, identity", "all late"]
 
 
@@ -200,7 +207,7 @@ def test_the_observer_filters_as_in_python(fitted, name, dtype, tmp_path):
 
 
 @pytest.mark.parametrize("dtype", TYPES)
-@pytest.mark.parametrize("name", ["fl", "fl, state, sin", "al, state, deep", "linear"])
+@pytest.mark.parametrize("name", LAWS)
 def test_the_law_cancels_and_saturates_as_in_python(fitted, name, dtype, tmp_path):
     model, n = fitted[name], 500
     high = model.u_offset_ + 0.5 * model._scaling.u_scale

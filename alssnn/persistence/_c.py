@@ -126,6 +126,7 @@ def _flags(export):
         "LATE": bool(np.any(plant.delay)),
         "LAW": law is not None,
         "CANCELS": plant.cancels,
+        "SOLVED": law is not None and not plant.is_explicit,
         "BY_STATE": plant.feedback == "state",
         "LIMITED": law is not None and bool(np.isfinite([law.u_min, law.u_max]).any()),
         "OBSERVER": export.M is not None,
@@ -170,6 +171,8 @@ def _values(export, flags, numbers):
         "What": what.capitalize(),
         "values": ", ".join(numbers.literal("r", value) for value in demo),
         "columns": ",".join(f"{a}[{i}]" for a, n in letters for i in range(n)),
+        "H": numbers.literal("H", np.sqrt(numbers.eps)),
+        "EPS": numbers.literal("EPS", 4 * numbers.eps),
         "constants": "\n".join(_constants(export, flags, numbers)),
         "maps": "\n\n".join(_maps(export, numbers)),
     }
@@ -180,6 +183,8 @@ def _constants(export, flags, numbers):
     arrays = {"u_offset": plant.u_offset}
     if flags["INTEGRATES"] or (flags["LAW"] and not flags["BY_STATE"]):
         arrays["y_offset"] = plant.y_offset
+    if flags["SOLVED"]:
+        arrays["u_scale"] = plant.u_scale
     if flags["LIMITED"]:
         arrays |= {"u_min": law.u_min, "u_max": law.u_max}
     if flags["OBSERVER"]:
@@ -208,8 +213,11 @@ def _maps(export, numbers):
         "next": ("x+", static_map(form, slice(0, form.nx)), inputs),
         "y": ("y", output, inputs),
     }
-    if export.law is not None:
+    if export.law is not None and plant.is_explicit:
         maps["h"] = "what the law takes off v", export.h, {"s": export.h.nu}
+    elif export.law is not None:
+        law, nu = plant.law_form, plant.nu
+        maps["phi"] = "v - u_e", law, {"s": law.nu - nu, "du": nu}
     for value, (comment, lure, signals) in maps.items():
         function = Function(value, signals, numbers, comment)
         walk(lure, signals, function, value)

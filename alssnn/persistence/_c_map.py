@@ -4,6 +4,7 @@ import numpy as np
 
 WIDTH = 88  # columns of the sources
 SUFFIX = {"double": "", "float": "f"}
+EPS = {"double": float(np.finfo("f8").eps), "float": float(np.finfo("f4").eps)}
 
 
 class Numbers:
@@ -17,6 +18,7 @@ class Numbers:
 
     def __init__(self, dtype):
         self.dtype, self.suffix = dtype, SUFFIX[dtype]
+        self.eps = EPS[dtype]
 
     def literal(self, name, value):
         """Return a literal.

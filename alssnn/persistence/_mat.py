@@ -51,16 +51,16 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         )
     export = Export.of(model, law, observer, gain)
     plant, law = export.plant, export.law
-    M, x, y = plant.form.M, slice(plant.nx), slice(plant.nx, plant.nx + plant.ny)
+    A, B, C, D = plant.arrived().linear()
     nothing = np.zeros((0, 0))  # isempty() tells
     struct = {
         "name": plant.name,
         "version": f"alssnn {release()}",
         "dt": plant.dt,
-        "A": M[x, x],
-        "B": M[x, plant.nx :],
-        "C": M[y, x],
-        "D": M[y, plant.nx :],
+        "A": A,
+        "B": B,
+        "C": C,
+        "D": D,
         "lure": _form(export.late.form),
         "feedback": plant.feedback,
         "input_delay": _column(plant.delay),
@@ -74,7 +74,9 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         "law": nothing
         if law is None
         else {
-            "h": _form(export.h),
+            # h of s, or phi of [s; u] where the law solves v = phi(u, s)
+            "h": _form(export.h) if plant.is_explicit else nothing,
+            "phi": nothing if plant.is_explicit else _form(plant.law_form),
             "u_min": _column(law.u_min),
             "u_max": _column(law.u_max),
         },

@@ -10,6 +10,7 @@ and stepping is left to whoever runs the graph, as in C.
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,10 @@ from ._archive import release
 from ._export import Export
 
 OPSET = 17
+SOLVED = (
+    "The law of this model is solved for u, by iteration, which is not written as a "
+    "graph. `to_c` writes it."
+)
 IR_VERSION = 8  # the one of that opset, for runtimes that are not the newest
 
 
@@ -34,7 +39,8 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
         Folder, made if need be; files of the same names are replaced.
     law : LinearizingLaw or None, default=None
         Law, for example with limits; None takes ``model.linearizing_law()``, or
-        leaves it out where it is ill-posed.
+        leaves it out where it is ill-posed. That of a monotone input map is left
+        out, too, for it iterates.
     prefix : str, default="plant"
         Begins the names of the files.
 
@@ -64,6 +70,8 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
             "`directory`."
         )
     export = Export.of(model, law, observer=False)
+    if export.law is not None and not export.plant.is_explicit:
+        export = replace(export, law=None, no_law=SOLVED)
     onnx = _onnx()
     graphs = {"step": _step(export.late)}
     if export.law is not None:

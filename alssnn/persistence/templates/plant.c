@@ -93,20 +93,123 @@ void plant_output(const real x[PLANT_NX], const real *u, real y[PLANT_NY])
     y_of(x, u, y);
 #endif
 }
+#if SOLVED
+
+#define MAX_ITER 60
+#define HALVINGS 30
+
+static real modulus(real a)
+{
+    return a < 0 ? -a : a;
+}
+
+/* e = phi(du, s) - dv, in sizes of u; the sum of squares */
+static real miss(const real *s, const real *dv, const real *du, real *e)
+{
+    real size = 0;
+    int i;
+    phi_of(s, du, e);
+    for (i = 0; i < NU; i++) {
+        e[i] = (e[i] - dv[i]) / u_scale[i];
+        size += e[i] * e[i];
+    }
+    return size;
+}
+
+/* The one du with phi(du, s) = dv: Newton's method, damped. phi increases with u, so
+   that its slope is positive definite in sizes of u: elimination needs no pivots. */
+static void solve(const real *s, const real *dv, real *du)
+{
+    real e[NU], ahead[NU], J[NU][NU], step[NU], next[NU], size, share, least;
+    int n, m, i, j, k;
+    for (i = 0; i < NU; i++)
+        du[i] = 0;
+    size = miss(s, dv, du, e);
+    for (n = 0; n < MAX_ITER && isfinite(size); n++) {
+        for (j = 0; j < NU; j++) {
+            real h = ${H} * (u_scale[j] + modulus(du[j]));
+            set(NU, du, next);
+            next[j] += h;
+            miss(s, dv, next, ahead);
+            for (i = 0; i < NU; i++)
+                J[i][j] = (ahead[i] - e[i]) * (u_scale[j] / h);
+        }
+        set(NU, e, step);
+        for (k = 0; k < NU; k++)
+            for (i = k + 1; i < NU; i++) {
+                real l = J[i][k] / J[k][k];
+                for (j = k; j < NU; j++)
+                    J[i][j] -= l * J[k][j];
+                step[i] -= l * step[k];
+            }
+        for (k = NU - 1; k >= 0; k--) {
+            for (j = k + 1; j < NU; j++)
+                step[k] -= J[k][j] * step[j];
+            step[k] /= J[k][k];
+        }
+        least = size;
+        for (share = 1, m = 0; m < HALVINGS; m++, share *= (real)0.5) {
+            for (i = 0; i < NU; i++)
+                next[i] = du[i] - share * step[i] * u_scale[i];
+            size = miss(s, dv, next, ahead);
+            if (size < least)
+                break;
+        }
+        if (!(size < least))
+            break; /* rounding */
+        set(NU, next, du);
+        set(NU, ahead, e);
+        for (k = 0, i = 0; i < NU; i++)
+            k |= modulus(step[i]) > ${EPS} * (1 + modulus(du[i]) / u_scale[i]);
+        if (!k)
+            break;
+    }
+}
+#endif
 #if LAW
 
 void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
     real cut[PLANT_NU])
 {
     int i;
-#if BY_STATE
+#if SOLVED
+    real dv[NU], du[NU];
+    int limited = 0;
+#if !BY_STATE
+    real ds[NY];
+    subtract(NY, s, y_offset, ds);
+    s = ds;
+#endif
+    subtract(NU, v, u_offset, dv);
+    solve(s, dv, du);
+    for (i = 0; i < NU; i++) {
+        real wanted = du[i] + u_offset[i];
+#if LIMITED
+        u[i] = wanted < u_min[i] ? u_min[i] : wanted > u_max[i] ? u_max[i] : wanted;
+#else
+        u[i] = wanted;
+#endif
+        limited |= u[i] != wanted;
+        du[i] = u[i] - u_offset[i];
+        cut[i] = wanted - u[i];
+    }
+    if (limited) { /* what the limits take off v */
+        real e[NU];
+        miss(s, dv, du, e);
+        for (i = 0; i < NU; i++)
+            cut[i] = cut[i] == 0 ? 0 : -e[i] * u_scale[i];
+    }
+#endif
+#if !SOLVED && BY_STATE
     real h[NU];
     h_of(s, h);
-#else
+#endif
+#if !SOLVED && !BY_STATE
     real h[NU], ds[NY];
     subtract(NY, s, y_offset, ds);
     h_of(ds, h);
 #endif
+#if !SOLVED
     for (i = 0; i < NU; i++) {
         real wanted = v[i] - h[i];
 #if LIMITED
@@ -116,6 +219,7 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
 #endif
         cut[i] = wanted - u[i];
     }
+#endif
 }
 #endif
 #if OBSERVER
