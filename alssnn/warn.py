@@ -1,6 +1,6 @@
 """Warnings at the line of the user, however deep they are raised."""
 
-import sys
+import inspect
 import warnings
 
 OURS = ("alssnn", "sklearn", "joblib")  # packages whose frames no user wrote
@@ -19,8 +19,8 @@ def warn_user(message, category):
     category : type
         Class of the warning.
     """
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and _is_ours(frame):
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and frame.f_back is not None and _is_ours(frame):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
 

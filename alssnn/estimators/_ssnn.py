@@ -32,6 +32,7 @@ from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular, with_integrators
 from ._judge import own_judge
 from ._options import estimator, option
+from ._residual import completed, searched
 from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -263,9 +264,9 @@ class Ssnn(StateSpaceModel):
                 found = self._search(far, linear, seeds, watch)
                 if found is None or not found.helps:
                     return self._left_linear(linear, near, experiments, watch)
-                plain, starts = found.structure, [found.theta]
-                max_iter = min(max_iter, found.refit_iter)
-                decay = {"alpha": found.alpha, "center": found.start}
+                plain, theta, center = completed(self, found, linear, near, seeds[0])
+                starts, max_iter = [theta], min(max_iter, found.refit_iter)
+                decay = {"alpha": found.alpha, "center": center}
                 if plain.sizes["x"] != len(linear.A):
                     fallback = None
             else:
@@ -326,10 +327,8 @@ class Ssnn(StateSpaceModel):
     @property
     def _phi(self):
         """Return the rate of contraction; None where A is free."""
-        stable = self.stability == "contractive" or (
-            self.stability == "auto" and self.linear_start is None
-        )
-        return self.phi if stable else None
+        is_auto = self.stability == "auto" and self.linear_start is None
+        return self.phi if is_auto or self.stability == "contractive" else None
 
     @property
     def _radius(self):
@@ -357,6 +356,7 @@ class Ssnn(StateSpaceModel):
 
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
+        own = searched(self)
         if self.coarse_samples is not None:
             experiments = Held.of(experiments).stretch(self.coarse_samples)
 
@@ -365,11 +365,11 @@ class Ssnn(StateSpaceModel):
         radius = 1.0 - SLOWEST / max(len(u) for u, _ in experiments)
 
         def declare(model):
-            linear, plain = self._declared(model, max(radius, 0.5))
-            return linear, plain, *self._criterion_terms(plain)
+            linear, plain = own._declared(model, max(radius, 0.5))
+            return linear, plain, *own._criterion_terms(plain)
 
         def limits(plain):
-            bounds = self._scaled_bounds(plain, contractive=self._phi is not None)
+            bounds = own._scaled_bounds(plain, contractive=self._phi is not None)
             return Limits(plain, self._phi, bounds, self._at_rest, self._radius)
 
         orders, candidates = self._orders, [len(linear.A)]
@@ -389,7 +389,7 @@ class Ssnn(StateSpaceModel):
             ]
         try:
             found = search(
-                Recipe(declare, self._start, limits),
+                Recipe(declare, own._start, limits),
                 orders,
                 candidates,
                 seeds,

@@ -38,6 +38,7 @@ POWERS = 256  # powers of A whose norms are computed at a time
 MAX_BLOCKS = 400  # blocks of powers; about 100,000 samples, longer than any transient
 CLOSED_ERROR = "closed_linearization_error"
 MEASURED = ("linear", "omega", "ratio")  # sizes of the closed loop
+TINY = np.finfo(float).tiny
 CONSTANT = 1e-12  # standard deviation over size of an output that is constant
 
 
@@ -66,17 +67,18 @@ def measure(plant, records, *, output_names=None):
     """
     plant = as_plant(plant).arrived()
     A, _, C, _ = plant.linear()
-    opened = [_run(plant, record) for record in records]
-    closed = opened
+    u = [record.du for record in records]
+    opened = [_run(plant, record, record.du) for record in records]
+    closed, v = opened, u
     if plant.cancels and not plant.no_law:
-        closed = [_run(plant, record, plant.close()) for record in records]
+        loop, v = plant.close(), _virtual_inputs(plant, u, opened)
+        closed = [_run(plant, *pair, loop) for pair in zip(records, v, strict=True)]
     # what was not measured is taken from the model
     y = [
         np.where(np.isnan(record.dy), run.y, record.dy)
         for record, run in zip(records, opened, strict=True)
     ]
     e = [run.e for run in opened]
-    u = [record.du for record in records]
     floor = (CONSTANT * np.abs(plant.y_offset)) ** 2
     spread = _variation(y, floor)
     part = _sizes([run.linear for run in opened])
@@ -91,7 +93,7 @@ def measure(plant, records, *, output_names=None):
         ratio_h_max=float(ratio_h.max()),
         spectral_radius=radius,
         **_closed_measures(plant, closed, u, spread),
-        carried=_carried(plant, records, opened, closed),
+        carried=_carried(plant, records, v, opened, closed),
         peak_gain=peak_gain(A) if radius < 1 else np.inf,
         h2_gain=h2_gain(A, C) if radius < 1 else np.full(len(C), np.inf),
         outside=_share_outside(plant.region, opened, y),
@@ -126,7 +128,7 @@ def _closed_measures(plant, runs, u, spread):
     }
 
 
-def _carried(plant, records, opened, closed):
+def _carried(plant, records, v, opened, closed):
     """Return how far the plant may be from the design, the model's error with it."""
     if plant.no_law:
         return np.full(plant.ny, np.nan)
@@ -135,11 +137,11 @@ def _carried(plant, records, opened, closed):
         beside = closed_beside(plant.lure, plant.law_form)
     distance, designed = [], []
     with np.errstate(over="ignore", invalid="ignore"):
-        for record, run, loop in zip(records, opened, closed, strict=True):
+        for record, dv, run, loop in zip(records, v, opened, closed, strict=True):
             r = np.where(np.isnan(record.dy), 0.0, record.dy - run.y)
             y = loop.y
             if beside is not None and np.isfinite(r).all():
-                driven = np.hstack([record.du, r])
+                driven = np.hstack([dv, r])
                 X = simulate(beside, driven, record.x0)[:-1]
                 y = channels(beside, X, driven)[:, : plant.ny]
             y_linear = loop.y - loop.e
@@ -165,12 +167,28 @@ class _Run:
     e: np.ndarray  # (N, ny)
 
 
-def _run(plant, record, loop=None):
-    """Simulate the plant, or its loop with the recorded input as v, and observe it."""
+def _virtual_inputs(plant, u, opened):
+    """Return v of the loops to judge: the recorded input, or one of its shape.
+
+    v = phi(u, s) has a size of its own, and the recorded input is brought to the mean
+    and standard deviation that v had along the record (eq. inverse).
+    """
+    if plant.is_explicit:
+        return u
+    every_u = np.vstack(u)
+    every_v = every_u + np.vstack([run.h for run in opened])
+    spread = every_u.std(axis=0)
+    gain = np.where(spread > 0, every_v.std(axis=0) / np.maximum(spread, TINY), 1.0)
+    mean_u, mean_v = every_u.mean(axis=0), every_v.mean(axis=0)
+    return [mean_v + gain * (du - mean_u) for du in u]
+
+
+def _run(plant, record, driven, loop=None):
+    """Simulate the plant, or its loop with an input v, and observe it."""
     A, B, C, _ = plant.linear()
-    driven = u = record.du
+    u = driven
     form, ny, nu = plant.observed, plant.ny, plant.nu
-    X = simulate(form if loop is None else loop, u, record.x0)[:-1]
+    X = simulate(form if loop is None else loop, driven, record.x0)[:-1]
     with np.errstate(over="ignore", invalid="ignore"):
         if loop is not None:
             u = channels(loop, X, driven)[:, ny:]
