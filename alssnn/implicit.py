@@ -38,6 +38,8 @@ class ImplicitLayer:
     def __init__(self, E, sigma):
         self.sigma = sigma
         self.P, self.Q = _factors(E)
+        self._PT, self._size = np.ascontiguousarray(self.P.T), np.abs(self.Q)
+        self._QP = self.Q * self.P
         falls = np.all(self.P * self.Q <= 0) and sigma.slope[0] >= 0
         self.is_monotone = bool(self.P.shape[1] == 1 and falls)
 
@@ -67,19 +69,21 @@ class ImplicitLayer:
 
     def _error(self, a, t):
         """Return F, its derivative, and the size of what F is the difference of."""
-        v = a + t @ self.P.T
+        v = a + t @ self._PT
         w = self.sigma.value(v)
         D = self.sigma.derivative(v, w)
-        slope = np.eye(len(self.Q.T)) - np.einsum("mi,nm,mj->nij", self.Q, D, self.P)
-        size = np.abs(t) + np.abs(w) @ np.abs(self.Q)
-        return t - w @ self.Q, slope, size
+        if self.is_monotone:  # a number per row
+            slope = 1.0 - D @ self._QP
+        else:
+            slope = np.eye(len(self._PT)) - (D[:, None, :] * self.Q.T) @ self.P
+        return t - w @ self.Q, slope, np.abs(t) + np.abs(w) @ self._size
 
     def _bracketed(self, a, t, F, slope, size):
         """Return the root of a function whose slope is at least one."""
         low, high = t - np.maximum(F, 0.0), t - np.minimum(F, 0.0)
         before = high - low
         for _ in range(MAX_ITER):
-            step = F / slope[:, 0]
+            step = F / slope
             new = t - step
             # as fast as bisection at least, and never outside
             slow = ~((new >= low) & (new <= high) & (np.abs(step) <= 0.5 * before))
