@@ -320,7 +320,8 @@ class Equations:
             (f"per_{u.axis}", u.size),
         ):
             self._size(axis, length)
-        R_u = diagonal(self.weights(f"r_{net}u", f"{net}u"))
+        # no weight of a network: a decay would take the input away
+        R_u = diagonal(self.parameter(f"r_{net}u", f"{net}u"))
         R = diagonal(self.weights(f"r_{net}", layer))
         U = self.weights(f"U_{net}", layer, u.axis)
         seen = U @ u

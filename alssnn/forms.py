@@ -9,7 +9,6 @@ import numpy as np
 
 from .lure import Lure
 
-PARALLEL = 1e-9  # relative: vectors whose cosine is this close to one are parallel
 ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
 
 
@@ -106,7 +105,7 @@ def disturbed(form, kind):
     -------
     form : Lure
         Form with as many more states, the last, which stay as they are; its v is that
-        of the form without d.
+        of the form without d where v = u + h(s).
     """
     nx, nu, v = form.nx, form.nu, virtual(form)
     if kind == "input":
@@ -142,38 +141,6 @@ def closed(form):
     by_u = Theta[:, u].copy()
     Theta[:, u] = 0.0
     return Lure(Theta + by_u @ to_u, form.nx, form.nu, form.nw, form.sigma)
-
-
-def increases(law_form, scale):
-    """Tell whether v = phi(u, s) has one u for every v, by its weights (eq. monotone).
-
-    Parameters
-    ----------
-    law_form : Lure
-        The static map from [s; u] to v.
-    scale : ndarray of shape (nu,)
-        Sizes of the inputs, in which the weights are transposed to each other.
-
-    Returns
-    -------
-    increases : bool
-        Whether phi(u, s) = diag(d) u + W sigma(diag(lambda) W'u + ...) + ... with
-        d > 0, lambda >= 0 and a sigma that does not decrease.
-    """
-    nu = len(scale)
-    gain = law_form.M[-nu:, -nu:]
-    U = law_form.V[:, -nu:] * scale
-    W = law_form.W[-nu:] / scale[:, None]
-    sees = np.any(U != 0, axis=1)
-    along = np.einsum("ij,ji->i", U, W)
-    size = np.linalg.norm(U, axis=1) * np.linalg.norm(W, axis=0)
-    return bool(
-        np.array_equal(gain, np.diag(gain.diagonal()))
-        and np.all(gain.diagonal() > 0)
-        and not np.any(law_form.E[:, sees])  # no neuron behind them
-        and all(law_form.sigma[i].slope[0] >= 0 for i in np.flatnonzero(sees))
-        and np.all(along[sees] >= (1 - PARALLEL) * size[sees])
-    )
 
 
 def closed_beside(form, law):

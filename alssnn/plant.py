@@ -26,20 +26,7 @@ from . import forms
 from .lure import Lure
 from .region import Region
 from .simulation import neuron_gains, regressors
-
-NEEDS_S_AHEAD = (
-    "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
-    "late. Fit with input_delay=0 and more states."
-)
-NOT_MONOTONE = (
-    "v = phi(u, s) of this model is not known to have one u for every v: neurons of h "
-    "that see u must be those of `Equations.monotone`."
-)
-ALGEBRAIC = (
-    "The law u = v - h(y) of this model is an algebraic loop: y depends on u of the "
-    "same sample, through D or k. Fit with feedback='state', or without `feedthrough` "
-    "and `n_k`."
-)
+from .virtual import VirtualMap, by_rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,16 +96,10 @@ class Plant:
 
     def __post_init__(self):
         """Say why the law is none, where it is none."""
-        if self.no_law or not self.cancels:
-            return
-        reason = ""
-        if not (self.is_explicit or forms.increases(self.law_form, self.u_scale)):
-            reason = NOT_MONOTONE
-        elif self.feedback == "output" and not self.has_linear_output:
-            reason = ALGEBRAIC
-        elif np.any(self.delay):
-            reason = NEEDS_S_AHEAD.format(self.delay.max())
-        object.__setattr__(self, "no_law", reason)
+        if self.cancels and not self.no_law:
+            is_algebraic = self.feedback == "output" and not self.has_linear_output
+            reason = self._map.no_law(is_algebraic, self.delay)
+            object.__setattr__(self, "no_law", reason)
 
     # -- sizes and rows --------------------------------------------------------------
 
@@ -160,10 +141,7 @@ class Plant:
     @cached_property
     def is_explicit(self):
         """Return whether v = u + h(s); else the law solves v = phi(u, s) for u."""
-        form, nu = self.law_form, self.nu
-        return np.array_equal(form.M[-nu:, -nu:], np.eye(nu)) and not np.any(
-            form.V[:, -nu:]
-        )
+        return not self.cancels or self._map.is_explicit
 
     @cached_property
     def has_linear_output(self):
@@ -223,7 +201,7 @@ class Plant:
         -------
         plant : Plant
             The same model with nx + ny or nx + nu states, the last of which stay as
-            they are. Its v is that of the plant without d.
+            they are. Its v is that of the plant without d if `is_explicit`.
 
         Raises
         ------
@@ -262,12 +240,7 @@ class Plant:
         Returns
         -------
         plant : Plant
-            The loop u = phi^-1(v, s) as a plant.
-
-        Raises
-        ------
-        ValueError
-            If the law is none of this plant, see `no_law`.
+            The loop of `close` as a plant.
         """
         loop = self.close()
         ns, nu = self.law_form.nu - self.nu, self.nu
@@ -382,18 +355,8 @@ class Plant:
         """
         if not self.cancels:
             return np.zeros((*s.shape[:-1], self.nu))
-        ds = self._seen(s)
-        du = np.zeros((len(ds), self.nu))
-        if not self.is_explicit:
-            if u is None:
-                raise ValueError(
-                    "`u` must be given, for what this law cancels depends on it, got "
-                    "None. Pass the input that goes to the plant."
-                )
-            du = np.broadcast_to(u - self.u_offset, du.shape)
-        Phi = regressors(self.law_form, np.zeros((len(ds), 0)), np.hstack([ds, du]))
-        h = Phi @ self.law_form.rows_z.T - (0.0 if self.is_explicit else du)
-        return h.reshape(*s.shape[:-1], self.nu)
+        signals = [self._seen(s), *([] if u is None else [u - self.u_offset])]
+        return by_rows(self._map.cancelled, *signals)
 
     def law(self, v, s):
         """Return the input that makes v the input of the linear part.
@@ -419,16 +382,8 @@ class Plant:
             raise ValueError(self.no_law)
         if self.is_explicit:
             return v - self.cancelled(s)
-        ds = self._seen(s)
-        dv = np.broadcast_to(v - self.u_offset, (len(ds), self.nu))
-        loop, form, n = self._inverse, self.law_form, self.nu
-        du = regressors(loop, ds, dv) @ loop.rows_z.T
-        # one step on u itself, for a steep phi takes digits from v - h
-        Phi = regressors(form, np.zeros((len(ds), 0)), np.hstack([ds, du]))
-        slope = form.M[:, -n:] + neuron_gains(form, form.W, Phi) @ form.V[:, -n:]
-        error = (Phi @ form.rows_z.T - dv)[..., None]
-        du -= np.linalg.solve(slope, error)[..., 0]
-        return (du + self.u_offset).reshape(*s.shape[:-1], n)
+        dv = v - self.u_offset
+        return by_rows(self._map.inverse, self._seen(s), dv) + self.u_offset
 
     def jacobian(self, x, u):
         """Return the linearization at a state and an input.
@@ -477,17 +432,14 @@ class Plant:
         return Phi @ self.form.rows_x.T, A, B
 
     @cached_property
-    def _inverse(self):
-        """Return the law as a form with the state s, the input v and the channel u."""
-        static, ns = self.law_form, self.law_form.nu - self.nu
-        stay = np.eye(ns, static.Theta.shape[1])
-        Theta = np.vstack([stay, static.Theta])
-        return forms.closed(Lure(Theta, ns, self.nu, static.nw, static.sigma))
+    def _map(self):
+        """Return what makes v of s and u, as deviations."""
+        return VirtualMap(self.law_form, self.u_scale)
 
     def _seen(self, s):
-        """Return deviations of what the law measures, one per row."""
-        ds = np.atleast_2d(s - self.y_offset if self.feedback == "output" else s)
-        return ds[:, : self.law_form.nu - self.nu]  # no network sees past inputs
+        """Return deviations of what the law measures."""
+        ds = s - self.y_offset if self.feedback == "output" else s
+        return ds[..., : self.law_form.nu - self.nu]  # no network sees past inputs
 
     def _regressors(self, x, u):
         """Return phi of states and inputs, one per row."""

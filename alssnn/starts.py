@@ -4,8 +4,8 @@ The output weights are zero, so that the start *is* the linear model; inner weig
 spread over what the data show: the pre-activation of a neuron has a random direction in
 its (unit variance) inputs and is zero at a random sample.
 
-A weight that is squared would stay at zero: that of an input begins at one, which is
-the linear model, that of neurons small (eq. monotone).
+A weight that is squared would stay at zero: that of an input begins where the input
+acts as in the linear model, that of neurons small (eq. monotone).
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ INITIAL_ROOT = 0.1  # of a squared weight
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 
 
-def initial_theta(structure, linear, experiments, rng, bounds=None):
+def initial_theta(structure, linear, experiments, rng, bounds=None, root=INITIAL_ROOT):
     """Return a start: the linear model plus networks of zero output.
 
     Parameters
@@ -37,6 +37,9 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
     bounds : dict of str to tuple of ndarray, or None, default=None
         Bounds of parameters by name: inner weights that they hold are zero, and what
         a neuron sees of the others has the whole slope.
+    root : float, default=0.1
+        Squared weights in front of neurons; 0 is exactly the linear model, from which
+        they would not move.
 
     Returns
     -------
@@ -104,21 +107,29 @@ def initial_theta(structure, linear, experiments, rng, bounds=None):
             seen = sum(behind(term, 1, samples) for term in terms)
             bias -= np.sum(p[name] * seen, axis=1)
         p |= dict.fromkeys(biases, bias)
-    for name, behind_it in _squared(structure).items():
-        root = 1.0 if behind_it in structure.inputs else INITIAL_ROOT
-        p[name] = np.full(structure.shapes[name], root)
+    for name, missing in _squared(structure).items():
+        value = root if missing is None else np.sqrt(missing)
+        p[name] = np.full(structure.shapes[name], value)
     return structure.join(p)
 
 
 def _squared(structure):
-    """Return the columns of every weight that stands as diag(r)^2."""
-    return {
-        first.name: term.cols
-        for signal in structure.signals.values()
-        for term in signal.terms
-        for first, second in zip(term.factors, term.factors[1:], strict=False)
-        if first == second and type(first) is Diagonal
-    }
+    """Return weights that stand as diag(r)^2, and what r^2 of an input has to add."""
+    found: dict[str, float | None] = {}
+    for signal in structure.signals.values():
+        for term in signal.terms:
+            for first, second in zip(term.factors, term.factors[1:], strict=False):
+                if first == second and type(first) is Diagonal:
+                    found[first.name] = None
+                    if term.cols in structure.inputs:
+                        others = sum(
+                            other.gain
+                            for other in signal.terms
+                            if other.cols == term.cols and not other.factors
+                        )
+                        # the signal is v itself, or what it has beside u
+                        found[first.name] = -others if others < 0 else 1.0 - others
+    return found
 
 
 def _free_weights(structure, name, bounds):

@@ -4,15 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 from structures import STRUCTURES, declare
 
 import alssnn
 from alssnn.activations import ACTIVATIONS
 from alssnn.certificates import certify_gain, certify_iss
 from alssnn.equations import Equations
+from alssnn.feedback import LinearizingLaw
 from alssnn.implicit import ImplicitLayer
 from alssnn.lure import Lure
 from alssnn.models import state_space
+from alssnn.mpc import LinearizingMPC
 from alssnn.simulation import channels, simulate
 from helpers import plant_of_structure
 
@@ -227,3 +230,115 @@ def test_a_fan_is_linearized_by_default_options():
     assert np.abs(v[:, 0] - np.polyval(fit, inputs[:, 0] ** 2)).max() < 0.1 * np.ptp(v)
     figures = model.linearizability(u, y)
     assert figures.closed_linearization_error.max() < 1e-9
+
+
+def test_single_samples_meet_rows(rng):
+    plant = plant_of("monotone", rng)
+    law = LinearizingLaw(plant)
+    u, s = law_signals(plant, rng, 5)
+    rows = law(u, s[0])
+    assert rows.shape == u.shape
+    np.testing.assert_array_equal(rows, law(u, np.tile(s[0], (5, 1))))
+    np.testing.assert_array_equal(law.h(s[0], u), law.h(np.tile(s[0], (5, 1)), u))
+    with pytest.raises(ValueError, match="`u` must be given"):
+        law.h(s)
+
+
+@pytest.mark.parametrize("name", ["monotone", "monotone-state"])
+def test_what_the_limits_cut_is_what_the_linear_part_misses(name, rng):
+    plant = plant_of(name, rng)
+    high = plant.u_offset + 0.3 * plant.u_scale
+    law = LinearizingLaw(plant, u_max=high)
+    v, s = law_signals(plant, rng, 100)
+    u, cut = law.split(v, s)
+    met = np.any(u == high, axis=1)
+    assert met.any() and not met.all() and np.all(u <= high)
+    assert not cut[~met].any()
+    np.testing.assert_allclose(v - cut, u + plant.cancelled(s, u), atol=1e-9)
+    block = law.to_nlsys(with_cut=True)  # in a loop that overflows the limits hold
+    lost = block.output(0.0, np.zeros(0), np.concatenate([v[0] * np.nan, s[0]]))
+    assert np.all(lost[: plant.nu] <= high) and np.isfinite(lost).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*stopped after")
+def test_what_h_does_not_see_phi_does_not_see():
+    u, y = fan_arm(300, 0)
+    both = np.hstack([y, np.gradient(y[:, 0])[:, None]])
+    model = alssnn.FlSsnn(
+        nx=2,
+        n_h=3,
+        alpha=1e-5,
+        max_iter=5,
+        n_init=1,
+        random_state=0,
+        feedback="output",
+        h_inputs=[0],
+        input_map="monotone",
+    ).fit(u, both)
+    for name in ("W_y", "V_phi"):
+        assert np.any(model.params_[name][:, 0])
+        assert not np.any(model.params_[name][:, 1])
+
+
+@pytest.mark.filterwarnings("ignore:.*stopped after")
+@pytest.mark.parametrize("alpha", [1e-5, 0.1])
+def test_v_is_as_large_as_u(alpha):
+    u, y = fan_arm(400, 0)
+    options = {"nx": 2, "n_h": 3, "n_init": 1, "random_state": 0, "max_iter": 30}
+    model = alssnn.FlSsnn(alpha=alpha, input_map="monotone", **options).fit(u, y)
+    (record,) = model.prepare_records(u, y)
+    plant = model.plant_
+    X = simulate(plant.lure, record.du, model.x0_[0])[:-1]
+    v = plant.virtual(X, u)
+    assert v.std() == pytest.approx(u.std(), rel=1e-6)
+
+
+def test_without_a_gain_the_linear_model_is_returned_as_it_is():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((300, 1))
+    y = control_free(u) + 0.3 * rng.standard_normal((300, 1))
+    with pytest.warns(ConvergenceWarning, match="do not simulate hidden samples"):
+        model = alssnn.FlSsnn(
+            nx=1, n_h=3, n_init=1, max_iter=50, random_state=0, input_map="monotone"
+        ).fit(u, y)
+    plant = model.plant_
+    np.testing.assert_allclose(plant.cancelled(np.ones((5, 1)), u[:5]), 0, atol=1e-14)
+
+
+def control_free(u):
+    y = np.zeros_like(u)
+    for k in range(1, len(u)):
+        y[k] = 0.8 * y[k - 1] + u[k - 1]
+    return y
+
+
+def test_what_a_monotone_map_cannot_do_is_refused():
+    u, y = fan_arm(300, 0)
+    for options, match in (
+        ({"n_h": 0}, "`n_h` must be positive"),
+        ({"input_delay": 2}, "must be 'identity' for inputs that arrive late"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            alssnn.FlSsnn(nx=2, input_map="monotone", **options).fit(u, y)
+
+
+def test_limits_that_the_map_couples_are_refused(rng):
+    one, two = plant_of("monotone-state", rng), plant_of("monotone", rng)
+    LinearizingMPC(one, u_max=one.u_offset + one.u_scale)
+    for plant, options in ((one, {"du_max": 0.1}), (two, {"u_min": -9.0})):
+        with pytest.raises(ValueError, match="couples the limits"):
+            LinearizingMPC(plant, **options)
+
+
+@pytest.mark.filterwarnings("ignore:.*stopped after")
+def test_predictive_control_meets_a_limit_of_the_input_exactly():
+    u, y = fan_arm(600, 0)
+    options = {"nx": 2, "n_h": 4, "n_init": 1, "random_state": 0, "max_iter": 60}
+    model = alssnn.FlSsnn(alpha=1e-5, input_map="monotone", **options).fit(u, y)
+    mpc = LinearizingMPC(model, u_min=0.1, u_max=0.8, n_passes=4)
+    reference = model.y_offset_ + model.plant_.y_scale * np.repeat([1.0, -1.0], 60)
+    record = mpc.simulate(model, reference)
+    assert record.n_fallbacks == 0
+    assert np.any([step.saturated for step in record.steps])
+    assert max(np.abs(step.cut).max() for step in record.steps) < 1e-6
+    assert abs(record.y[59] - reference[59]) < 1e-5 * model.plant_.y_scale

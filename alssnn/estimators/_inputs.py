@@ -9,6 +9,7 @@ from numbers import Integral
 
 import numpy as np
 
+from ._input_map import check_map
 from ._integrators import keeps_start
 
 ALL = "all"
@@ -144,8 +145,9 @@ def held_columns(structure, seen):
     """
     bounds = {}
     for (net, signal), columns in seen.items():
+        layers = {f"w_{net}", "w_phi"} if net == "h" else {f"w_{net}"}
         for name, axes in structure.parameters.items():
-            if axes == (f"w_{net}", signal) and not columns.all():
+            if axes[0] in layers and axes[1:] == (signal,) and not columns.all():
                 free = np.where(columns, np.inf, 0.0)
                 high = np.broadcast_to(free, structure.shapes[name])
                 bounds[name] = -high, high
@@ -165,6 +167,7 @@ def check_inputs(estimator):
     ValueError
         If a choice does not fit the signals, or the other options.
     """
+    check_map(estimator)
     has_h = np.any(getattr(estimator, "n_h", 0)) and estimator.feedback == "output"
     if (
         has_h

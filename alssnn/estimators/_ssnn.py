@@ -28,11 +28,11 @@ from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
 from ._held_out import hold_out
+from ._input_map import as_large_as_u, completed, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular, with_integrators
 from ._judge import own_judge
 from ._options import estimator, option
-from ._residual import completed, searched
 from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -304,7 +304,8 @@ class Ssnn(StateSpaceModel):
             result.update(success=True, message=SETTLED)
         if not continues and self._loses(plain, result, linear, experiments):
             return self._left_linear(linear, near, experiments, watch)
-        return plain, result.theta, result
+        theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
+        return plain, theta, result
 
     def _loses(self, plain, result, linear, experiments):
         """Tell whether a fit simulates its own record worse than the linear model."""
@@ -348,11 +349,11 @@ class Ssnn(StateSpaceModel):
         nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
         return linear, self.declare(nx, nu, ny, linear.C)
 
-    def _start(self, plain, linear, experiments, seed):
+    def _start(self, plain, linear, experiments, seed, **options):
         """Return the linear model with networks of random inner weights."""
         held = self._held_weights(plain)
         rng = np.random.default_rng(seed)
-        return initial_theta(plain, linear, experiments, rng, held)
+        return initial_theta(plain, linear, experiments, rng, held, **options)
 
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
@@ -409,7 +410,7 @@ class Ssnn(StateSpaceModel):
         """Return the linear model as the outcome of a fit, and say so."""
         self._decay = {"alpha": np.inf}
         linear, plain = self._declared(linear)
-        theta = self._start(plain, linear, near, 0)
+        theta = self._start(plain, linear, near, 0, root=0.0)
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
         if watch.reason is None:  # else nobody knows whether they would help

@@ -115,7 +115,7 @@ class LinearizingLaw:
         u : ndarray of shape (nu,) or (N, nu)
             Input for the plant, within the limits.
         cut : ndarray of shape (nu,) or (N, nu)
-            Part cut off, v - h - u; zero where not saturated. The linear system sees
+            Part cut off, v - h - u; zero if no limit is met. The linear system sees
             v - cut.
 
         Raises
@@ -147,11 +147,14 @@ class LinearizingLaw:
         lost = np.isnan(u) & limited
         if lost.any():
             rest = np.clip(plant.u_offset, self.u_min, self.u_max)
-            u = np.where(lost, rest, u)
-            return u, np.where(lost, 0.0, wanted - u)
+            u, v = np.where(lost, rest, u), np.where(lost, np.nan, v)
+            wanted = np.where(lost, u, wanted)
         if plant.is_explicit or np.array_equal(u, wanted, equal_nan=True):
             return u, wanted - u
-        return u, np.where(u == wanted, 0.0, v - u - plant.cancelled(s, u))
+        # phi couples inputs: a limit of one takes off v of all
+        met = np.any(u != wanted, axis=-1, keepdims=True)
+        cut = np.where(met, v - u - plant.cancelled(s, u), 0.0)
+        return u, np.where(np.isnan(cut), 0.0, cut)
 
     def h(self, s, u=None):
         """Return what the law cancels.

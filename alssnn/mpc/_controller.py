@@ -165,6 +165,18 @@ class LinearizingMPC:
                 "for u is computed after y is measured. Fit with input_delay=0, "
                 "feedthrough=False and n_k=0."
             )
+        bounds = u_min, u_max, du_max
+        limited = any(
+            b is not None and np.isfinite(np.asarray(b, dtype=float)).any()
+            for b in (bounds if plant.nu > 1 else bounds[2:])
+        )
+        if limited and not plant.is_explicit:
+            raise ValueError(
+                "`du_max`, and with several inputs `u_min` and `u_max`, must be None "
+                "for a model with input_map='monotone': the map couples the limits of "
+                "samples and inputs. Limit one input by `u_min` and `u_max`, or fit "
+                "with input_map='identity'."
+            )
         self.law = LinearizingLaw(plant, u_min, u_max)
         self.observer = check_observer(observer, plant)
         self._model = DisturbedModel(plant, self.observer.plant)

@@ -193,11 +193,11 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
         du[i] = u[i] - u_offset[i];
         cut[i] = wanted - u[i];
     }
-    if (limited) { /* what the limits take off v */
+    if (limited) { /* what the limits take off v, of all inputs that phi couples */
         real e[NU];
         miss(s, dv, du, e);
         for (i = 0; i < NU; i++)
-            cut[i] = cut[i] == 0 ? 0 : -e[i] * u_scale[i];
+            cut[i] = -e[i] * u_scale[i];
     }
 #endif
 #if !SOLVED && BY_STATE

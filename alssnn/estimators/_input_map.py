@@ -1,0 +1,146 @@
+"""What the training of a monotone input map v = phi(u, s) needs beside that of others.
+
+g explains the curve of an actuator sooner than phi does, and then stays: the search
+leaves g out, and the fit that follows adds it.  The size of v is free, for B can carry
+it: after the training v has the standard deviation of u along the record.
+"""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from ..equations import LEAST_GAIN
+from ..simulation import outputs
+
+MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
+
+
+def check_map(estimator):
+    """Refuse a monotone input map where there is none, or no law of it.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit; delays are known.
+
+    Raises
+    ------
+    ValueError
+        If h has no neurons, or an input arrives late.
+    """
+    if getattr(estimator, "input_map", "identity") == "identity":
+        return
+    if not np.any(estimator.n_h):
+        raise ValueError(
+            "`n_h` must be positive for input_map='monotone', whose neurons it counts, "
+            f"got {estimator.n_h!r}."
+        )
+    if np.any(estimator.input_delay_):
+        raise ValueError(
+            "`input_map` must be 'identity' for inputs that arrive late, got "
+            f"'monotone' and delays of {estimator.input_delay_.tolist()} samples: the "
+            "law would need s of a later sample. Shift u in the record, or take "
+            "input_delay=0."
+        )
+
+
+def as_large_as_u(estimator, structure, theta, x0, experiments):
+    """Return the same model with a v that is as large as u along the record.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states.
+    experiments : Held or Remote
+        Experiments of the fit.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_params,)
+        Parameters of the same map from u to y: phi multiplied, B divided by a number.
+        The same parameters where B or its basis is the user's, or the record elsewhere.
+    """
+    p = structure.split(theta)
+    given = estimator.linear_start is not None or "B" in (estimator.bounds or {})
+    if "r_phi" not in p or given or not experiments.is_here:
+        return theta
+    lure = structure.observe("v").lure(theta)
+    v = np.vstack(
+        [outputs(lure, u, start) for (u, _), start in zip(experiments, x0, strict=True)]
+    )
+    size = np.sqrt(np.mean(v.var(axis=0)))
+    direct = LEAST_GAIN + p["r_phiu"] ** 2
+    if not (np.isfinite(size) and size > 0):
+        return theta
+    factor = max(1 / size, LEAST_GAIN / direct.min())  # a root stays real
+    changed = {name: factor * p[name] for name in MAP if name in p}
+    changed["r_phi"] = np.sqrt(factor) * p["r_phi"]
+    changed["r_phiu"] = np.sqrt(np.maximum(factor * direct - LEAST_GAIN, 0.0))
+    return structure.join({**p, **changed, "B": p["B"] / factor})
+
+
+def searched(model):
+    """Return the model that a search trains.
+
+    Parameters
+    ----------
+    model : estimator
+        Model to be fitted.
+
+    Returns
+    -------
+    model : estimator
+        The same, or one without g.
+    """
+    options = model.get_params(deep=False)
+    if options.get("input_map", "identity") == "identity" or "n_g" not in options:
+        return model
+    plain = copy(model)
+    plain.n_g = 0
+    return plain
+
+
+def completed(model, found, linear, experiments, seed):
+    """Return where the fit begins that follows a search.
+
+    Parameters
+    ----------
+    model : estimator
+        Model to be fitted.
+    found : Found
+        Outcome of the search of `searched`.
+    linear : LinearModel
+        Any linear model.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    seed : int
+        Seed of the inner weights of g.
+
+    Returns
+    -------
+    structure : Structure
+        Structure of the whole model.
+    theta, center : ndarray of shape (n_params,)
+        Its parameters, g of zero output, and the center of their decay.
+    """
+    known = found.structure
+    if searched(model) is model:
+        return known, found.theta, found.start
+    C, p = known.constants["C"], known.split(found.theta)
+    nx, nu, ny = (known.sizes[axis] for axis in "xuy")
+    structure = model.declare(nx, nu, ny, C)
+    D, x0 = p.get("D", np.zeros((ny, nu))), np.zeros((len(experiments), nx))
+    linear = replace(linear, A=p["A"], B=p["B"], C=C, D=D, x0=x0)
+    fresh = structure.split(model._start(structure, linear, experiments, seed))
+    theta, center = (
+        structure.join({**fresh, **known.split(each)})
+        for each in (found.theta, found.start)
+    )
+    return structure, theta, center

@@ -1,0 +1,182 @@
+"""The virtual input v = phi(u, s) as a map of u, and its inverse (eq. inverse).
+
+All signals are deviations from the operating point, one sample per row.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from . import forms
+from .lure import Lure
+from .simulation import neuron_gains, regressors
+
+NEEDS_S_AHEAD = (
+    "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
+    "late. Fit with input_delay=0 and more states."
+)
+NOT_MONOTONE = (
+    "v = phi(u, s) of this model is not known to have one u for every v: neurons of h "
+    "that see u must be those of `Equations.monotone`."
+)
+ALGEBRAIC = (
+    "The law u = v - h(y) of this model is an algebraic loop: y depends on u of the "
+    "same sample, through D or k. Fit with feedback='state', or without `feedthrough` "
+    "and `n_k`."
+)
+PARALLEL = 1e-9  # relative: vectors whose cosine is this close to one are parallel
+
+
+class VirtualMap:
+    """Evaluate and invert the map of a plant.
+
+    Parameters
+    ----------
+    form : Lure
+        The map: no states, the inputs [s; u], the channel v.
+    scale : ndarray of shape (nu,)
+        Sizes of the inputs.
+    """
+
+    def __init__(self, form, scale):
+        self.form, self.scale, self.nu = form, scale, len(scale)
+
+    @cached_property
+    def is_explicit(self):
+        """Return whether v = u + h(s)."""
+        form, nu = self.form, self.nu
+        is_sum = np.array_equal(form.M[-nu:, -nu:], np.eye(nu))
+        return is_sum and not np.any(form.V[:, -nu:])
+
+    @cached_property
+    def increases(self):
+        """Return whether there is one u for every v, by the weights (eq. monotone).
+
+        Returns
+        -------
+        increases : bool
+            Whether v = diag(d) u + W sigma(diag(lambda) W'u + ...) + ..., in scaled
+            inputs, with d > 0, lambda >= 0 and a sigma that does not decrease.
+        """
+        if self.is_explicit:
+            return True
+        form, nu, scale = self.form, self.nu, self.scale
+        gain = form.M[-nu:, -nu:]
+        U, W = form.V[:, -nu:] * scale, form.W[-nu:] / scale[:, None]
+        sees = np.any(U != 0, axis=1)
+        along = np.einsum("ij,ji->i", U, W)
+        size = np.linalg.norm(U, axis=1) * np.linalg.norm(W, axis=0)
+        return bool(
+            np.array_equal(gain, np.diag(gain.diagonal()))
+            and np.all(gain.diagonal() > 0)
+            and not np.any(form.E[:, sees])  # no neuron behind them
+            and all(form.sigma[i].slope[0] >= 0 for i in np.flatnonzero(sees))
+            and np.all(along[sees] >= (1 - PARALLEL) * size[sees])
+        )
+
+    def no_law(self, is_algebraic, delay):
+        """Return why no law solves v = phi(u, s), if none does.
+
+        Parameters
+        ----------
+        is_algebraic : bool
+            Whether s depends on u of the same sample.
+        delay : ndarray of int of shape (nu,)
+            Samples by which the inputs arrive late.
+
+        Returns
+        -------
+        reason : str
+            The reason; empty if there is a law.
+        """
+        if not self.increases:
+            return NOT_MONOTONE
+        if is_algebraic:
+            return ALGEBRAIC
+        return NEEDS_S_AHEAD.format(delay.max()) if np.any(delay) else ""
+
+    def cancelled(self, s, u=None):
+        """Return h = phi(u, s) - u.
+
+        Parameters
+        ----------
+        s : ndarray of shape (N, ns)
+            What the law measures.
+        u : ndarray of shape (N, nu) or None, default=None
+            Inputs; needed unless `is_explicit`.
+
+        Returns
+        -------
+        h : ndarray of shape (N, nu)
+            What the law takes off v.
+
+        Raises
+        ------
+        ValueError
+            If `u` is missing though h depends on it.
+        """
+        if self.is_explicit:
+            u = np.zeros((len(s), self.nu))
+        elif u is None:
+            raise ValueError(
+                "`u` must be given, for what this law cancels depends on it, got "
+                "None. Pass the input that goes to the plant."
+            )
+        Phi = self._regressors(s, u)
+        h = Phi @ self.form.rows_z.T
+        return h if self.is_explicit else h - u
+
+    def inverse(self, s, v):
+        """Return the inputs that make v.
+
+        Parameters
+        ----------
+        s : ndarray of shape (N, ns)
+            What the law measures.
+        v : ndarray of shape (N, nu)
+            Virtual inputs.
+
+        Returns
+        -------
+        u : ndarray of shape (N, nu)
+            Inputs; nan where none was found.
+        """
+        form, nu, loop = self.form, self.nu, self._inverse
+        u = regressors(loop, s, v) @ loop.rows_z.T
+        # one step on u itself, for a steep phi takes digits from v - h
+        Phi = self._regressors(s, u)
+        slope = form.M[:, -nu:] + neuron_gains(form, form.W, Phi) @ form.V[:, -nu:]
+        error = (Phi @ form.rows_z.T - v)[..., None]
+        return u - np.linalg.solve(slope, error)[..., 0]
+
+    @cached_property
+    def _inverse(self):
+        """Return the inverse as a form with the state s, the input v, the channel u."""
+        form, ns = self.form, self.form.nu - self.nu
+        stay = np.eye(ns, form.Theta.shape[1])
+        Theta = np.vstack([stay, form.Theta])
+        return forms.closed(Lure(Theta, ns, self.nu, form.nw, form.sigma))
+
+    def _regressors(self, s, u):
+        return regressors(self.form, np.zeros((len(s), 0)), np.hstack([s, u]))
+
+
+def by_rows(function, *signals):
+    """Return the value of a function of rows, of single samples or both.
+
+    Parameters
+    ----------
+    function : callable
+        Function of arrays with as many rows.
+    *signals : ndarray of shape (n,) or (N, n)
+        Its arguments; a single sample is repeated.
+
+    Returns
+    -------
+    value : ndarray of shape (m,) or (N, m)
+        What the function returns, a single sample if all are.
+    """
+    rows = np.broadcast_shapes(*(z.shape[:-1] for z in signals))
+    n = int(np.prod(rows))
+    every = (np.broadcast_to(np.atleast_2d(z), (n, z.shape[-1])) for z in signals)
+    return function(*every).reshape(*rows, -1)
