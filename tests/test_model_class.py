@@ -459,7 +459,7 @@ def test_records_that_do_not_belong_together(data):
     us, ys = parts_of(data)
     with pytest.raises(ValueError, match="one record per experiment, got 3 and 2"):
         LinearStateSpace(2).fit(us, ys[:2])
-    with pytest.raises(ValueError, match=r"`us\[0\]` and `ys\[0\]`.*60 and 59"):
+    with pytest.raises(ValueError, match=r"`u\[0\]` and `y\[0\]`.*60 and 59"):
         LinearStateSpace(2).fit(us, [ys[0][:-1], *ys[1:]])
     with pytest.raises(ValueError, match="equal columns"):
         LinearStateSpace(2).fit(us, [ys[0][:, :1], *ys[1:]])

@@ -385,5 +385,5 @@ def test_the_steps_of_the_page_compute_the_model(name):
     np.testing.assert_allclose(values["y - y_e"] + np.zeros(plant.ny), y, atol=1e-13)
     if plant.cancels:
         measured = s + (plant.y_offset if plant.feedback == "output" else 0)
-        v = u + plant.cancelled(measured)
+        v = u + plant.cancelled(measured, at)
         np.testing.assert_allclose(values["v - u_e"], v, atol=1e-13)
