@@ -182,7 +182,7 @@ def _untested(name, doubt, decides=True):
     return Check(name, False, np.nan, "p-value", decides, sentence, bool(doubt))
 
 
-def _block(residuals, name, missed, doubt):
+def _block(residuals, name, missed, doubt=""):
     if residuals is None:
         return _untested(name, doubt)
     p, share = residuals.p_values[name], residuals.shares[name]
@@ -232,7 +232,7 @@ def _block(residuals, name, missed, doubt):
     return Check(name, passed, value, "p-value", True, sentence, undecided)
 
 
-def _whiteness(residuals, doubt):
+def _whiteness(residuals, doubt=""):
     if residuals is None:
         return _untested("whiteness", doubt, decides=False)
     p, share = residuals.p_values["whiteness"], residuals.shares["whiteness"]
