@@ -14,6 +14,12 @@ of x that never varied say nothing.  Neither box nor ellipsoid depends on the ba
 the states.  Both are a little enlarged, for the initial states of the same data are not
 always estimated alike.
 
+The largest value of a record is a matter of chance: of n independent samples of a fresh
+record of the same kind, 2 / n leave the range of one signal, and with four signals and
+an ellipsoid it is soon more than a percent.  To be a little beyond is not to
+extrapolate.  So a sample is only called outside where it is beyond box or ellipsoid by
+the share `BEYOND` of the width or the radius.
+
 The measured y counts because a model that is out of its depth may stay inside while its
 plant leaves: simulated in free run, it does not see what happens.
 """
@@ -25,6 +31,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 MARGIN = 0.01  # enlargement of the box and the ellipsoid, relative to their width
+BEYOND = 0.1  # distance that counts as outside, relative to width and radius
 RANK_TOL = 1e-10  # directions of x with less spread than that were not excited
 LEAST = 0.01  # spread of a combination of x and u, each of spread one, that counts
 
@@ -111,7 +118,7 @@ class Region:
         return self.low + slack, self.high - slack
 
     def outside(self, X, u, y, measured=None):
-        """Return which samples lie outside.
+        """Return which samples lie clearly outside, by more than `BEYOND`.
 
         Parameters
         ----------
@@ -132,11 +139,15 @@ class Region:
         with np.errstate(over="ignore", invalid="ignore"):
             z = np.hstack([X, u])[:, : len(self.center)]
             distance = np.linalg.norm((z - self.center) @ self.whiten, axis=1)
-        inside = (distance <= self.radius) & np.isfinite(X).all(axis=1)
+        inside = distance <= (1 + BEYOND) * self.radius
+        inside &= np.isfinite(X).all(axis=1)
+        slack = BEYOND * (self.high - self.low)
         for outputs in (y,) if measured is None else (y, measured):
             uy = np.hstack([u, outputs])
             # nan compares false
-            inside &= np.all((uy >= self.low) & (uy <= self.high), axis=1)
+            inside &= np.all(
+                (uy >= self.low - slack) & (uy <= self.high + slack), axis=1
+            )
         return ~inside
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn.plant import as_plant
+from alssnn.simulation import channels, simulate
 from benchmarks._options import by_hand
 
 NOISE = 0.1  # of the standard deviation of an output
@@ -168,6 +170,34 @@ def identified(name, u, y):
     # the defaults but for the search: A is stable, and h no larger than it must be
     options = {"alpha": 0.0, "n_init": 1, "gamma_h": 1e-3, "random_state": 0}
     return FlSsnn(plant.nx, plant.n_h, **options).fit(u, y)
+
+
+def error_of(y_hat, y):
+    """Return the largest share of the outputs that predictions miss."""
+    late = slice(len(y) // 4, None)  # the initial state is not known
+    with np.errstate(all="ignore"):
+        error = np.sqrt(np.mean((y_hat[late] - y[late]) ** 2, axis=0))
+        return float(np.max(error / y[late].std(axis=0)))
+
+
+def loop_error(name, model, u):
+    """Return how far a plant under the law of its model is from the linear design.
+
+    The law is that of the model's state, which follows the recorded input as v, and its
+    input drives the plant.
+    """
+    plant = as_plant(model).arrived()
+    A, B, C, _ = plant.linear()
+    v, x0 = u - plant.u_offset, np.zeros(plant.nx)
+    loop = plant.close()
+    X = simulate(loop, v, x0)[:-1]
+    driven = plant.u_offset + channels(loop, X, v)[:, plant.ny :]
+    if not np.isfinite(driven).all():
+        return np.inf
+    design = simulated(lambda x, v: A @ x + B @ v, lambda x: C @ x, plant.nx, v)
+    true = PLANTS[name]
+    y = simulated(true.step, true.output, true.nx, driven)
+    return error_of(y - plant.y_offset, design)
 
 
 def fl(nx, n_h, **options):

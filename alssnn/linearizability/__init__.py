@@ -7,12 +7,13 @@ _verdict    whether that is good enough
 
 from ..region import Region
 from ._measure import measure, output_residual
-from ._record import LARGE_LAW, Bands, Linearizability
+from ._record import LARGE_LAW, OUTSIDE, Bands, Linearizability
 from ._verdict import LOOP_OUTSIDE, judge, percent, worst_error
 
 __all__ = [
     "LARGE_LAW",
     "LOOP_OUTSIDE",
+    "OUTSIDE",
     "Bands",
     "Linearizability",
     "Region",

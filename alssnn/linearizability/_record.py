@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
-OUTSIDE = 0.01  # share of samples outside that the table comments on
+OUTSIDE = 0.02  # share of samples of a record outside, from which it is said
 LARGE_LAW = 3.0  # std(h) / std(u) above which the law does more than the record
 PER_OUTPUT = (
     "linearization_error",
@@ -98,9 +98,9 @@ class Linearizability:
         H2 norm from g to every output (eq. gains), in units of y per unit of the
         states; inf if A is not stable. Depends on the state basis as `peak_gain` does.
     outside : float or None
-        Share of samples outside the region of the training data: (x, u) where the
-        networks are extrapolated, or a measured y that training never saw; None if it
-        is not known.
+        Share of samples outside the region of the training data by more than a tenth
+        of its width or radius: (x, u) where the networks are extrapolated, or a
+        measured y that training never saw; None if it is not known.
     closed_outside : float or None
         The same in the closed loop, with u = v - h.
     bands : Bands

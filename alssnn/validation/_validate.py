@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..linearizability import judge, percent, worst_error
+from ..linearizability import OUTSIDE, judge, percent, worst_error
 from ..metrics import fit_percent
 from ._ahead import ahead_fit
 from ._lags import choose_lags
@@ -10,11 +10,11 @@ from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import column_names, scored_experiments, scored_sensitivities
 
-OUTSIDE = 0.01  # share of samples outside the training region that is accepted
 WORSE = 3.0  # error of the free run over that in training from which it is too much,
 NOTABLE = 90.0  # if the fit is below this, in percent
 EXPLAINED = 0.5  # share of a residual that u explains, from which errors of parameters
-MATTERS = 0.05  # are no excuse if it is as much as this of the output
+MATTERS = 0.05  # are no excuse if it is as much as this of the output;
+PREDICTED = 0.25  # they are none either for as much as this of the output
 OWN = 0.1  # of it, what a block has to add to those before it
 
 BEFORE = ("lags of u", "lags of u and squares")  # what squares and cubes add to
@@ -60,7 +60,8 @@ def validate(
     experiment : array_like of shape (N,) or None, default=None
         Label of the experiment of every sample.
     level : float, default=0.01
-        Probability of a false alarm of every test of residuals.
+        Probability of a false alarm of the three deciding tests of residuals together,
+        and of the test of whiteness.
     n_lags : int or "auto", default="auto"
         Number of lags of the tests, in samples; "auto" takes 25, or as many as a
         shorter record bears, at least 4. Where it does not bear these beside the
@@ -94,7 +95,9 @@ def validate(
 
     Notes
     -----
-    With several outputs a p-value is the smallest one times their number (Bonferroni).
+    The p-value of a deciding test is the smallest one of the outputs times their number
+    times three, the number of these tests (Bonferroni); that of whiteness is only
+    multiplied by the number of outputs.
     Costs five simulations, one pass of an observer, and unless `exact` one of the
     sensitivities with a QR factorization of as many columns as parameters per output.
 
@@ -170,8 +173,8 @@ def _tested(experiments, sensitivities, n_lags, **options):
     return tests, doubt
 
 
-def _bonferroni(p):
-    return float(min(1.0, len(p) * p.min()))
+def _bonferroni(p, n_tests=1):
+    return float(min(1.0, n_tests * len(p) * p.min()))
 
 
 def _untested(name, doubt, decides=True):
@@ -179,18 +182,19 @@ def _untested(name, doubt, decides=True):
     return Check(name, False, np.nan, "p-value", decides, sentence, bool(doubt))
 
 
-def _block(residuals, name, missed, doubt):
+def _block(residuals, name, missed, doubt=""):
     if residuals is None:
         return _untested(name, doubt)
     p, share = residuals.p_values[name], residuals.shares[name]
     worst = int(p.argmin())
-    value = _bonferroni(p)
+    value = _bonferroni(p, len(BLOCKS))  # `level` is that of all of them together
     what, remedy = MEANING[name]
     found = np.array([residuals.explained[block] for block in BLOCKS])
     i = BLOCKS.index(name)
     explained = found[: i + 1].sum(axis=0)  # with the blocks before
     part = np.sqrt(explained) * missed
-    large = (explained > EXPLAINED) & (part > MATTERS) & (found[i] > OWN)
+    large = (explained > EXPLAINED) & (part > MATTERS) | (part > PREDICTED)
+    large &= found[i] > OWN
     together = "they" if i == 0 else f"they and {BEFORE[i - 1]}"
     size = (
         f"On samples left out {together} predict {percent(explained.max())} of the "
@@ -228,7 +232,7 @@ def _block(residuals, name, missed, doubt):
     return Check(name, passed, value, "p-value", True, sentence, undecided)
 
 
-def _whiteness(residuals, doubt):
+def _whiteness(residuals, doubt=""):
     if residuals is None:
         return _untested("whiteness", doubt, decides=False)
     p, share = residuals.p_values["whiteness"], residuals.shares["whiteness"]
