@@ -12,14 +12,18 @@ and is solved for t = Q' w, of as many entries as there are inputs:
 With one input and P_i Q_i <= 0 the slope of F is at least one: the root lies within
 |F(t)| of any t, on the side that the sign tells, and bisection never leaves it.  Else
 Newton's method is damped until |F| falls; for a monotone phi its matrix is never
-singular.  Without a solution the values are nan.
+singular.  Where it stalls, E grows from zero in steps.  Without a solution the values
+are nan.
 """
+
+from copy import copy
 
 import numpy as np
 
 RANK = 1e-13  # relative: what is left of E below it is rounding
 MAX_ITER = 100  # bisection from any bracket to rounding, and far more than Newton's
 HALVINGS = 30
+STAGES = 20  # of a feedback that grows, where Newton's method alone is lost
 ROUNDING = 4 * np.finfo(float).eps  # of a step, relative, that ends the iteration
 BOTTOM = 1e-13  # of F, relative, where no step makes it smaller
 
@@ -65,6 +69,9 @@ class ImplicitLayer:
             t = self._bracketed(a, t, F, slope, size)
         else:
             t = self._damped(a, t, F, slope, size)
+            lost = np.isnan(t).any(axis=1) & np.isfinite(a).all(axis=1)
+            if lost.any():
+                t[lost] = self._continued(a[lost])
         return self.sigma.value(a + t @ self.P.T)
 
     def _error(self, a, t):
@@ -94,6 +101,14 @@ class ImplicitLayer:
             t = new
             F, slope, size = self._error(a, t)
             low, high = np.where(F < 0, t, low), np.where(F > 0, t, high)
+        return t
+
+    def _continued(self, a):
+        """Return the root by way of smaller feedbacks, from none to the whole."""
+        t, part = self.sigma.value(a) @ self.Q, copy(self)
+        for share in np.linspace(0, 1, STAGES + 1)[1:]:
+            part.P, part._PT = share * self.P, share * self._PT
+            t = part._damped(a, t, *part._error(a, t))
         return t
 
     def _damped(self, a, t, F, slope, size):

@@ -98,7 +98,7 @@ class Plant:
         """Say why the law is none, where it is none."""
         if self.cancels and not self.no_law:
             is_algebraic = self.feedback == "output" and not self.has_linear_output
-            reason = self._map.no_law(is_algebraic, self.delay)
+            reason = self.law_map.no_law(is_algebraic, self.delay)
             object.__setattr__(self, "no_law", reason)
 
     # -- sizes and rows --------------------------------------------------------------
@@ -141,7 +141,7 @@ class Plant:
     @cached_property
     def is_explicit(self):
         """Return whether v = u + h(s); else the law solves v = phi(u, s) for u."""
-        return not self.cancels or self._map.is_explicit
+        return not self.cancels or self.law_map.is_explicit
 
     @cached_property
     def has_linear_output(self):
@@ -356,7 +356,7 @@ class Plant:
         if not self.cancels:
             return np.zeros((*s.shape[:-1], self.nu))
         signals = [self._seen(s), *([] if u is None else [u - self.u_offset])]
-        return by_rows(self._map.cancelled, *signals)
+        return by_rows(self.law_map.cancelled, *signals)
 
     def law(self, v, s):
         """Return the input that makes v the input of the linear part.
@@ -383,7 +383,7 @@ class Plant:
         if self.is_explicit:
             return v - self.cancelled(s)
         dv = v - self.u_offset
-        return by_rows(self._map.inverse, self._seen(s), dv) + self.u_offset
+        return by_rows(self.law_map.inverse, self._seen(s), dv) + self.u_offset
 
     def jacobian(self, x, u):
         """Return the linearization at a state and an input.
@@ -432,8 +432,8 @@ class Plant:
         return Phi @ self.form.rows_x.T, A, B
 
     @cached_property
-    def _map(self):
-        """Return what makes v of s and u, as deviations."""
+    def law_map(self):
+        """Return the map from s and u to v, of deviations, as a `VirtualMap`."""
         return VirtualMap(self.law_form, self.u_scale)
 
     def _seen(self, s):

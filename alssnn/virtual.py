@@ -74,6 +74,32 @@ class VirtualMap:
             and np.all(along[sees] >= (1 - PARALLEL) * size[sees])
         )
 
+    def parts(self):
+        """Return the map in two steps, of which the second alone depends on u.
+
+        Returns
+        -------
+        before : Lure
+            Static map from s to [z; a]: what v has of s alone, and what the neurons
+            that see u see of s.
+        behind : Lure
+            Static map from [z; a; u] to v.
+        """
+        form, nu = self.form, self.nu
+        ns = form.nu - nu
+        sees = np.any(form.V[:, -nu:] != 0, axis=1)
+        m, others = int(sees.sum()), np.flatnonzero(~sees)
+        columns = np.r_[:ns, form.nu + others, -1]
+        rows = np.vstack([form.rows_z, form.rows_v[sees], form.rows_v[others]])
+        sigma = tuple(form.sigma[i] for i in others)
+        before = Lure(rows[:, columns], 0, ns, len(others), sigma)
+        z, a = np.eye(nu + m, nu), np.eye(nu + m, m, -nu)
+        u = np.vstack([form.M[:, -nu:], form.V[sees, -nu:]])
+        w = np.vstack([form.W[:, sees], np.zeros((m, m))])
+        Theta = np.hstack([z, a, u, w, np.zeros((nu + m, 1))])
+        sigma = tuple(form.sigma[i] for i in np.flatnonzero(sees))
+        return before, Lure(Theta, 0, 2 * nu + m, m, sigma)
+
     def no_law(self, is_algebraic, delay):
         """Return why no law solves v = phi(u, s), if none does.
 

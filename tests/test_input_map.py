@@ -342,3 +342,15 @@ def test_predictive_control_meets_a_limit_of_the_input_exactly():
     assert np.any([step.saturated for step in record.steps])
     assert max(np.abs(step.cut).max() for step in record.steps) < 1e-6
     assert abs(record.y[59] - reference[59]) < 1e-3 * model.plant_.y_scale
+
+
+@pytest.mark.parametrize("name", MONOTONE)
+def test_the_map_in_two_steps_is_the_map(name, rng):
+    plant = plant_of(name, rng)
+    before, behind = plant.law_map.parts()
+    ds, du = rng.standard_normal((9, before.nu)), rng.standard_normal((9, plant.nu))
+    none = np.zeros((9, 0))
+    of_s = channels(before, none, ds)
+    dv = channels(behind, none, np.hstack([of_s, du]))
+    whole = channels(plant.law_form, none, np.hstack([ds, du]))
+    np.testing.assert_allclose(dv, whole, rtol=1e-12, atol=1e-13)

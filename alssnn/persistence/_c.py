@@ -157,6 +157,7 @@ def _values(export, flags, numbers):
         "nu": plant.nu,
         "ny": plant.ny,
         "ns": plant.law_form.nu - plant.nu,
+        "n_inner": int(np.any(plant.law_form.V[:, -plant.nu :], axis=1).sum()),
         "nr": plant.ny if flags["INTEGRATES"] else plant.nu,
         "r_units": "y" if flags["INTEGRATES"] else "u",
         "late": ", then past inputs, oldest first" if flags["LATE"] else "",
@@ -216,8 +217,11 @@ def _maps(export, numbers):
     if export.law is not None and plant.is_explicit:
         maps["h"] = "what the law takes off v", export.h, {"s": export.h.nu}
     elif export.law is not None:
-        law, nu = plant.law_form, plant.nu
-        maps["phi"] = "v - u_e", law, {"s": law.nu - nu, "du": nu}
+        before, behind = plant.law_map.parts()
+        nu, m = plant.nu, behind.nw
+        comment = "what v has of s, and the neurons that see u"
+        maps["of_s"] = comment, before, {"s": before.nu}
+        maps["phi"] = "v - u_e", behind, {"z": nu, "a": m, "du": nu}
     for value, (comment, lure, signals) in maps.items():
         function = Function(value, signals, numbers, comment)
         walk(lure, signals, function, value)

@@ -104,11 +104,11 @@ static real modulus(real a)
 }
 
 /* e = phi(du, s) - dv, in sizes of u; the sum of squares */
-static real miss(const real *s, const real *dv, const real *du, real *e)
+static real miss(const real *of_s, const real *dv, const real *du, real *e)
 {
     real size = 0;
     int i;
-    phi_of(s, du, e);
+    phi_of(of_s, of_s + NU, du, e);
     for (i = 0; i < NU; i++) {
         e[i] = (e[i] - dv[i]) / u_scale[i];
         size += e[i] * e[i];
@@ -118,19 +118,19 @@ static real miss(const real *s, const real *dv, const real *du, real *e)
 
 /* The one du with phi(du, s) = dv: Newton's method, damped. phi increases with u, so
    that its slope is positive definite in sizes of u: elimination needs no pivots. */
-static void solve(const real *s, const real *dv, real *du)
+static void solve(const real *of_s, const real *dv, real *du)
 {
     real e[NU], ahead[NU], J[NU][NU], step[NU], next[NU], size, share, least;
     int n, m, i, j, k;
     for (i = 0; i < NU; i++)
         du[i] = 0;
-    size = miss(s, dv, du, e);
+    size = miss(of_s, dv, du, e);
     for (n = 0; n < MAX_ITER && isfinite(size); n++) {
         for (j = 0; j < NU; j++) {
             real h = ${H} * (u_scale[j] + modulus(du[j]));
             set(NU, du, next);
             next[j] += h;
-            miss(s, dv, next, ahead);
+            miss(of_s, dv, next, ahead);
             for (i = 0; i < NU; i++)
                 J[i][j] = (ahead[i] - e[i]) * (u_scale[j] / h);
         }
@@ -151,7 +151,7 @@ static void solve(const real *s, const real *dv, real *du)
         for (share = 1, m = 0; m < HALVINGS; m++, share *= (real)0.5) {
             for (i = 0; i < NU; i++)
                 next[i] = du[i] - share * step[i] * u_scale[i];
-            size = miss(s, dv, next, ahead);
+            size = miss(of_s, dv, next, ahead);
             if (size < least)
                 break;
         }
@@ -173,7 +173,7 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
 {
     int i;
 #if SOLVED
-    real dv[NU], du[NU];
+    real dv[NU], du[NU], of_s[NU + $n_inner];
     int limited = 0;
 #if !BY_STATE
     real ds[NY];
@@ -181,7 +181,8 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
     s = ds;
 #endif
     subtract(NU, v, u_offset, dv);
-    solve(s, dv, du);
+    of_s_of(s, of_s);
+    solve(of_s, dv, du);
     for (i = 0; i < NU; i++) {
         real wanted = du[i] + u_offset[i];
 #if LIMITED
@@ -195,7 +196,7 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
     }
     if (limited) { /* what the limits take off v, of all inputs that phi couples */
         real e[NU];
-        miss(s, dv, du, e);
+        miss(of_s, dv, du, e);
         for (i = 0; i < NU; i++)
             cut[i] = -e[i] * u_scale[i];
     }
