@@ -115,8 +115,10 @@ class ImplicitLayer:
         """Return the root by Newton's method, every row with a step of its own."""
         rows = np.arange(len(t))  # those that still move
         for _ in range(MAX_ITER):
-            with np.errstate(all="ignore"):
+            try:
                 step = np.linalg.solve(slope, F[..., None])[..., 0]
+            except np.linalg.LinAlgError:  # no monotone map
+                break
             far = np.abs(step).max(axis=1) > ROUNDING * size.max(axis=1)
             rows, F, size, step = rows[far], F[far], size[far], step[far]
             if not len(rows):
