@@ -10,6 +10,7 @@ from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import column_names, scored_experiments, scored_sensitivities
 
+LEAST = 20  # samples of which a verdict can be given
 WORSE = 3.0  # error of the free run over that in training from which it is too much,
 NOTABLE = 90.0  # if the fit is below this, in percent
 EXPLAINED = 0.5  # share of a residual that u explains, from which errors of parameters
@@ -116,6 +117,14 @@ def validate(
             "the output."
         )
     experiments, _ = scored_experiments(model, u, y, experiment)
+    n = sum(
+        int(np.isfinite(measured).any(axis=1).sum()) for _, measured, _ in experiments
+    )
+    if n < LEAST:
+        raise ValueError(
+            f"`y` must have at least {LEAST} measured samples behind those that "
+            f"estimate the initial states, got {n}. A verdict needs a longer record."
+        )
     inputs, outputs = column_names(model)
     linear = model.linearizability(u, y, experiment)
     residuals, doubt = None, ""
