@@ -27,7 +27,7 @@ from numbers import Integral
 import numpy as np
 
 from .activations import as_activation
-from .structures import ONE, AtRest, Diagonal, Factor, Matrix, Signal, Structure, Term
+from .structures import ONE, AtRest, Factor, Matrix, Signal, Structure, Term, diagonal
 
 LEAST_GAIN = 0.01  # of a monotone network: its inverse amplifies a hundredfold at most
 
@@ -452,31 +452,6 @@ class Equations:
             else term.cols in (*self._states, *self._inputs)
             for term in signal.terms
         )
-
-
-def diagonal(vector):
-    """Return the diagonal matrix of a vector.
-
-    Parameters
-    ----------
-    vector : Signal
-        A parameter or constant with one axis.
-
-    Returns
-    -------
-    matrix : Matrix
-        The diagonal matrix.
-
-    Raises
-    ------
-    ValueError
-        If it is another signal.
-    """
-    factors = [factor for term in vector.terms for factor in term.factors]
-    if vector.terms != (Term(ONE, tuple(factors[:1])),):
-        raise ValueError("`vector` must be a parameter or constant with one axis.")
-    term = Term("", (Diagonal(factors[0].name),))
-    return Matrix(2 * vector.axes, 2 * vector.shape, (term,))
 
 
 def hidden_sizes(n):

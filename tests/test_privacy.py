@@ -92,3 +92,8 @@ def test_the_search_for_attributes(code, found):
 )
 def test_the_search_for_imports(code, found):
     assert private_imports(ast.parse(code), "plotting") == found
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_module_has_one_subject_and_no_more_than_500_lines(module):
+    assert len((ROOT / module).read_text(encoding="utf-8").splitlines()) <= 500

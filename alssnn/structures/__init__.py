@@ -28,7 +28,7 @@ Which signals are channels is a matter of the view: `Structure.observe` takes ot
 and `Structure.law` makes the static map (s, u) -> v of the virtual input.
 """
 
-from ._signals import ONE, AtRest, Diagonal, Factor, Matrix, Signal, Term
+from ._signals import ONE, AtRest, Diagonal, Factor, Matrix, Signal, Term, diagonal
 from ._structure import Structure
 
 __all__ = [
@@ -40,4 +40,5 @@ __all__ = [
     "Signal",
     "Structure",
     "Term",
+    "diagonal",
 ]

@@ -325,3 +325,28 @@ class Matrix(Sum):
         axes, shape = self.axes[:1] + other.axes[1:], self.shape[:1] + other.shape[1:]
         terms = (term.within(left) for left in self.terms for term in other.terms)
         return type(other)(axes, shape, tuple(terms))
+
+
+def diagonal(vector):
+    """Return the diagonal matrix of a vector.
+
+    Parameters
+    ----------
+    vector : Signal
+        A parameter or constant with one axis.
+
+    Returns
+    -------
+    matrix : Matrix
+        The diagonal matrix.
+
+    Raises
+    ------
+    ValueError
+        If it is another signal.
+    """
+    factors = [factor for term in vector.terms for factor in term.factors]
+    if vector.terms != (Term(ONE, tuple(factors[:1])),):
+        raise ValueError("`vector` must be a parameter or constant with one axis.")
+    term = Term("", (Diagonal(factors[0].name),))
+    return Matrix(2 * vector.axes, 2 * vector.shape, (term,))
