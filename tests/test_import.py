@@ -19,6 +19,6 @@ def test_import_is_fast_and_lean():
         subprocess.run(
             [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True
         )
-        for _ in range(3)
+        for _ in range(5)  # the best of them: others share the machine
     ]
     assert min(float(run.stdout) for run in runs) < 0.2
