@@ -47,6 +47,9 @@ def initial_theta(structure, linear, experiments, rng, bounds=None, root=INITIAL
         Flat parameters.
     """
     p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
+    for name, missing in _squared(structure).items():  # before u is to act on x
+        value = root if missing is None else np.sqrt(missing)
+        p[name] = np.full(structure.shapes[name], value)
     pick = rng.integers(len(experiments))
     u, y = (signal[:START_SAMPLES] for signal in experiments[pick])
     X = simulate(
@@ -107,9 +110,6 @@ def initial_theta(structure, linear, experiments, rng, bounds=None, root=INITIAL
             seen = sum(behind(term, 1, samples) for term in terms)
             bias -= np.sum(p[name] * seen, axis=1)
         p |= dict.fromkeys(biases, bias)
-    for name, missing in _squared(structure).items():
-        value = root if missing is None else np.sqrt(missing)
-        p[name] = np.full(structure.shapes[name], value)
     return structure.join(p)
 
 

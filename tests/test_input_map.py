@@ -17,6 +17,8 @@ from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.mpc import LinearizingMPC
 from alssnn.simulation import channels, simulate
+from alssnn.starts import initial_theta
+from alssnn.subspace import identify_linear
 from helpers import plant_of_structure
 
 MONOTONE = [name for name in STRUCTURES if name.startswith("monotone")]
@@ -354,3 +356,19 @@ def test_the_map_in_two_steps_is_the_map(name, rng):
     dv = channels(behind, none, np.hstack([of_s, du]))
     whole = channels(plant.law_form, none, np.hstack([ds, du]))
     np.testing.assert_allclose(dv, whole, rtol=1e-12, atol=1e-13)
+
+
+def test_the_start_spreads_over_the_states_of_the_linear_model():
+    """phi sees x of unit size, as h does, though nothing but d u acts at R = 0."""
+    u, y = fan_arm(600, 0)
+    u, y = (u - u.mean()) / u.std(), (y - y.mean()) / y.std()
+    linear = identify_linear([(u, y)], 2)
+    structure = state_space(
+        2, 1, 1, n_h=400, C=linear.C, feedback="state", input_map="monotone"
+    )
+    rng = np.random.default_rng(0)
+    p = structure.split(initial_theta(structure, linear, [(u, y)], rng))
+    plain = state_space(2, 1, 1, n_h=400, C=linear.C, feedback="state")
+    q = plain.split(initial_theta(plain, linear, [(u, y)], np.random.default_rng(0)))
+    np.testing.assert_allclose(p["b_s"].std(), q["b_s"].std(), rtol=0.1)
+    np.testing.assert_allclose(p["r_phiu"] ** 2, 0.99)
