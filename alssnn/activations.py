@@ -43,8 +43,9 @@ class Activation:
     expressions : dict of str to str, default={}
         The value in the languages of exports, where ``{v}`` stands for the argument.
         "c" is an expression of C99 with ``math.h``, and ``{f}`` the suffix of functions
-        and numbers in single precision; "matlab" is an elementwise expression; "onnx"
-        is the name of an operator.
+        and numbers in single precision; "c_slope" is the derivative in C, where ``{w}``
+        stands for the value, taken by differences if it is missing; "matlab" is an
+        elementwise expression; "onnx" is the name of an operator.
 
     Examples
     --------
@@ -127,7 +128,12 @@ ACTIVATIONS = {
             1.0,
             odd=True,
             code=TANH,
-            expressions={"c": "tanh{f}({v})", "matlab": "tanh({v})", "onnx": "Tanh"},
+            expressions={
+                "c": "tanh{f}({v})",
+                "c_slope": "1.0{f} - {w} * {w}",
+                "matlab": "tanh({v})",
+                "onnx": "Tanh",
+            },
         ),
         Activation(
             "sigmoid",
@@ -138,6 +144,7 @@ ACTIVATIONS = {
             code=SIGMOID,
             expressions={
                 "c": "0.5{f} * (1.0{f} + tanh{f}(0.5{f} * {v}))",
+                "c_slope": "{w} * (1.0{f} - {w})",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
                 "onnx": "Sigmoid",
             },
@@ -151,6 +158,7 @@ ACTIVATIONS = {
             # a NaN stays one
             expressions={
                 "c": "{v} < 0 ? 0 : {v}",
+                "c_slope": "{v} > 0 ? 1.0{f} : 0.0{f}",
                 "matlab": "max({v}, 0)",
                 "onnx": "Relu",
             },
@@ -162,7 +170,12 @@ ACTIVATIONS = {
             (1, 1),
             odd=True,
             code=IDENTITY,
-            expressions={"c": "{v}", "matlab": "{v}", "onnx": "Identity"},
+            expressions={
+                "c": "{v}",
+                "c_slope": "1.0{f}",
+                "matlab": "{v}",
+                "onnx": "Identity",
+            },
         ),
         Activation(
             "sin",

@@ -10,18 +10,20 @@ and is solved for t = Q' w, of as many entries as there are inputs:
     F(t) = t - Q' sigma(a + P t) = 0.
 
 With one input and P_i Q_i <= 0 the slope of F is at least one: the root lies within
-|F(t)| of any t, on the side that the sign tells, and bisection never leaves it.  Else
+|F(t)| of any t, on the side that the sign tells.  Newton's method is kept in that
+bracket, and bisection takes over where its steps are not halved.  Else
 Newton's method is damped until |F| falls; for a monotone phi its matrix is never
 singular.  Where it stalls, E grows from zero in steps.  Without a solution the values
 are nan.
 """
 
 from copy import copy
+from math import inf, isfinite
 
 import numpy as np
 
 RANK = 1e-13  # relative: what is left of E below it is rounding
-MAX_ITER = 100  # bisection from any bracket to rounding, and far more than Newton's
+MAX_ITER = 200  # bisection from any bracket to rounding, and far more than Newton's
 HALVINGS = 30
 STAGES = 20  # of a feedback that grows, where Newton's method alone is lost
 ROUNDING = 4 * np.finfo(float).eps  # of a step, relative, that ends the iteration
@@ -44,6 +46,7 @@ class ImplicitLayer:
         self.P, self.Q = _factors(E)
         self._PT, self._size = np.ascontiguousarray(self.P.T), np.abs(self.Q)
         self._QP = self.Q * self.P
+        self._vectors = [z[:, 0].copy() for z in (self.P, self.Q, self._size, self._QP)]
         falls = np.all(self.P * self.Q <= 0) and sigma.slope[0] >= 0
         self.is_monotone = bool(self.P.shape[1] == 1 and falls)
 
@@ -60,7 +63,34 @@ class ImplicitLayer:
         w : ndarray of shape (N, m) or (m,)
             Values w = sigma(a + E w); nan where there is no solution.
         """
+        if self.is_monotone and a.size == len(self._PT[0]) and a.dtype == float:
+            return self._alone(a.ravel()).reshape(a.shape)
         return self._solved(np.atleast_2d(a)).reshape(a.shape)
+
+    def _alone(self, a):
+        """Return the values at one sample, in numbers: arrays of one row cost more."""
+        p, q, size_q, qp = self._vectors
+        value, derivative = self.sigma.value, self.sigma.derivative
+        w = value(a)
+        t, low, high, longest = float(w @ q), -inf, inf, inf
+        for _ in range(MAX_ITER):
+            v = a + t * p
+            w = value(v)
+            F = t - float(w @ q)
+            if not isfinite(F):
+                return np.full_like(a, np.nan)
+            low, high = max(low, t - max(F, 0.0)), min(high, t - min(F, 0.0))
+            step = F / (1.0 - float(derivative(v, w) @ qp))
+            new = t - step
+            if low <= new <= high and abs(step) <= longest:
+                longest = 0.5 * abs(step)
+            else:
+                new, longest = 0.5 * (low + high), 0.5 * (high - low)
+            far = abs(new - t) > ROUNDING * (abs(t) + float(abs(w) @ size_q))
+            t = new
+            if not far:
+                break
+        return value(a + t * p)
 
     def _solved(self, a):
         t = self.sigma.value(a) @ self.Q
@@ -88,19 +118,19 @@ class ImplicitLayer:
     def _bracketed(self, a, t, F, slope, size):
         """Return the root of a function whose slope is at least one."""
         low, high = t - np.maximum(F, 0.0), t - np.minimum(F, 0.0)
-        before = high - low
+        longest = np.inf
         for _ in range(MAX_ITER):
             step = F / slope
             new = t - step
-            # as fast as bisection at least, and never outside
-            slow = ~((new >= low) & (new <= high) & (np.abs(step) <= 0.5 * before))
-            before = np.where(slow, 0.5 * (high - low), np.abs(step))
+            slow = ~((new >= low) & (new <= high) & (np.abs(step) <= longest))
+            longest = np.where(slow, 0.5 * (high - low), 0.5 * np.abs(step))
             new = np.where(slow, 0.5 * (low + high), new)
             if not np.any(np.abs(new - t) > ROUNDING * size):
                 return new
             t = new
             F, slope, size = self._error(a, t)
-            low, high = np.where(F < 0, t, low), np.where(F > 0, t, high)
+            low = np.maximum(low, t - np.maximum(F, 0.0))
+            high = np.minimum(high, t - np.minimum(F, 0.0))
         return t
 
     def _continued(self, a):

@@ -87,16 +87,21 @@ def fitted():
     return models
 
 
+def shared_library(folder):
+    """Compile the sources of a folder, with warnings as errors."""
+    library = folder / "plant.so"
+    files = ["-o", library, folder / "plant.c", "-lm"]
+    command = ["gcc", "-O2", *STRICT.split(), "-shared", "-fPIC", *files]
+    subprocess.run(command, check=True)
+    return ctypes.CDLL(str(library))
+
+
 class Compiled:
     """Call the functions of the generated sources with arrays."""
 
     def __init__(self, model, folder, dtype="double", **options):
         to_c(model, folder, dtype=dtype, **options)
-        library = folder / "plant.so"
-        files = ["-o", library, folder / "plant.c", "-lm"]
-        command = ["gcc", "-O2", *STRICT.split(), "-shared", "-fPIC", *files]
-        subprocess.run(command, check=True)
-        self.library, self.dtype = ctypes.CDLL(str(library)), TYPES[dtype]
+        self.library, self.dtype = shared_library(folder), TYPES[dtype]
 
     def zeros(self, n):
         return np.zeros(n, self.dtype)

@@ -195,6 +195,23 @@ def test_an_implicit_layer_is_solved_to_rounding(activation, rank, rng):
     assert np.all(np.abs(sigma.value(v) - w) <= 1e-11 * (1 + size))
 
 
+def test_one_sample_is_solved_as_one_of_many(rng):
+    U = rng.standard_normal((12, 1)) * rng.choice([1e-3, 1, 30], (12, 1))
+    layer = ImplicitLayer(-U @ U.T, ACTIVATIONS["tanh"])
+    a = 20 * rng.standard_normal((300, 12))
+    w = layer.value(a)
+    assert layer.is_monotone
+    for a_k, w_k in zip(a, w, strict=True):
+        np.testing.assert_allclose(layer.value(a_k), w_k, rtol=1e-12, atol=1e-13)
+    np.testing.assert_array_equal(layer.value(a[:1]), layer.value(a[0])[None])
+    for wrong in (np.nan, np.inf, 1e308):
+        a[0] = wrong
+        lost = layer.value(a)
+        one = layer.value(a[0])
+        np.testing.assert_array_equal(np.isnan(lost[0]), np.isnan(one))
+        np.testing.assert_allclose(lost[1:], w[1:], rtol=1e-12, atol=1e-13)
+
+
 def test_a_layer_without_a_solution_says_nan():
     relu = ACTIVATIONS["relu"]
     layer = ImplicitLayer(np.array([[2.0]]), relu)  # w = max(1 + 2 w, 0)

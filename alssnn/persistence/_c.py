@@ -16,6 +16,7 @@ import numpy as np
 from ..walk import static_map, walk
 from ..whole_files import replace_file
 from ._archive import release
+from ._c_law import Inverse
 from ._c_map import SUFFIX, Function, Numbers
 from ._export import Export
 
@@ -84,8 +85,11 @@ def to_c(
             f"got {prefix!r}. It begins names in C."
         )
     export, numbers = Export.of(model, law, observer, gain), Numbers(dtype)
-    flags = _flags(export)
-    values = {"prefix": prefix, "dtype": dtype, **_values(export, flags, numbers)}
+    is_solved = export.law is not None and not export.plant.is_explicit
+    inverse = Inverse(export.plant) if is_solved else None
+    flags = _flags(export, inverse)
+    blanks = _values(export, inverse, flags, numbers)
+    values = {"prefix": prefix, "dtype": dtype, **blanks}
     texts = {
         name.format(prefix): _fill(template, prefix, flags, values)
         for template, name in TEMPLATES.items()
@@ -117,7 +121,7 @@ def _fill(template, prefix, flags, values):
     return Template("".join(lines)).substitute(values)
 
 
-def _flags(export):
+def _flags(export, inverse):
     """Return what decides on the lines of the templates."""
     plant, law = export.plant, export.law
     return {
@@ -126,8 +130,10 @@ def _flags(export):
         "LATE": bool(np.any(plant.delay)),
         "LAW": law is not None,
         "CANCELS": plant.cancels,
-        "SOLVED": law is not None and not plant.is_explicit,
+        "SOLVED": inverse is not None,
         "BY_STATE": plant.feedback == "state",
+        "INNER": inverse is not None and inverse.n_inner > 0,
+        "ONE": plant.nu == 1,
         "LIMITED": law is not None and bool(np.isfinite([law.u_min, law.u_max]).any()),
         "OBSERVER": export.M is not None,
         "GATED": export.gate is not None,
@@ -136,7 +142,7 @@ def _flags(export):
     }
 
 
-def _values(export, flags, numbers):
+def _values(export, inverse, flags, numbers):
     """Return what stands for the blanks of the templates."""
     plant, by_state = export.plant, flags["BY_STATE"]
     if flags["INTEGRATES"]:
@@ -157,7 +163,6 @@ def _values(export, flags, numbers):
         "nu": plant.nu,
         "ny": plant.ny,
         "ns": plant.law_form.nu - plant.nu,
-        "n_inner": int(np.any(plant.law_form.V[:, -plant.nu :], axis=1).sum()),
         "nr": plant.ny if flags["INTEGRATES"] else plant.nu,
         "r_units": "y" if flags["INTEGRATES"] else "u",
         "late": ", then past inputs, oldest first" if flags["LATE"] else "",
@@ -172,20 +177,21 @@ def _values(export, flags, numbers):
         "What": what.capitalize(),
         "values": ", ".join(numbers.literal("r", value) for value in demo),
         "columns": ",".join(f"{a}[{i}]" for a, n in letters for i in range(n)),
-        "H": numbers.literal("H", np.sqrt(numbers.eps)),
+        "n_inner": inverse.n_inner if inverse else 0,
+        "respond": inverse.response(numbers) if inverse else "",
         "EPS": numbers.literal("EPS", 4 * numbers.eps),
-        "constants": "\n".join(_constants(export, flags, numbers)),
-        "maps": "\n\n".join(_maps(export, numbers)),
+        "constants": "\n".join(_constants(export, inverse, flags, numbers)),
+        "maps": "\n\n".join(_maps(export, inverse, numbers)),
     }
 
 
-def _constants(export, flags, numbers):
+def _constants(export, inverse, flags, numbers):
     plant, law = export.plant, export.law
     arrays = {"u_offset": plant.u_offset}
     if flags["INTEGRATES"] or (flags["LAW"] and not flags["BY_STATE"]):
         arrays["y_offset"] = plant.y_offset
     if flags["SOLVED"]:
-        arrays["u_scale"] = plant.u_scale
+        arrays |= {"u_scale": plant.u_scale, **inverse.arrays()}
     if flags["LIMITED"]:
         arrays |= {"u_min": law.u_min, "u_max": law.u_max}
     if flags["OBSERVER"]:
@@ -204,7 +210,7 @@ def _constants(export, flags, numbers):
         yield f"static const int delay[NU] = {{{delay}}}; /* samples */"
 
 
-def _maps(export, numbers):
+def _maps(export, inverse, numbers):
     """Yield the functions of next state, output, and what the law cancels."""
     plant, form = export.plant, export.plant.form
     output = static_map(form, slice(form.nx, form.nx + plant.ny))
@@ -214,14 +220,10 @@ def _maps(export, numbers):
         "next": ("x+", static_map(form, slice(0, form.nx)), inputs),
         "y": ("y", output, inputs),
     }
-    if export.law is not None and plant.is_explicit:
+    if export.law is not None and not inverse:
         maps["h"] = "what the law takes off v", export.h, {"s": export.h.nu}
-    elif export.law is not None:
-        before, behind = plant.law_map.parts()
-        nu, m = plant.nu, behind.nw
-        comment = "what v has of s, and the neurons that see u"
-        maps["of_s"] = comment, before, {"s": before.nu}
-        maps["phi"] = "v - u_e", behind, {"z": nu, "a": m, "du": nu}
+    if inverse:
+        maps |= inverse.maps()
     for value, (comment, lure, signals) in maps.items():
         function = Function(value, signals, numbers, comment)
         walk(lure, signals, function, value)

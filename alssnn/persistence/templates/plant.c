@@ -5,6 +5,9 @@
 #define NX $nx /* states of the model$late */
 #define NU PLANT_NU
 #define NY PLANT_NY
+#if INNER
+#define N_INNER $n_inner /* neurons that see u */
+#endif
 
 typedef plant_real real;
 
@@ -95,76 +98,151 @@ void plant_output(const real x[PLANT_NX], const real *u, real y[PLANT_NY])
 }
 #if SOLVED
 
-#define MAX_ITER 60
-#define HALVINGS 30
+#define MAX_ITER 200
 
 static real modulus(real a)
 {
     return a < 0 ? -a : a;
 }
 
-/* e = phi(du, s) - dv, in sizes of u; the sum of squares */
-static real miss(const real *of_s, const real *dv, const real *du, real *e)
+/* e = phi(du, s) - dv for z = phi_s(s) - dv and q = du, all in sizes of u; J is its
+   derivative by q, and size what e is the difference of. */
+static void miss(const real *z, const real *a, const real *q, real *e, real *size,
+    real *J)
 {
-    real size = 0;
-    int i;
-    phi_of(of_s, of_s + NU, du, e);
+    int i, k;
+#if INNER
+    real w[N_INNER], d[N_INNER];
+    int j;
+    set(N_INNER, a, w);
+    add(N_INNER, NU, phi_U, q, w);
+$respond
+#else
+    (void)a;
+#endif
     for (i = 0; i < NU; i++) {
-        e[i] = (e[i] - dv[i]) / u_scale[i];
-        size += e[i] * e[i];
+        e[i] = z[i] + phi_D[i] * q[i];
+        size[i] = modulus(z[i]) + modulus(phi_D[i] * q[i]);
+        for (k = 0; k < NU; k++)
+            J[i * NU + k] = i == k ? phi_D[i] : 0;
+#if INNER
+        for (j = 0; j < N_INNER; j++) {
+            real part = phi_W[i * N_INNER + j] * w[j];
+            e[i] += part;
+            size[i] += modulus(part);
+            for (k = 0; k < NU; k++)
+                J[i * NU + k] += phi_W[i * N_INNER + j] * d[j] * phi_U[j * NU + k];
+        }
+#endif
     }
-    return size;
+}
+#if ONE
+
+/* The one q where e = 0: Newton's method in a bracket, which is halved where the steps
+   do not become smaller. phi rises by phi_D at least, so that there is a bracket. */
+static void solve(const real *z, const real *a, real *q)
+{
+    real e, size, slope, low, high, longest;
+    int n;
+    *q = 0;
+    miss(z, a, q, &e, &size, &slope);
+    longest = modulus(e / phi_D[0]);
+    if (!isfinite(longest))
+        return;
+    low = e > 0 ? -longest : 0;
+    high = e > 0 ? 0 : longest;
+    for (n = 0; n < MAX_ITER; n++) {
+        real step = -e / slope, next = *q + step;
+        int ends = modulus(e) <= ${EPS} * size; /* rounding */
+        if (!ends && next >= low && next <= high && modulus(step) <= longest)
+            longest = modulus(step) / 2;
+        else if (!ends) {
+            longest = (high - low) / 2;
+            next = low + longest;
+        }
+        ends |= modulus(next - *q) <= ${EPS} * (1 + modulus(next));
+        *q = next;
+        if (ends)
+            return;
+        miss(z, a, q, &e, &size, &slope);
+        if (e > 0)
+            high = next;
+        else
+            low = next;
+    }
+}
+#endif
+#if !ONE
+
+#define HALVINGS 30
+
+static real dot(const real *a, const real *b)
+{
+    real sum = 0;
+    int i;
+    for (i = 0; i < NU; i++)
+        sum += a[i] * b[i];
+    return sum;
 }
 
-/* The one du with phi(du, s) = dv: Newton's method, damped. phi increases with u, so
-   that its slope is positive definite in sizes of u: elimination needs no pivots. */
-static void solve(const real *of_s, const real *dv, real *du)
+/* The one q where e = 0, which is where a convex function is lowest, for J is symmetric
+   and positive definite: Newton's method without pivots. A step must halve the least
+   |e| so far, or lead down and not far past the lowest point of its line. */
+static void solve(const real *z, const real *a, real *q)
 {
-    real e[NU], ahead[NU], J[NU][NU], step[NU], next[NU], size, share, least;
+    real e[NU], J[NU * NU], size[NU], step[NU], next[NU], least;
     int n, m, i, j, k;
     for (i = 0; i < NU; i++)
-        du[i] = 0;
-    size = miss(of_s, dv, du, e);
-    for (n = 0; n < MAX_ITER && isfinite(size); n++) {
-        for (j = 0; j < NU; j++) {
-            real h = ${H} * (u_scale[j] + modulus(du[j]));
-            set(NU, du, next);
-            next[j] += h;
-            miss(of_s, dv, next, ahead);
-            for (i = 0; i < NU; i++)
-                J[i][j] = (ahead[i] - e[i]) * (u_scale[j] / h);
-        }
+        q[i] = 0;
+    miss(z, a, q, e, size, J);
+    least = dot(e, e);
+    for (n = 0; n < MAX_ITER && isfinite(least); n++) {
+        real low = 0, high = 1, share = 1, down, ahead;
+        int far = 0;
         set(NU, e, step);
         for (k = 0; k < NU; k++)
             for (i = k + 1; i < NU; i++) {
-                real l = J[i][k] / J[k][k];
+                real l = J[i * NU + k] / J[k * NU + k];
                 for (j = k; j < NU; j++)
-                    J[i][j] -= l * J[k][j];
+                    J[i * NU + j] -= l * J[k * NU + j];
                 step[i] -= l * step[k];
             }
         for (k = NU - 1; k >= 0; k--) {
             for (j = k + 1; j < NU; j++)
-                step[k] -= J[k][j] * step[j];
-            step[k] /= J[k][k];
+                step[k] -= J[k * NU + j] * step[j];
+            step[k] /= J[k * NU + k];
         }
-        least = size;
-        for (share = 1, m = 0; m < HALVINGS; m++, share *= (real)0.5) {
+        for (i = 0; i < NU; i++)
+            far |= modulus(e[i]) > ${EPS} * size[i]
+                && modulus(step[i]) > ${EPS} * (1 + modulus(q[i]));
+        if (!far) {
+            subtract(NU, q, step, q);
+            return;
+        }
+        down = dot(e, step);
+        for (m = 0; m < HALVINGS; m++) {
             for (i = 0; i < NU; i++)
-                next[i] = du[i] - share * step[i] * u_scale[i];
-            size = miss(of_s, dv, next, ahead);
-            if (size < least)
+                next[i] = q[i] - share * step[i];
+            miss(z, a, next, e, size, J);
+            ahead = dot(e, step);
+            if (dot(e, e) < least / 4) {
+                least = dot(e, e);
                 break;
+            }
+            if (ahead >= 0 && (share >= 1 || ahead <= down / 2))
+                break;
+            if (ahead < 0)
+                high = share;
+            else
+                low = share;
+            share = (low + high) / 2;
         }
-        if (!(size < least))
-            break; /* rounding */
-        set(NU, next, du);
-        set(NU, ahead, e);
-        for (k = 0, i = 0; i < NU; i++)
-            k |= modulus(step[i]) > ${EPS} * (1 + modulus(du[i]) / u_scale[i]);
-        if (!k)
-            break;
+        if (m == HALVINGS)
+            return; /* rounding */
+        set(NU, next, q);
     }
 }
+#endif
 #endif
 #if LAW
 
@@ -173,33 +251,46 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
 {
     int i;
 #if SOLVED
-    real dv[NU], du[NU], of_s[NU + $n_inner];
+    real z[NU], q[NU];
+#if INNER
+    real a[N_INNER];
+#else
+    const real *a = 0;
+#endif
+#if LIMITED
     int limited = 0;
+#endif
 #if !BY_STATE
     real ds[NY];
     subtract(NY, s, y_offset, ds);
     s = ds;
 #endif
-    subtract(NU, v, u_offset, dv);
-    of_s_of(s, of_s);
-    solve(of_s, dv, du);
+    z_of(s, z);
+#if INNER
+    a_of(s, a);
+#endif
+    for (i = 0; i < NU; i++)
+        z[i] -= (v[i] - u_offset[i]) / u_scale[i];
+    solve(z, a, q);
     for (i = 0; i < NU; i++) {
-        real wanted = du[i] + u_offset[i];
+        real wanted = u_offset[i] + q[i] * u_scale[i];
+        cut[i] = 0;
 #if LIMITED
         u[i] = wanted < u_min[i] ? u_min[i] : wanted > u_max[i] ? u_max[i] : wanted;
+        limited |= u[i] < wanted || u[i] > wanted;
+        q[i] = (u[i] - u_offset[i]) / u_scale[i];
 #else
         u[i] = wanted;
 #endif
-        limited |= u[i] != wanted;
-        du[i] = u[i] - u_offset[i];
-        cut[i] = wanted - u[i];
     }
+#if LIMITED
     if (limited) { /* what the limits take off v, of all inputs that phi couples */
-        real e[NU];
-        miss(of_s, dv, du, e);
+        real e[NU], size[NU], J[NU * NU];
+        miss(z, a, q, e, size, J);
         for (i = 0; i < NU; i++)
             cut[i] = -e[i] * u_scale[i];
     }
+#endif
 #endif
 #if !SOLVED && BY_STATE
     real h[NU];

@@ -55,9 +55,16 @@ void plant_step(plant_real x[PLANT_NX], const plant_real u[PLANT_NU]);
 /* Model: y of the same sample$unused. */
 void plant_output(const plant_real x[PLANT_NX], const plant_real *u,
     plant_real y[PLANT_NY]);
-#if LAW
+#if LAW && SOLVED
+
+/* Law: the one u with phi(u, s) = v, within the limits; s is $s_words.
+ * cut = v - phi(u, s). A v beyond the range of numbers gives the operating point. */
+#endif
+#if LAW && !SOLVED
 
 /* Law u = v - h(s) within the limits; s is $s_words. cut = v - h(s) - u. */
+#endif
+#if LAW
 void plant_law(const plant_real v[PLANT_NU], const plant_real s[PLANT_NS],
     plant_real u[PLANT_NU], plant_real cut[PLANT_NU]);
 #endif

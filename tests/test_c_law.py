@@ -1,0 +1,158 @@
+"""The law u = phi^-1(v, s) in C is that of Python: every v is reached, exactly."""
+
+import ctypes
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_c import Compiled, shared_library
+from test_extending import SOFTSIGN
+
+from alssnn.feedback import LinearizingLaw
+from alssnn.forms import of_structure
+from alssnn.lure import Lure
+from alssnn.models import state_space
+from alssnn.persistence import to_c
+from helpers import plant_of_structure
+
+N = 2000
+SIZES = {"mild": 0.1, "curved": 1.0, "steep": 5.0}
+
+
+def make_plant(nu, size, activation="tanh", feedback="state"):
+    """Return a plant with a random map; `size` multiplies all that makes it steep."""
+    rng = np.random.default_rng(nu)
+    structure = state_space(
+        3,
+        nu,
+        2,
+        n_h=5,
+        C=np.eye(2, 3),
+        feedback=feedback,
+        input_map="monotone",
+        activation=activation,
+    )
+    p = {k: 0.4 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    for weights in ("U_phi", "r_phi", "V_phi"):
+        p[weights] *= size
+    theta, scale = structure.join(p), np.array([2.0, 0.03, 500.0])[:nu]
+    units = {"x": np.ones(3), "u": scale, "y": np.ones(2)}
+    plant = plant_of_structure(structure, theta, rng)
+    return replace(plant, u_scale=scale, **of_structure(structure, theta, units))
+
+
+def signals(plant, n=N, size=3.0):
+    rng = np.random.default_rng(5)
+    s = rng.standard_normal((n, plant.law_form.nu - plant.nu))
+    if plant.feedback == "output":
+        s += plant.y_offset
+    u = plant.u_offset + size * plant.u_scale * rng.standard_normal((n, plant.nu))
+    return u, s
+
+
+def run(compiled, v, s):
+    """Return u and what was cut off, one sample after the other."""
+    u, cut = compiled.zeros(v.shape), compiled.zeros(v.shape)
+    for k in range(len(v)):
+        compiled.law(compiled.array(v[k]), compiled.array(s[k]), u[k], cut[k])
+    return u, cut
+
+
+MAPS = [
+    *((nu, size, "tanh") for nu in (1, 2, 3) for size in SIZES),
+    *((nu, "steep", a) for nu in (1, 2) for a in ("sigmoid", "relu", SOFTSIGN)),
+]
+
+
+@pytest.mark.parametrize(("nu", "size", "activation"), MAPS, ids=str)
+def test_every_v_is_reached(nu, size, activation, tmp_path):
+    plant = make_plant(nu, SIZES[size], activation)
+    u, s = signals(plant)
+    v = u + plant.cancelled(s, u)
+    found, cut = run(Compiled(plant, tmp_path, observer=False), v, s)
+    error = np.abs(found - u) / np.ptp(u, axis=0)
+    assert error.max() < 1e-12
+    expected = plant.law(v, s)
+    is_solved = np.isfinite(expected).all(axis=1)  # in Python, too
+    assert is_solved.mean() > (0.99 if nu == 3 else 0.9999)
+    error = np.abs(found - expected)[is_solved] / np.ptp(u, axis=0)
+    assert error.max() < 1e-12
+    assert not cut.any()
+
+
+@pytest.mark.parametrize("nu", [1, 2])
+def test_every_v_is_reached_in_single_precision(nu, tmp_path):
+    plant = make_plant(nu, SIZES["curved"], feedback="output")
+    u, s = signals(plant)
+    v = u + plant.cancelled(s, u)
+    compiled = Compiled(plant, tmp_path, "float", observer=False)
+    found, _ = run(compiled, v, s)
+    assert (np.abs(found - u) / np.ptp(u, axis=0)).max() < 1e-4
+
+
+@pytest.mark.parametrize("nu", [1, 3])
+def test_a_v_far_away_is_reached(nu, tmp_path):
+    """phi is a straight line far away; beyond the range of numbers u stays at rest."""
+    plant = make_plant(nu, SIZES["steep"])
+    compiled = Compiled(plant, tmp_path, observer=False)
+    s = np.zeros((1, 3))
+    for size in (1e3, 1e6, 1e12, 1e100, -1e100):
+        v = plant.u_offset + size * plant.u_scale[None]
+        u, _ = run(compiled, v, s)
+        np.testing.assert_allclose(u + plant.cancelled(s, u), v, rtol=1e-12)
+    for wrong in (1.7e308, -1.7e308, np.nan, np.inf):
+        u, cut = run(compiled, np.full((1, nu), wrong), s)
+        np.testing.assert_array_equal(u[0], plant.u_offset)
+        assert not cut.any()
+
+
+@pytest.mark.parametrize("nu", [1, 2])
+def test_limits_cut_what_python_says(nu, tmp_path):
+    plant = make_plant(nu, SIZES["curved"])
+    u, s = signals(plant, 200)
+    v = u + plant.cancelled(s, u)
+    limit = 0.5 * plant.u_scale
+    law = LinearizingLaw(plant, plant.u_offset - limit, plant.u_offset + 2 * limit)
+    found, cut = run(Compiled(plant, tmp_path, law=law, observer=False), v, s)
+    expected, expected_cut = law.split(v, s)
+    met = np.any((found == law.u_min) | (found == law.u_max), axis=1)
+    assert 0.1 < met.mean() < 0.9 + 0.1 * (nu - 1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * limit.max())
+    np.testing.assert_allclose(cut / limit, expected_cut / limit, rtol=0, atol=1e-11)
+    assert not cut[~met].any() and cut[met].any(axis=1).all()
+
+
+def test_a_map_without_curves_is_solved(tmp_path):
+    """phi = d u + h(s): none of its neurons sees u."""
+    plant = make_plant(1, SIZES["curved"])
+    Theta = plant.law_form.Theta.copy()
+    form = plant.law_form
+    Theta[form.nz :, form.nu - 1] = 0.0
+    straight = Lure(Theta, form.nx, form.nu, form.nw, form.sigma)
+    plant = replace(plant, law_form=straight)
+    assert not plant.is_explicit and not plant.no_law
+    u, s = signals(plant, 50)
+    v = u + plant.cancelled(s, u)
+    found, _ = run(Compiled(plant, tmp_path, observer=False), v, s)
+    np.testing.assert_allclose(found, u, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("size", "most"), [("mild", 4), ("curved", 8), ("steep", 40)])
+def test_few_evaluations_of_phi(size, most, tmp_path):
+    """The work is bounded, and small where phi is nearly a straight line."""
+    plant = make_plant(1, SIZES[size])
+    to_c(plant, tmp_path, observer=False)
+    path, function = tmp_path / "plant.c", "static void miss("
+    head, body = path.read_text().split(function)
+    body = body.replace("{", "{ count++;", 1)
+    path.write_text(f"{head}long count = 0;\n{function}{body}")
+    library = shared_library(tmp_path)
+    count = ctypes.c_long.in_dll(library, "count")
+    u, s = signals(plant)
+    v, out = u + plant.cancelled(s, u), np.zeros((2, 1))
+    for k in range(len(v)):
+        count.value = 0
+        library.plant_law(
+            *(z.ctypes.data_as(ctypes.c_void_p) for z in (v[k], s[k], *out))
+        )
+        assert 1 <= count.value <= most
