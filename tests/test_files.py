@@ -294,6 +294,10 @@ DOCUMENTS = {
     "long class": (lambda d: d.update(**{"class": 9_000 * "x"}), "x{300}'.*Upgrade"),
     "list of labels": (lambda d: d["fit"].update(experiments=[[0], 1]), "are labeled"),
     "inputs": (lambda d: d["params"].update(h_inputs=[None]), "`h_inputs` must hold"),
+    "endless range": (
+        lambda d: d["params"].update(h_inputs={"range": [0, 10**18, 1]}),
+        "a range of 10{18} items",
+    ),
     "linear start": (lambda d: d["params"].update(linear_start=2.5), "`linear_start`"),
     "parameter": (lambda d: d["params"].update(secret=1), "unexpected keyword"),
     "range": (lambda d: d["params"].update(gamma=-1.0), "'gamma' parameter of AlSsnn"),
