@@ -6,7 +6,6 @@ it: after the training v has the standard deviation of u along the record.
 """
 
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 
@@ -136,8 +135,8 @@ def completed(model, found, linear, experiments, seed):
     C, p = known.constants["C"], known.split(found.theta)
     nx, nu, ny = (known.sizes[axis] for axis in "xuy")
     structure = model.declare(nx, nu, ny, C)
-    D, x0 = p.get("D", np.zeros((ny, nu))), np.zeros((len(experiments), nx))
-    linear = replace(linear, A=p["A"], B=p["B"], C=C, D=D, x0=x0)
+    x0 = np.zeros((len(experiments), nx))
+    linear = linear.with_matrices({**p, "C": C}, known.given, x0=x0)
     fresh = structure.split(model._start(structure, linear, experiments, seed))
     theta, center = (
         structure.join({**fresh, **known.split(each)})

@@ -53,7 +53,7 @@ def make_plant(model):
     plant : Plant
         The model as an immutable value.
     """
-    scaling, (nx, nu) = model._scaling, model.B_.shape
+    scaling, nx, nu = model._scaling, model.nx_, model.n_features_in_
     return Plant(
         **of_structure(model._structure, model._theta, model._units()),
         u_offset=scaling.u_offset,
@@ -68,4 +68,5 @@ def make_plant(model):
         delay=model.input_delay_,
         noise=model.cost_,
         region=getattr(model, "_region", None),
+        given=tuple(map(int, model._structure.given)),
     )

@@ -198,9 +198,24 @@ def column_names(model):
     inputs, outputs : list of str
         Names of the columns of the training data, else u0, u1, ... and y0, y1, ...
     """
-    ny, nu = model.D_.shape
     inputs = getattr(model, "feature_names_in_", None)
     return (
-        check_names("feature_names_in_", inputs, "u", nu),
-        check_names("output_names_", model.output_names_, "y", ny),
+        check_names("feature_names_in_", inputs, "u", model.n_features_in_),
+        check_names("output_names_", model.output_names_, "y", len(model.C_)),
     )
+
+
+def moved_names(model):
+    """Return names of the inputs that a controller moves, as of `column_names`.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    names : list of str
+        Names, without those of measured disturbances.
+    """
+    return [column_names(model)[0][i] for i in model.plant_.moved]
