@@ -30,9 +30,12 @@ def of_structure(structure, theta, units):
     Returns
     -------
     forms : dict
-        `form`, `law_form` and `feedback` of a `Plant`.
+        `form`, `law_form`, `feedback` and `given` of a `Plant`.
     """
     moved, given = split_inputs(structure.nu, structure.given)
+    told = {"given": tuple(map(int, given))}
+    of_u = np.broadcast_to(units["u"], structure.nu)
+    units = {**units, "v": of_u[moved], "moved": of_u[moved], "d": of_u[given]}
     if "v" not in structure.signals:  # nothing that a law could cancel
         lure = _in_units(structure.observe("y"), theta, units)
         nx, ny, nd, nm = lure.nx, structure.sizes["y"], len(given), len(moved)
@@ -40,8 +43,7 @@ def of_structure(structure, theta, units):
         Theta = np.insert(lure.Theta, [nx + ny] * nm, v, axis=0)
         form = Lure(Theta, nx, lure.nu, lure.nw, lure.sigma)
         static = Lure(np.eye(nm, ny + nd + nm + 1, ny + nd), 0, ny + nd + nm, 0)
-        return {"form": form, "law_form": static, "feedback": "output"}
-    units = {**units, "v": units.get("moved", units["u"])}
+        return {**told, "form": form, "law_form": static, "feedback": "output"}
     law = structure.law()
     static = _in_units(law, law.join(structure.split(theta)), units)
     if "disturbances" in structure.options:  # u stands there as a record has it
@@ -50,6 +52,7 @@ def of_structure(structure, theta, units):
         Theta = static.Theta[:, order]
         static = Lure(Theta, 0, static.nu, static.nw, static.sigma)
     return {
+        **told,
         "form": _in_units(structure.observe("y", "v"), theta, units),
         "law_form": static,
         "feedback": "state" if law.inputs[0] == "x" else "output",

@@ -68,5 +68,4 @@ def make_plant(model):
         delay=model.input_delay_,
         noise=model.cost_,
         region=getattr(model, "_region", None),
-        given=tuple(map(int, model._structure.given)),
     )
