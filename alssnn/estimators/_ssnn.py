@@ -28,7 +28,7 @@ from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
 from ._held_out import hold_out
-from ._input_map import as_large_as_u, completed, searched
+from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular, with_integrators
 from ._judge import loses
@@ -389,7 +389,7 @@ class Ssnn(StateSpaceModel):
                 orders,
                 candidates,
                 seeds,
-                max_iter=self.max_iter,
+                max_iter=patience(self) * self.max_iter,
                 method=self.method,
                 n_jobs=self.n_jobs,
                 output_weight=self._output_weight(experiments[0][1].shape[1]),
