@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..lure import Lure
 from ..simulation import neuron_gains, regressors
 
 MAX_ITER = 8  # of Newton's method, which starts near the solution
@@ -144,15 +145,15 @@ class InputMap:
 
     def __init__(self, plant):
         self.plant, scale, nu = plant, plant.u_scale, plant.nu
-        self._before, behind = plant.law_map.parts()
+        before, behind = plant.law_map.parts()
         self._D = behind.M[:, -nu:] * scale / scale[:, None]
         self._W = behind.W / scale[:, None]
         self._P = behind.V[:, -nu:] * scale
         self._layers = [(part, behind.sigma[part.start]) for part in behind.layers]
-        C = np.eye(plant.nx)
-        if plant.feedback == "output":
-            C = plant.linear()[2]
-        self._C = C[: self._before.nu]  # no network sees past inputs
+        C = np.eye(plant.nx) if plant.feedback == "state" else plant.linear()[2]
+        ns, nx = before.nu, plant.nx  # no network sees past inputs
+        Theta = np.hstack([before.Theta[:, :ns] @ C[:ns], before.Theta[:, ns:]])
+        self._before = Lure(Theta, 0, nx, before.nw, before.sigma)
 
     def of_states(self, X):
         """Return what the map has of the states alone.
@@ -171,7 +172,7 @@ class InputMap:
         Phi : ndarray of shape (N, n)
             Regressors, for `slopes`.
         """
-        Phi = regressors(self._before, np.zeros((len(X), 0)), X @ self._C.T)
+        Phi = regressors(self._before, X[:, :0], X)
         z, a = np.split(Phi @ self._before.rows_z.T, [len(self._D)], axis=1)
         return z / self.plant.u_scale, a, Phi
 
@@ -235,9 +236,8 @@ class InputMap:
             Derivative by x.
         """
         form, nu = self._before, len(self._D)
-        by_s = form.M + neuron_gains(form, form.W, Phi) @ form.V
-        by_z, by_a = by_s[:, :nu] / self.plant.u_scale[:, None], by_s[:, nu:]
-        return (by_z + gains @ by_a) @ self._C
+        by_x = form.M + neuron_gains(form, form.W, Phi) @ form.V
+        return by_x[:, :nu] / self.plant.u_scale[:, None] + gains @ by_x[:, nu:]
 
 
 class Mapped:
@@ -295,7 +295,8 @@ class Mapped:
         if not limits.couple:
             return InputRows(self._limit(low), self._limit(high), None, du)
         slope, gains = phi.slope(*self._neurons)
-        K, F = np.linalg.inv(slope), phi.slope_by_states(self._Phi, gains)
+        F = phi.slope_by_states(self._Phi, gains)
+        K = 1 / slope if nu == 1 else np.linalg.inv(slope)
         self._slopes = K, F
         Fx = _times(F, self._X)
         w = _times(K, self.V - Fx)
@@ -337,7 +338,9 @@ class Mapped:
         for _ in range(MAX_ITER):
             value, neurons = phi(z, a, dU)
             slope, _ = phi.slope(*neurons)
-            step = np.linalg.solve(slope, (value - V)[..., None])[..., 0]
+            error = (value - V)[..., None]
+            step = error / slope if len(dU.T) == 1 else np.linalg.solve(slope, error)
+            step = step[..., 0]
             dU = dU - step
             if np.abs(step).max() <= FOUND:
                 return plant.u_offset + dU * plant.u_scale

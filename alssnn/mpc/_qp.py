@@ -49,6 +49,10 @@ class QuadraticProgram:
         self.P, self.G = csc_matrix(np.triu(P)), csc_matrix(G)
         self.settings = {"eps_abs": tol, "eps_rel": tol, "max_iter": max_iter}
         self.settings |= settings
+        self._places = {
+            name: (M.indices, np.repeat(np.arange(M.shape[1]), np.diff(M.indptr)))
+            for name, M in (("Px", self.P), ("Ax", self.G))
+        }
         self._solver = None
 
     def __getstate__(self):
@@ -72,8 +76,7 @@ class QuadraticProgram:
         data = {}
         for name, matrix, M in (("Px", self.P, P), ("Ax", self.G, G)):
             if M is not None:
-                columns = np.repeat(np.arange(M.shape[1]), np.diff(matrix.indptr))
-                matrix.data = data[name] = M[matrix.indices, columns]
+                matrix.data = data[name] = M[self._places[name]]
         if self._solver is not None:
             self._solver.update(**data)
 
