@@ -341,14 +341,6 @@ def test_what_a_monotone_map_cannot_do_is_refused():
             alssnn.FlSsnn(nx=2, input_map="monotone", **options).fit(u, y)
 
 
-def test_limits_that_the_map_couples_are_refused(rng):
-    one, two = plant_of("monotone-state", rng), plant_of("monotone", rng)
-    LinearizingMPC(one, u_max=one.u_offset + one.u_scale)
-    for plant, options in ((one, {"du_max": 0.1}), (two, {"u_min": -9.0})):
-        with pytest.raises(ValueError, match="couples the limits"):
-            LinearizingMPC(plant, **options)
-
-
 @pytest.mark.filterwarnings("ignore:.*stopped after")
 def test_predictive_control_meets_a_limit_of_the_input_exactly():
     u, y = fan_arm(600, 0)
