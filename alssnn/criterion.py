@@ -372,7 +372,8 @@ def compress(JJ, Jr, norm):
     size[still] = 1.0
     # equilibrated, so that the rounding of J'J is relative to each column
     eigenvalues, Q = eigh((JJ - np.outer(a, a)) / np.outer(size, size))
-    floor = EIGENVALUE_FLOOR * eigenvalues[-1]
+    # all of them are rounding, of either sign, where r is along the only column
+    floor = EIGENVALUE_FLOOR * max(eigenvalues[-1], 0.0)
     L_t = np.sqrt(np.maximum(eigenvalues, floor))[:, None] * Q.T * size
     L_t[:, still] = 0.0
     return np.vstack([a, L_t])

@@ -2,11 +2,14 @@
 
 A `Plant` holds such a form in the user's units; its verbs change it here: past inputs
 or a disturbance become states, the law closes the loop, and what the linear part lacks
-becomes a channel.  The last nu channels are v.
+becomes a channel.  The last channels are v, one for every input that is moved; `moved`
+are the numbers of these inputs, and the others are measured disturbances (eq.
+disturbance).
 """
 
 import numpy as np
 
+from .inputs import split_inputs
 from .lure import Lure
 
 ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
@@ -27,20 +30,31 @@ def of_structure(structure, theta, units):
     Returns
     -------
     forms : dict
-        `form`, `law_form` and `feedback` of a `Plant`.
+        `form`, `law_form`, `feedback` and `given` of a `Plant`.
     """
-    units = {**units, "v": units["u"]}
+    moved, given = split_inputs(structure.nu, structure.given)
+    told = {"given": tuple(map(int, given))}
+    of_u = np.broadcast_to(units["u"], structure.nu)
+    units = {**units, "v": of_u[moved], "moved": of_u[moved], "d": of_u[given]}
     if "v" not in structure.signals:  # nothing that a law could cancel
         lure = _in_units(structure.observe("y"), theta, units)
-        nx, (ny, nu) = lure.nx, (structure.sizes["y"], lure.nu)
-        Theta = np.insert(lure.Theta, [nx + ny] * nu, only_input(lure), axis=0)
-        form = Lure(Theta, nx, nu, lure.nw, lure.sigma)
-        static = Lure(np.eye(nu, ny + nu + 1, ny), 0, ny + nu, 0)
-        return {"form": form, "law_form": static, "feedback": "output"}
+        nx, ny, nd, nm = lure.nx, structure.sizes["y"], len(given), len(moved)
+        v = only_input(lure, moved)
+        Theta = np.insert(lure.Theta, [nx + ny] * nm, v, axis=0)
+        form = Lure(Theta, nx, lure.nu, lure.nw, lure.sigma)
+        static = Lure(np.eye(nm, ny + nd + nm + 1, ny + nd), 0, ny + nd + nm, 0)
+        return {**told, "form": form, "law_form": static, "feedback": "output"}
     law = structure.law()
+    static = _in_units(law, law.join(structure.split(theta)), units)
+    if "disturbances" in structure.options:  # u stands there as a record has it
+        ns = static.nu - structure.nu
+        order = np.r_[:ns, ns + given, ns + moved, static.nu : static.Theta.shape[1]]
+        Theta = static.Theta[:, order]
+        static = Lure(Theta, 0, static.nu, static.nw, static.sigma)
     return {
+        **told,
         "form": _in_units(structure.observe("y", "v"), theta, units),
-        "law_form": _in_units(law, law.join(structure.split(theta)), units),
+        "law_form": static,
         "feedback": "state" if law.inputs[0] == "x" else "output",
     }
 
@@ -58,7 +72,7 @@ def _in_units(structure, theta, units):
     return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
 
 
-def late_inputs(form, delay):
+def late_inputs(form, delay, moved):
     """Return a form with the past of late inputs as states.
 
     Parameters
@@ -67,6 +81,8 @@ def late_inputs(form, delay):
         Form with the inputs that have arrived.
     delay : ndarray of int of shape (nu,)
         Samples by which every input arrives late.
+    moved : ndarray of int
+        Inputs that v makes.
 
     Returns
     -------
@@ -84,14 +100,14 @@ def late_inputs(form, delay):
         past[:, oldest], now[:, i] = inputs[:, i], 0.0
         shift[newest] = 0.0
         entry[newest, i] = 1.0
-    v = virtual(form)
+    v = virtual(form, moved)
     past[v], now[v] = 0.0, inputs[v]  # v is sent now, as u is
     plus, others = np.split(np.hstack([states, past, now, rest]), [nx])
     line = np.hstack([np.zeros((n, nx)), shift, entry, np.zeros((n, rest.shape[1]))])
     return Lure(np.vstack([plus, line, others]), nx + n, nu, form.nw, form.sigma)
 
 
-def disturbed(form, kind):
+def disturbed(form, kind, moved):
     """Return the form of the state [x; d] with a constant disturbance d.
 
     Parameters
@@ -100,6 +116,8 @@ def disturbed(form, kind):
         Form of a plant.
     kind : {"output", "input"}
         Whether d is added to y or to u.
+    moved : ndarray of int
+        Inputs that v makes, and to which d may be added.
 
     Returns
     -------
@@ -107,9 +125,9 @@ def disturbed(form, kind):
         Form with as many more states, the last, which stay as they are; its v is that
         of the form without d where v = u + h(s).
     """
-    nx, nu, v = form.nx, form.nu, virtual(form)
+    nx, nu, v = form.nx, form.nu, virtual(form, moved)
     if kind == "input":
-        by_d = form.Theta[:, nx : nx + nu].copy()
+        by_d = form.Theta[:, nx + moved]
     else:
         by_d = np.eye(len(form.Theta))[:, nx : v.start]
     by_d[v] = 0.0
@@ -120,30 +138,35 @@ def disturbed(form, kind):
     return Lure(Theta, nx + nd, nu, form.nw, form.sigma)
 
 
-def closed(form):
+def closed(form, moved):
     """Return the loop u = phi^-1(v, s) (eq. loop).
 
     Parameters
     ----------
     form : Lure
         Form whose v is u, plus neurons and what does not depend on u.
+    moved : ndarray of int
+        Inputs that v makes.
 
     Returns
     -------
     loop : Lure
-        Form with the input v and the channels [y; u]. Neurons of v that see u then
+        Form with the inputs of the given one, v in the place of those that are moved,
+        and the channels [y; u], all inputs of the plant. Neurons of v that see u then
         see each other (`implicit`).
     """
-    u, gain = slice(form.nx, form.nx + form.nu), input_gain(form)[:, None]
-    to_u = -form.Theta[virtual(form)] / gain  # u = (v - h) / gain
+    u, gain = form.nx + moved, input_gain(form, moved)[:, None]
+    v = virtual(form, moved)
+    to_u = -form.Theta[v] / gain  # u = (v - h) / gain
     to_u[:, u] = np.diag(1 / gain[:, 0])
-    Theta = with_virtual(form, only_input(form)).Theta.copy()
+    Theta = np.delete(form.Theta, v, axis=0)
+    Theta = np.insert(Theta, [v.start] * form.nu, only_input(form), axis=0)
     by_u = Theta[:, u].copy()
     Theta[:, u] = 0.0
     return Lure(Theta + by_u @ to_u, form.nx, form.nu, form.nw, form.sigma)
 
 
-def closed_beside(form, law):
+def closed_beside(form, law, moved):
     """Return the loop whose law measures y beside what the model says (eq. carried).
 
     Parameters
@@ -151,56 +174,66 @@ def closed_beside(form, law):
     form : Lure
         Form of a plant with linear output, y = C x.
     law : Lure
-        Its v as a static map of [y; u].
+        Its v as a static map of [y; d; u], u the inputs that are moved.
+    moved : ndarray of int
+        Inputs that v makes.
 
     Returns
     -------
     loop : Lure
-        Form with the inputs [v; r] and the channels [y; u], u = phi^-1(v, C x + r).
+        Form with the inputs [v; r], v those of `closed`, and the channels [y; u] of
+        `closed`, u = phi^-1(v, C x + r).
     """
     nx, nu, nw, nh = form.nx, form.nu, form.nw, law.nw
-    v = virtual(form)
+    v, given = virtual(form, moved), np.setdiff1d(np.arange(nu), moved)
     ny = v.start - nx
     ends = np.cumsum([nx, nu, ny, nh, nw])
     x, u, r, w_h, w = (slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
     every = np.eye(ends[-1] + 1)  # regressors [x; v; r; w_h; w; 1]
     y_seen = form.M[nx : v.start, :nx] @ every[x] + every[r]
+    seen = np.vstack([y_seen, every[u][given]])
+    ns = len(seen)
 
     def of_law(rows):  # without what u makes
-        by_y, _, by_w, constant = np.split(rows, [ny, ny + nu, ny + nu + nh], axis=1)
-        return by_y @ y_seen + by_w @ every[w_h] + constant @ every[-1:]
+        by_s, _, by_w, constant = np.split(rows, [ns, law.nu, law.nu + nh], axis=1)
+        return by_s @ seen + by_w @ every[w_h] + constant @ every[-1:]
 
-    to_u = (every[u] - of_law(law.rows_z)) / input_gain(form)[:, None]
+    to_m = every[u][moved] - of_law(law.rows_z)
+    to_u = every[u]
+    to_u[moved] = to_m / input_gain(form, moved)[:, None]
     by_x, by_u, by_w, constant = np.split(
         form.Theta, [nx, nx + nu, nx + nu + nw], axis=1
     )
     Theta = by_x @ every[x] + by_u @ to_u + by_w @ every[w] + constant @ every[-1:]
-    Theta[v] = to_u
-    signals, neurons = np.split(Theta, [v.stop])
-    of_neurons = of_law(law.rows_v) + law.V[:, ny:] @ to_u
-    Theta = np.vstack([signals, of_neurons, neurons])
+    signals, _, neurons = np.split(Theta, [v.start, v.stop])
+    of_neurons = of_law(law.rows_v) + law.V[:, ns:] @ to_u[moved]
+    Theta = np.vstack([signals, to_u, of_neurons, neurons])
     return Lure(Theta, nx, nu + ny, nh + nw, (*law.sigma, *form.sigma))
 
 
-def observed(form):
+def observed(form, moved):
     """Return the form with the channels [y; v; omega; eta] (eq. eta).
 
     Parameters
     ----------
     form : Lure
         Form of a plant.
+    moved : ndarray of int
+        Inputs that v makes.
 
     Returns
     -------
     form : Lure
         The same with what the linear part lacks as further channels.
     """
-    # x+ - A x - B dv and y - C x - D dv are rows of Theta, whatever made them
-    nx, v = form.nx, virtual(form)
+    # x+ - A x - B dv - G dd and y - C x - D dv - H dd are rows of Theta, whatever
+    # made them; what is linear in d is G and H, also where it went through v
+    nx, v = form.nx, virtual(form, moved)
     signals, made_v = form.Theta[: v.start], form.Theta[v]
-    by_v = form.M[: v.start, nx:] / input_gain(form)
+    by_v = form.Theta[: v.start, nx + moved] / input_gain(form, moved)
     rest = signals - by_v @ made_v
     rest[:, :nx] -= form.M[: v.start, :nx]
+    rest[:, np.setdiff1d(np.arange(nx, nx + form.nu), nx + moved)] = 0.0
     # what only rounding leaves of B h is zero
     size = np.abs(signals) + np.abs(by_v) @ np.abs(made_v)
     rest[np.abs(rest) <= ROUNDING * size] = 0.0
@@ -208,37 +241,41 @@ def observed(form):
     return Lure(Theta, nx, form.nu, form.nw, form.sigma)
 
 
-def input_gain(form):
+def input_gain(form, moved):
     """Return what v has of u alone, besides neurons.
 
     Parameters
     ----------
     form : Lure
         Form of a plant.
+    moved : ndarray of int
+        Inputs that v makes.
 
     Returns
     -------
-    gain : ndarray of shape (nu,)
+    gain : ndarray of shape (n_moved,)
         Diagonal of dv/du without neurons: one where v = u + h(s).
     """
-    return form.Theta[virtual(form), form.nx : form.nx + form.nu].diagonal()
+    return form.Theta[virtual(form, moved)][:, form.nx + moved].diagonal()
 
 
-def virtual(form):
+def virtual(form, moved):
     """Return the rows of Theta that make v.
 
     Parameters
     ----------
     form : Lure
         Form of a plant.
+    moved : ndarray of int
+        Inputs that v makes.
 
     Returns
     -------
     rows : slice
-        The last nu channels.
+        The last channels, one for every input that is moved.
     """
     stop = form.nx + form.nz
-    return slice(stop - form.nu, stop)
+    return slice(stop - len(moved), stop)
 
 
 def with_virtual(form, rows):
@@ -248,7 +285,7 @@ def with_virtual(form, rows):
     ----------
     form : Lure
         Form of a plant.
-    rows : ndarray of shape (nu, n_columns)
+    rows : ndarray of shape (n_moved, n_columns)
         What makes v.
 
     Returns
@@ -257,21 +294,24 @@ def with_virtual(form, rows):
         The new form.
     """
     Theta = form.Theta.copy()
-    Theta[virtual(form)] = rows
+    Theta[virtual(form, rows)] = rows
     return Lure(Theta, form.nx, form.nu, form.nw, form.sigma)
 
 
-def only_input(form):
-    """Return the rows of a channel that is the input itself.
+def only_input(form, inputs=None):
+    """Return the rows of a channel that is inputs themselves.
 
     Parameters
     ----------
     form : Lure
         Form.
+    inputs : ndarray of int or None, default=None
+        Numbers of inputs; None means all.
 
     Returns
     -------
-    rows : ndarray of shape (nu, n_columns)
+    rows : ndarray of shape (n_inputs, n_columns)
         Rows of Theta.
     """
-    return np.eye(form.nu, form.Theta.shape[1], form.nx)
+    rows = np.eye(form.nu, form.Theta.shape[1], form.nx)
+    return rows if inputs is None else rows[inputs]

@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from .inputs import join_inputs
+
 LINEAR = ("A", "B", "C", "D")
 FITTED = ("A_", "B_", "C_", "D_")
 
@@ -58,6 +60,12 @@ class GivenSystem:
         for names in (FITTED, LINEAR):
             if all(hasattr(start, name) for name in names):
                 A, B, C, D = (np.array(getattr(start, n), dtype=float) for n in names)
+                if names is FITTED:  # B and D of all inputs alike
+                    given = start.disturbances_
+                    B, D = (
+                        join_inputs(*pair, given)
+                        for pair in ((B, start.G_), (D, start.H_))
+                    )
                 return cls(A, B, C, D, getattr(start, "dt", True))
         raise ValueError(
             "`linear_start` must be a tuple (A, B, C) or (A, B, C, D), a discrete-time "

@@ -8,6 +8,7 @@ from scipy.linalg import LinAlgWarning, eigh, lstsq, solve_discrete_lyapunov
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
+from .inputs import join_inputs, split_inputs
 from .models import state_space
 from .simulation import trajectory
 
@@ -50,12 +51,59 @@ class LinearModel:
 
     @property
     def structure(self):
-        """Return the linear structure with free C."""
-        nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
-        return state_space(nx, nu, ny, feedthrough=self.feedthrough)
+        """Return the linear structure with free C, which moves all inputs alike."""
+        return self._structure(())
 
-    def as_fit(self):
+    def by_name(self, given=()):
+        """Return the matrices by the names that they have in `models.state_space`.
+
+        Parameters
+        ----------
+        given : sequence of int, default=()
+            Columns of u that are measured disturbances.
+
+        Returns
+        -------
+        matrices : dict of str to ndarray
+            A, B, C, D, and G and H for the columns that are given.
+        """
+        moved, given = split_inputs(self.B.shape[1], given)
+        matrices = {"A": self.A, "B": self.B[:, moved], "C": self.C}
+        matrices["D"] = self.D[:, moved]
+        if len(given):
+            matrices |= {"G": self.B[:, given], "H": self.D[:, given]}
+        return matrices
+
+    def with_matrices(self, p, given, **changes):
+        """Return the model with other matrices.
+
+        Parameters
+        ----------
+        p : dict of str to ndarray
+            Matrices A, B, C, D, G and H, as of `by_name`; D and H may be missing.
+        given : sequence of int
+            Columns of u that are measured disturbances.
+        **changes : dict
+            Other fields that change.
+
+        Returns
+        -------
+        model : LinearModel
+            The model.
+        """
+        (nx, nv), ny, nd = p["B"].shape, len(p["C"]), len(given)
+        D, H = p.get("D", np.zeros((ny, nv))), p.get("H", np.zeros((ny, nd)))
+        B = join_inputs(p["B"], p.get("G", np.zeros((nx, nd))), given)
+        D = join_inputs(D, H, given)
+        return replace(self, A=p["A"], B=B, C=p["C"], D=D, **changes)
+
+    def as_fit(self, given=()):
         """Return the model as a fitted structure.
+
+        Parameters
+        ----------
+        given : sequence of int, default=()
+            Columns of u that are measured disturbances.
 
         Returns
         -------
@@ -66,9 +114,14 @@ class LinearModel:
         result : OptimizeResult
             Outcome of the refinement, with `x0` in the basis of this model.
         """
-        structure = self.structure
+        structure = self._structure(given)
         result = OptimizeResult({**(self.result or {}), "x0": self.x0})
-        return structure, structure.join(vars(self)), result
+        return structure, structure.join(self.by_name(given)), result
+
+    def _structure(self, given):
+        nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
+        options = {"feedthrough": self.feedthrough, "disturbances": given}
+        return state_space(nx, nu, ny, **options)
 
 
 class AllEntries(Criterion):

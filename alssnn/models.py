@@ -5,10 +5,16 @@
 
 Any of h, g, k and D may be left out: the linear model has none of them, FL-SSNN has h,
 GR-SSNN g, and AL-SSNN both.
+
+Columns of u that are measured disturbances d are none that a controller moves: v has
+only the others, G d and H d are linear, and h sees d beside s (eq. disturbance).
 """
+
+import numpy as np
 
 from .activations import as_activation
 from .equations import Equations, hidden_sizes
+from .inputs import split_inputs
 
 NETWORKS = ("h", "g", "k")
 
@@ -28,6 +34,7 @@ def state_space(
     odd=False,
     activation="tanh",
     input_map="identity",
+    disturbances=(),
 ):
     """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x + D u + k(x, u).
 
@@ -58,6 +65,9 @@ def state_space(
     input_map : {"identity", "monotone"}, default="identity"
         Whether h sees s alone, or v = u + h(s, u) = phi(u, s) is a monotone map of u:
         h(s) and a layer of as many neurons as its last one (eq. monotone).
+    disturbances : tuple of int, default=()
+        Columns of u that are measured but not moved: parameters G and, beside D, H,
+        and weights of h named ``W_d`` and, of a monotone map, ``V_phid``.
 
     Returns
     -------
@@ -78,13 +88,21 @@ def state_space(
     if C is None and any(n.values()):
         raise ValueError("`C` must be given for a model with networks, got None.")
     sigma = _activations(activation, odd)
-    e = Equations(x=nx, u=nu, y=ny, zeta=nx)
+    sizes, (moved, given) = {}, split_inputs(nu, disturbances)
+    if len(given):
+        sizes = {"moved": len(moved), "d": len(given)}
+    e = Equations(x=nx, u=nu, y=ny, zeta=nx, **sizes)
     x, u = e.state("x"), e.input("u")
-    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    m, of_m, of_d = u, "u", {}
+    if len(given):  # of u, what a controller moves and what it only sees
+        m, of_m = e.constant("S_m", np.eye(nu)[moved], "moved", "u") @ u, "moved"
+        of_d = {"d": e.constant("S_d", np.eye(nu)[given], "d", "u") @ u}
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", of_m)
     C = e.parameter("C", "y", "x") if C is None else e.constant("C", C, "y", "x")
     y = C @ x
     if feedthrough:
-        y += e.parameter("D", "y", "u") @ u
+        y += e.parameter("D", "y", of_m) @ m
+        y = sum((e.parameter("H", "y", "d") @ d for d in of_d.values()), start=y)
 
     def network(net, axis, biases, bias, **inputs):
         value = e.mlp(
@@ -95,15 +113,17 @@ def state_space(
     of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
     y = e.signal("y", y + network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u))
     of_x = feedback == "state"
-    seen = {"W_s" if of_x else "W_y": x if of_x else y}
-    h = network("h", "u", of_h, "b_s" if of_x else "b_y", **seen)
+    s = {"s" if of_x else "y": x if of_x else y, **of_d}
+    seen = {f"W_{letter}": signal for letter, signal in s.items()}
+    h = network("h", of_m, of_h, "b_s" if of_x else "b_y", **seen)
     if n["h"] and input_map == "monotone":  # behind h(s), which does not see u
-        seen = {"V_phi": x if of_x else y}
+        seen = dict(zip(("V_phi", "V_phid"), s.values(), strict=False))
         options = {"biases": of_h, "activation": sigma["h"]}
-        h += e.monotone("phi", u, n["h"][-1], seen, **options) - u
-    v = e.signal("v", u + (e.signal("h", h) if n["h"] else h))
+        h += e.monotone("phi", m, n["h"][-1], seen, **options) - m
+    v = e.signal("v", m + (e.signal("h", h) if n["h"] else h))
     g = network("g", "x", of_g, "b_x", W_x=x, W_u=u)
-    updates = {"x": A @ x + B @ v + g}
+    driven = (e.parameter("G", "x", "d") @ d for d in of_d.values())
+    updates = {"x": sum(driven, start=A @ x + B @ v) + g}
     if n["g"]:  # what g adds to the output (eq. penalty)
         zeta = e.state("zeta")
         updates["zeta"] = A @ zeta + g
@@ -119,6 +139,7 @@ def state_space(
             "odd": odd,
             "activation": sigma,
             "input_map": input_map,
+            **({"disturbances": tuple(map(int, given))} if len(given) else {}),
         },
     )
 

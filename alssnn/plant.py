@@ -2,16 +2,18 @@
 
 A `Plant` is the Lur'e form of one identified model in the units of its user, with the
 outputs y and the virtual input v as channels, and all that others must know of the
-signals: operating point, sizes, names, delays, sampling time, the region of the
-training data, the noise.  It cannot be changed; its verbs return numbers or other
-plants.  States are deviations, u and y carry their operating point,
+signals (`Signals`), the region of the training data, and the noise.  It cannot be
+changed; its verbs return numbers or other plants.  States are deviations, u and y carry
+their operating point,
 
     x+ = f(x, u - u_offset),    y = c(x, u - u_offset) + y_offset,    v = phi(u, s)
 
 What is linear is linear from v, x+ = A x + B dv + omega and y = C x + D dv + eta with
-dv = v - u_offset; omega and eta are what the linear model lacks, whatever equation the
+dv = v - v_offset; omega and eta are what the linear model lacks, whatever equation the
 plant was declared by.  The law solves v = phi(u, s) for u.
 
+Measured disturbances d are none of v: they add G dd and H dd, and the law measures them
+beside s (eq. disturbance).
 Inputs that arrive late carry their past as further states, behind those of the model
 (`late`); a plant whose delays still stand beside it refuses to be stepped or closed, so
 that nobody forgets them.
@@ -25,39 +27,25 @@ import numpy as np
 from . import forms
 from .lure import Lure
 from .region import Region
+from .signals import Signals
 from .simulation import neuron_gains, regressors
 from .virtual import VirtualMap, by_rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Plant:
+class Plant(Signals):
     """Hold one identified model, in the units of the user.
 
     Parameters
     ----------
     form : Lure
         Model with the states x, the inputs that have arrived, and the channels [y; v];
-        all signals are deviations.
+        all signals are deviations. Inputs are those of a record, in its order.
     law_form : Lure
         The same v as a static map of what the law measures: no states, the inputs
-        [s; u], the channel v; deviations.
+        [s; d; u] with the u that are moved, the channel v; deviations.
     feedback : {"output", "state"}
         What the law measures: s = y, or s = x.
-    u_offset : ndarray of shape (nu,)
-        Operating point of the inputs, in the units of u.
-    y_offset : ndarray of shape (ny,)
-        Operating point of the outputs, in the units of y.
-    u_scale, y_scale, x_scale : ndarray
-        Standard deviations of the training data, and of the states at the start of
-        the training.
-    dt : float
-        Sampling time, in seconds.
-    inputs, outputs : list of str
-        Names of the signals.
-    name : str
-        Name of the model.
-    delay : ndarray of int of shape (nu,)
-        Samples by which every input arrives late; zero where its past is a state.
     n_late : int, default=0
         Number of last states that are past inputs.
     noise : float, default=0.0
@@ -79,16 +67,6 @@ class Plant:
     form: Lure
     law_form: Lure
     feedback: str
-    u_offset: np.ndarray
-    y_offset: np.ndarray
-    u_scale: np.ndarray
-    y_scale: np.ndarray
-    x_scale: np.ndarray
-    dt: float
-    inputs: list
-    outputs: list
-    name: str
-    delay: np.ndarray
     n_late: int = 0
     noise: float = 0.0
     region: Region | None = field(default=None, repr=False)
@@ -97,7 +75,7 @@ class Plant:
     def __post_init__(self):
         """Say why the law is none, where it is none."""
         if self.cancels and not self.no_law:
-            is_algebraic = self.feedback == "output" and not self.has_linear_output
+            is_algebraic = self.feedback == "output" and self.feeds_through
             reason = self.law_map.no_law(is_algebraic, self.delay)
             object.__setattr__(self, "no_law", reason)
 
@@ -109,16 +87,6 @@ class Plant:
         return self.form.nx
 
     @property
-    def nu(self):
-        """Return the number of inputs."""
-        return self.form.nu
-
-    @property
-    def ny(self):
-        """Return the number of outputs."""
-        return len(self.y_offset)
-
-    @property
     def lure(self):
         """Return the Lur'e form, with channels [y; v]; refuse it if inputs are late."""
         if np.any(self.delay):
@@ -128,15 +96,11 @@ class Plant:
             )
         return self.form
 
-    @property
-    def virtual_rows(self):
-        """Return the rows of the Lur'e form that make v, shape (nu, n_columns)."""
-        return self.form.rows_z[self.ny :]
-
     @cached_property
     def cancels(self):
         """Return whether v is more than u."""
-        return bool(np.any(self.virtual_rows != forms.only_input(self.form)))
+        only_u = forms.only_input(self.form, self.moved)
+        return bool(np.any(self.form.rows_z[self.ny :] != only_u))
 
     @cached_property
     def is_explicit(self):
@@ -149,9 +113,16 @@ class Plant:
         return not np.any(self.form.rows_z[: self.ny, self.nx :])
 
     @cached_property
+    def feeds_through(self):
+        """Return whether y depends on inputs of the same sample that are moved."""
+        rows = self.form.rows_z[: self.ny, self.nx :]
+        by_u, others = rows[:, self.moved], rows[:, self.nu : -1]
+        return bool(np.any(by_u) or np.any(others))  # a neuron may see them
+
+    @cached_property
     def observed(self):
         """Return the form with the channels [y; v; omega; eta] (eq. eta)."""
-        return forms.observed(self.lure)
+        return forms.observed(self.lure, self.moved)
 
     # -- other plants ----------------------------------------------------------------
 
@@ -181,10 +152,10 @@ class Plant:
             return self
         form = self.form
         if self.no_law:
-            form = forms.with_virtual(form, forms.only_input(form))
+            form = forms.with_virtual(form, forms.only_input(form, self.moved))
         return replace(
             self,
-            form=forms.late_inputs(form, self.delay),
+            form=forms.late_inputs(form, self.delay, self.moved),
             delay=np.zeros_like(self.delay),
             n_late=n,
         )
@@ -195,12 +166,13 @@ class Plant:
         Parameters
         ----------
         kind : {"output", "input"}
-            Whether d is added to y, in its units, or to u, in those of u.
+            Whether d is added to y, in its units, or to the inputs that are moved, in
+            theirs.
 
         Returns
         -------
         plant : Plant
-            The same model with nx + ny or nx + nu states, the last of which stay as
+            The same model with nx + ny or nx + nv states, the last of which stay as
             they are. Its v is that of the plant without d if `is_explicit`.
 
         Raises
@@ -213,7 +185,7 @@ class Plant:
                 f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
                 "the model integrates."
             )
-        return replace(self, form=forms.disturbed(self.lure, kind))
+        return replace(self, form=forms.disturbed(self.lure, kind, self.moved))
 
     def close(self):
         """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).
@@ -221,8 +193,8 @@ class Plant:
         Returns
         -------
         loop : Lure
-            Form with the states of the plant, the input v and the channels [y; u], all
-            deviations.
+            Form with the states of the plant, the inputs of the plant with v in the
+            place of those that are moved, and the channels [y; u], all deviations.
 
         Raises
         ------
@@ -232,7 +204,7 @@ class Plant:
         lure = self.lure
         if self.no_law:
             raise ValueError(self.no_law)
-        return forms.closed(lure)
+        return forms.closed(lure, self.moved)
 
     def linearized(self):
         """Return the plant behind its law: v is its input, and nothing is cancelled.
@@ -242,12 +214,14 @@ class Plant:
         plant : Plant
             The loop of `close` as a plant.
         """
-        loop = self.close()
-        ns, nu = self.law_form.nu - self.nu, self.nu
+        loop, n, nv = self.close(), self.law_form.nu, self.nv
+        rows = self.nx + self.ny + np.asarray(self.given, dtype=int)
+        Theta = np.delete(loop.Theta, rows, axis=0)  # its u are only those that move
+        form = Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma)
         return replace(
             self,
-            form=forms.with_virtual(loop, forms.only_input(loop)),
-            law_form=Lure(np.eye(nu, ns + nu + 1, ns), 0, ns + nu, 0),
+            form=forms.with_virtual(form, forms.only_input(form, self.moved)),
+            law_form=Lure(np.eye(nv, n + 1, n - nv), 0, n, 0),
         )
 
     # -- numbers ---------------------------------------------------------------------
@@ -258,11 +232,27 @@ class Plant:
         Returns
         -------
         A, B, C, D : ndarray
-            Matrices of x+ = A x + B dv + omega, y = C x + D dv + eta.
+            Matrices of x+ = A x + B dv + G dd + omega, y = C x + D dv + H dd + eta.
         """
         nx, M = self.nx, self.lure.M[: self.nx + self.ny]
-        by_v = M[:, nx:] / forms.input_gain(self.form)
+        by_v = M[:, nx + self.moved] / forms.input_gain(self.form, self.moved)
         return M[:nx, :nx], by_v[:nx], M[nx:, :nx], by_v[nx:]
+
+    def disturbed_by(self):
+        """Return what measured disturbances do to the linear part.
+
+        Returns
+        -------
+        G : ndarray of shape (nx, nd)
+            Part of x+ that is linear in them.
+        H : ndarray of shape (ny, nd)
+            Part of y.
+        """
+        nx, M = self.nx, self.lure.M
+        _, B, _, D = self.linear()
+        given = nx + np.asarray(self.given, dtype=int)
+        by_d = M[: nx + self.ny, given] - np.vstack([B, D]) @ M[nx + self.ny :, given]
+        return by_d[:nx], by_d[nx:]
 
     def step(self, x, u):
         """Return the next state.
@@ -326,64 +316,68 @@ class Plant:
 
         Returns
         -------
-        v : ndarray of shape (nu,) or (N, nu)
+        v : ndarray of shape (nv,) or (N, nv)
             Input of the linear part, in the units of u.
         """
-        v = self._regressors(x, u) @ self.virtual_rows.T + self.u_offset
-        return v.reshape(*x.shape[:-1], self.nu)
+        v = self._regressors(x, u) @ self.form.rows_z[self.ny :].T + self.v_offset
+        return v.reshape(*x.shape[:-1], self.nv)
 
-    def cancelled(self, s, u=None):
+    def cancelled(self, s, u=None, d=None):
         """Return what the law takes off v.
 
         Parameters
         ----------
         s : ndarray of shape (ns,) or (N, ns)
             Measured output, in the units of y, or state.
-        u : ndarray of shape (nu,) or (N, nu) or None, default=None
-            Input, in the user's units; needed unless `is_explicit`.
+        u : ndarray of shape (nv,) or (N, nv) or None, default=None
+            Inputs that are moved, in the user's units; needed unless `is_explicit`.
+        d : ndarray of shape (nd,) or (N, nd) or None, default=None
+            Measured disturbances, in the user's units; needed if there are any.
 
         Returns
         -------
-        h : ndarray of shape (nu,) or (N, nu)
+        h : ndarray of shape (nv,) or (N, nv)
             Nonlinearity h = phi(u, s) - u, in the units of u; zero for a model without
             it.
 
         Raises
         ------
         ValueError
-            If `u` is missing though h depends on it.
+            If `u` is missing though h depends on it, or `d` is.
         """
         if not self.cancels:
-            return np.zeros((*s.shape[:-1], self.nu))
-        signals = [self._seen(s), *([] if u is None else [u - self.u_offset])]
+            return np.zeros((*s.shape[:-1], self.nv))
+        signals = [self._seen(s, d), *([] if u is None else [u - self.v_offset])]
         return by_rows(self.law_map.cancelled, *signals)
 
-    def law(self, v, s):
+    def law(self, v, s, d=None):
         """Return the input that makes v the input of the linear part.
 
         Parameters
         ----------
-        v : ndarray of shape (nu,) or (N, nu)
+        v : ndarray of shape (nv,) or (N, nv)
             Wanted virtual input, in the units of u.
         s : ndarray of shape (ns,) or (N, ns)
             Measured output, in the units of y, or state.
+        d : ndarray of shape (nd,) or (N, nd) or None, default=None
+            Measured disturbances, in the user's units; needed if there are any.
 
         Returns
         -------
-        u : ndarray of shape (nu,) or (N, nu)
-            Input of the plant, in the user's units.
+        u : ndarray of shape (nv,) or (N, nv)
+            Inputs of the plant that are moved, in the user's units.
 
         Raises
         ------
         ValueError
-            If the law is none of this plant, see `no_law`.
+            If the law is none of this plant, see `no_law`, or `d` is missing.
         """
         if self.no_law:
             raise ValueError(self.no_law)
         if self.is_explicit:
-            return v - self.cancelled(s)
-        dv = v - self.u_offset
-        return by_rows(self.law_map.inverse, self._seen(s), dv) + self.u_offset
+            return v - self.cancelled(s, d=d)
+        dv = v - self.v_offset
+        return by_rows(self.law_map.inverse, self._seen(s, d), dv) + self.v_offset
 
     def jacobian(self, x, u):
         """Return the linearization at a state and an input.
@@ -434,12 +428,18 @@ class Plant:
     @cached_property
     def law_map(self):
         """Return the map from s and u to v, of deviations, as a `VirtualMap`."""
-        return VirtualMap(self.law_form, self.u_scale)
+        return VirtualMap(self.law_form, self.v_scale)
 
-    def _seen(self, s):
+    def _seen(self, s, d):
         """Return deviations of what the law measures."""
         ds = s - self.y_offset if self.feedback == "output" else s
-        return ds[..., : self.law_form.nu - self.nu]  # no network sees past inputs
+        ds = ds[..., : self.law_form.nu - self.nu]  # no network sees past inputs
+        if not self.given and d is None:
+            return ds
+        dd = self.check_disturbances(d) - self.d_offset
+        rows = np.broadcast_shapes(ds.shape[:-1], dd.shape[:-1])
+        pair = (np.broadcast_to(z, (*rows, z.shape[-1])) for z in (ds, dd))
+        return np.concatenate(list(pair), axis=-1)
 
     def _regressors(self, x, u):
         """Return phi of states and inputs, one per row."""

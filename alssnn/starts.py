@@ -46,7 +46,8 @@ def initial_theta(structure, linear, experiments, rng, bounds=None, root=INITIAL
     theta : ndarray of shape (n_params,)
         Flat parameters.
     """
-    p = {"A": linear.A, "B": linear.B, "C": linear.C, "D": linear.D}
+    nu = linear.B.shape[1]  # of records; an input of the structure may be none of them
+    p = linear.by_name([i for i in structure.given if i < nu])
     for name, missing in _squared(structure).items():  # before u is to act on x
         value = root if missing is None else np.sqrt(missing)
         p[name] = np.full(structure.shapes[name], value)
@@ -125,7 +126,8 @@ def _squared(structure):
                         others = sum(
                             other.gain
                             for other in signal.terms
-                            if other.cols == term.cols and not other.factors
+                            if other.cols == term.cols
+                            and other.factors == term.factors[2:]
                         )
                         # the signal is v itself, or what it has beside u
                         found[first.name] = -others if others < 0 else 1.0 - others

@@ -50,9 +50,9 @@ class FrequencyBand:
     ----------
     omega : ndarray of shape (n_frequencies,)
         Frequencies, in rad/s.
-    response : ndarray of complex of shape (n_frequencies, ny, nu)
+    response : ndarray of complex of shape (n_frequencies, ny, nv)
         G from every input to every output, in units of y per unit of u.
-    covariance : ndarray of shape (n_frequencies, ny, nu, 2, 2)
+    covariance : ndarray of shape (n_frequencies, ny, nv, 2, 2)
         Covariance of (Re G, Im G).
     holds : bool, default=True
         Whether intervals of this width cover the truth; see `ParameterCovariance`.
@@ -77,14 +77,14 @@ class FrequencyBand:
 
     @property
     def magnitude_std(self):
-        """Return the standard error of the magnitude, shape (n_frequencies, ny, nu)."""
+        """Return the standard error of the magnitude, shape (n_frequencies, ny, nv)."""
         size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
         along = np.stack([self.response.real, self.response.imag], -1) / size[..., None]
         return _spread(along, self.covariance)
 
     @property
     def phase_std(self):
-        """Return the standard error of the phase in rad, (n_frequencies, ny, nu)."""
+        """Return the standard error of the phase in rad, (n_frequencies, ny, nv)."""
         square = np.maximum(np.abs(self.response) ** 2, np.finfo(float).tiny)
         across = np.stack([-self.response.imag, self.response.real], -1)
         return _spread(across / square[..., None], self.covariance)
@@ -99,7 +99,7 @@ class FrequencyBand:
 
         Returns
         -------
-        low, high : ndarray of shape (n_frequencies, ny, nu)
+        low, high : ndarray of shape (n_frequencies, ny, nv)
             Limits; none is negative. Nan where there is no such band (`holds`).
 
         Raises
@@ -117,14 +117,14 @@ class FrequencyBand:
 
         Parameters
         ----------
-        response : ndarray of complex of shape (n_frequencies, ny, nu)
+        response : ndarray of complex of shape (n_frequencies, ny, nv)
             Response at the same frequencies, such as the true one.
         level : float, default=0.95
             Probability of every ellipse.
 
         Returns
         -------
-        covered : ndarray of bool of shape (n_frequencies, ny, nu)
+        covered : ndarray of bool of shape (n_frequencies, ny, nv)
             Whether the response is inside; nowhere if there is no such ellipse
             (`holds`).
 
@@ -306,7 +306,8 @@ class ParameterCovariance:
         Returns
         -------
         band : FrequencyBand
-            Response of (A, B, C, D), which does not depend on the state basis.
+            Response of (A, B, C, D), which does not depend on the state basis; from
+            the inputs that are moved.
 
         Raises
         ------
@@ -333,12 +334,13 @@ class ParameterCovariance:
                 f"{omega.tolist()}. Move it a little."
             ) from None
         CR, RB = C @ R, R @ B
-        late = z[:, None] ** -self.input_delay  # (F, nu)
+        delay = np.delete(self.input_delay, self.structure.given)
+        late = z[:, None] ** -delay  # (F, nv)
         su, sy = (np.broadcast_to(self.units[axis], n) for axis, n in _ends(B, C))
-        scale = late[:, None, :] * sy[:, None] / su  # (F, ny, nu)
-        ny, nu = D.shape
-        dG = np.zeros((len(omega), ny, nu, len(self.theta)), dtype=complex)
-        eye_u, eye_y = np.eye(nu), np.eye(ny)
+        scale = late[:, None, :] * sy[:, None] / su  # (F, ny, nv)
+        ny, nv = D.shape
+        dG = np.zeros((len(omega), ny, nv, len(self.theta)), dtype=complex)
+        eye_u, eye_y = np.eye(nv), np.eye(ny)
         # dG_ij / dM_kl = (what is left of M)_ik (what is right of it)_lj
         parts = {
             "A": np.einsum("fik,flj->fijkl", CR, RB),
@@ -351,7 +353,7 @@ class ParameterCovariance:
                 part = np.broadcast_to(
                     parts[name], (len(omega), *parts[name].shape[1:])
                 )
-                dG[..., where] = part.reshape(len(omega), ny, nu, -1)
+                dG[..., where] = part.reshape(len(omega), ny, nv, -1)
         dG *= scale[..., None]
         jacobian = np.stack([dG.real, dG.imag], axis=-2)
         covariance = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
@@ -401,7 +403,7 @@ class ParameterCovariance:
 
 
 def _ends(B, C):
-    return ("u", B.shape[1]), ("y", len(C))
+    return ("moved", B.shape[1]), ("y", len(C))
 
 
 def _spread(gradient, covariance):

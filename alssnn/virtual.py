@@ -33,7 +33,8 @@ class VirtualMap:
     Parameters
     ----------
     form : Lure
-        The map: no states, the inputs [s; u], the channel v.
+        The map: no states, the inputs [s; u], the channel v; s is all that the law
+        measures.
     scale : ndarray of shape (nu,)
         Sizes of the inputs.
     """
@@ -181,7 +182,9 @@ class VirtualMap:
         form, ns = self.form, self.form.nu - self.nu
         stay = np.eye(ns, form.Theta.shape[1])
         Theta = np.vstack([stay, form.Theta])
-        return forms.closed(Lure(Theta, ns, self.nu, form.nw, form.sigma))
+        return forms.closed(
+            Lure(Theta, ns, self.nu, form.nw, form.sigma), np.arange(self.nu)
+        )
 
     def _regressors(self, s, u):
         return regressors(self.form, np.zeros((len(s), 0)), np.hstack([s, u]))

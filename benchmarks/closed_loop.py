@@ -190,9 +190,16 @@ def references(setting, seed, offset):
     return offset[:, None] + np.hstack([start, np.repeat(steps, setting.hold, axis=1)])
 
 
-def follow(plant, model, K, r, x0, limits):
-    """Run the true plant and the designed loop; return true y, designed y and v."""
-    r_model = r - model.y_offset_[:, None]
+def follow(plant, model, K, r, x0, limits, d=None):
+    """Run the true plant and the designed loop; return true y, designed y and v.
+
+    Measured disturbances `d`, a row each, are given to both.
+    """
+    own = model.plant_
+    d = np.empty((0, r.shape[1])) if d is None else d
+    rest = np.concatenate([own.y_offset, own.d_offset])[:, None]
+    r = np.vstack([r, d])
+    r_model = r - rest
     t = times(plant, r)
     designed = control.forced_response(
         designed_loop(model, K), t, r_model, squeeze=False
@@ -202,9 +209,9 @@ def follow(plant, model, K, r, x0, limits):
     start = np.zeros(loop.nstates)
     start[: len(x0)] = x0  # the plant comes first
     true = control.input_output_response(loop, t, r, start, squeeze=False).outputs
-    ny = len(r)
+    ny = own.ny
     design = designed[:ny] + model.y_offset_[:, None]
-    return true[:ny], design, designed[ny:] + model.u_offset_[:, None]
+    return true[:ny], design, designed[ny:] + own.v_offset[:, None]
 
 
 def times(plant, r):

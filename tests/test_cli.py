@@ -187,6 +187,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "stability": None,
         "feedback": "output",
         "input_map": "monotone",
+        "disturbances": None,
         "n_init": 2,
         "random_state": 5,
         "dt": 0.1,
@@ -194,6 +195,23 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
     }
     out, err = capsys.readouterr()
     assert "Figure" not in out and "Accuracy" not in out and err == ""
+
+
+def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
+    record = alssnn.datasets.make_valve_tank(400, random_state=0)
+    table = np.column_stack([record.u, record.y])
+    file = tmp_path / "tank.csv"
+    np.savetxt(file, table, delimiter=",", header="valve,inflow,level", comments="")
+    model = tmp_path / "model.npz"
+    argv = ["fit", str(file), "--input", "valve", "--disturbance", "inflow"]
+    argv += ["--output", "level", "--model", "lti", "--nx", "1", "--save", str(model)]
+    assert cli.main([*argv, "--quiet"]) == 0
+    fitted = alssnn.load(model)
+    np.testing.assert_array_equal(fitted.disturbances_, [1])
+    assert fitted.plant_.inputs == ["valve", "inflow"]
+    argv = ["control", str(model), "--output", str(tmp_path / "design")]
+    assert cli.main(argv) == 0
+    assert "valve" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

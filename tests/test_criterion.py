@@ -109,6 +109,15 @@ def test_compression_keeps_parameters_without_effect_still(rng):
     assert not np.any(jac[:, 2])
 
 
+def test_compression_of_a_residual_along_the_only_column_is_finite(rng):
+    """All of J'J is in a'a then, and what is left is rounding of either sign."""
+    for size in 10.0 ** rng.uniform(-9, 9, 50):
+        J = size * rng.standard_normal((40, 1))
+        r = rng.standard_normal() * J[:, 0]
+        jac = compress(J.T @ J, J.T @ r, np.linalg.norm(r))
+        np.testing.assert_allclose(jac.T @ jac, J.T @ J, rtol=1e-12)
+
+
 def test_compression_of_a_perfect_fit_is_finite():
     assert np.isfinite(compress(np.eye(3), np.zeros(3), 0.0)).all()
 

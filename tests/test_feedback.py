@@ -451,7 +451,7 @@ ERRORS = {
     "limits": (lambda m: m.linearizing_law(1, 0), "`u_min` must be below `u_max`"),
     "v": (lambda m: m.linearizing_law()([1], [1, 2]), r"`v` must have shape \(2,\)"),
     "s": (lambda m: m.linearizing_law()([1, 2], [1]), r"`s` must have shape \(2,\)"),
-    "rows": (lambda m: m.linearizing_law()(Z, Z[:1]), "same number of rows.*2 and 1"),
+    "rows": (lambda m: m.linearizing_law()(Z, Z[:1]), "same number of rows.*1 and 2"),
     "kind": (lambda m: m.observer(kind="ukf"), "`kind` must be 'kalman' or 'ekf'"),
     "Q": (lambda m: m.observer(np.eye(3)), r"`Q` must have shape \(2, 2\)"),
     "Q infinite": (

@@ -203,6 +203,25 @@ def test_files_of_old_versions_are_read(name):
     assert list(model.feature_names_in_) == ["valve.a", "p*/"]
 
 
+def test_older_files_have_no_training_samples(fitted, path):
+    model = fitted["al"]
+    region = model.fitted_.region
+    assert len(region.points) > 100 and region.reach > 0 and region.doubt > 0
+    model.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    for name in ("points", "reach", "doubt"):
+        del arrays[f"region.{name}"]
+    np.savez(path, **arrays)
+    region = again(alssnn.load(path), path).fitted_.region  # saved again, too
+    assert not len(region.points) and region.reach == region.doubt == 0.0
+    assert alssnn.load(path).linearizability(*record(2, 2)).outside < 0.05
+    del arrays["region.low"]
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=r"no region\.low"):
+        alssnn.load(path)
+
+
 # -- what cannot be saved --------------------------------------------------------------
 
 
@@ -275,6 +294,10 @@ DOCUMENTS = {
     "long class": (lambda d: d.update(**{"class": 9_000 * "x"}), "x{300}'.*Upgrade"),
     "list of labels": (lambda d: d["fit"].update(experiments=[[0], 1]), "are labeled"),
     "inputs": (lambda d: d["params"].update(h_inputs=[None]), "`h_inputs` must hold"),
+    "endless range": (
+        lambda d: d["params"].update(h_inputs={"range": [0, 10**18, 1]}),
+        "a range of 10{18} items",
+    ),
     "linear start": (lambda d: d["params"].update(linear_start=2.5), "`linear_start`"),
     "parameter": (lambda d: d["params"].update(secret=1), "unexpected keyword"),
     "range": (lambda d: d["params"].update(gamma=-1.0), "'gamma' parameter of AlSsnn"),

@@ -2,6 +2,7 @@ import builtins
 import pickle
 import warnings
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -476,7 +477,7 @@ def test_region_knows_that_a_controller_made_u(rng, dither):
     X = rng.standard_normal((2000, 2))
     u = -X @ [[0.8], [0.5]] + dither * rng.standard_normal((2000, 1))
     region = Region.of(X, u, X[:, :1])
-    assert not region.outside(X, u, X[:, :1]).any()
+    assert region.outside(X, u, X[:, :1]).mean() < 0.002  # of 2,000 one is alone
     beside = rng.uniform(-2, 2, (2000, 1))
     far = np.abs(beside - u)[:, 0] > 0.5
     low, high = region.low[0], region.high[0]
@@ -492,9 +493,102 @@ def test_region_knows_that_a_controller_made_u(rng, dither):
 def test_region_of_older_files_is_that_of_the_states(rng):
     X, u = rng.standard_normal((300, 2)), rng.standard_normal((300, 1))
     region = Region.of(X, u, u)
-    old = replace(region, center=X.mean(axis=0), whiten=np.eye(2), radius=1.0)
+    old = replace(
+        region,
+        center=X.mean(axis=0),
+        whiten=np.eye(2),
+        radius=1.0,
+        points=np.empty((0, 2)),
+    )
     inside = np.linalg.norm(X - X.mean(axis=0), axis=1) <= 1.1
     np.testing.assert_array_equal(~old.outside(X, u, u), inside)
+
+
+def van_der_pol(n, rng):
+    """Return states and inputs on its limit cycle."""
+    u, X, x = 0.05 * rng.standard_normal((n, 1)), np.empty((n, 2)), np.array([2.0, 0.0])
+    for k in range(n):
+        X[k] = x
+        for _ in range(5):
+            x = x + 0.02 * np.array([x[1], (1 - x[0] ** 2) * x[1] - x[0] + u[k, 0]])
+    return X, u
+
+
+def test_the_middle_of_a_limit_cycle_is_outside(rng):
+    """Box and ellipsoid have it, and no sample is near; a fresh record is inside."""
+    X, u = van_der_pol(2_000, rng)
+    region = Region.of(X, u, X[:, :1])
+    middle = 0.2 * rng.standard_normal((500, 2))
+    judged = middle, u[:500], middle[:, :1]
+    convex = replace(region, points=region.points[:0])
+    assert not convex.outside(*judged).any()
+    assert region.outside(*judged).mean() > 0.8
+    assert region.outside(X, u, X[:, :1]).mean() < 0.005
+    X, u = van_der_pol(2_000, rng)
+    assert region.outside(X, u, X[:, :1]).mean() < 0.01
+    T = np.array([[1.0, 1e2], [0.0, -3.0]])  # in another basis of the states, too
+    other = Region.of(*van_der_pol(2_000, np.random.default_rng(3)), X[:, :1])
+    X, u = van_der_pol(2_000, np.random.default_rng(3))
+    turned = Region.of(X @ T, u, X[:, :1])
+    assert turned.reach == pytest.approx(other.reach, rel=1e-6)
+    assert turned.doubt == pytest.approx(other.doubt, rel=1e-6)
+
+
+def test_references_of_a_region_are_few_and_always_the_same(rng):
+    X, u = rng.standard_normal((123_457, 2)), rng.standard_normal((123_457, 1))
+    one, other = (Region.of(X, u, u) for _ in range(2))
+    np.testing.assert_array_equal(one.points, other.points)
+    assert 990 <= len(one.points) <= 1_000
+    edges = [0, 1_000, 1_001, 50_000, len(X)]  # in chunks of any size
+    chunks = [slice(a, b) for a, b in pairwise(edges)]
+    pieces = Region.of_parts(lambda f: [f((X[c], u[c], u[c], u[c]) for c in chunks)])
+    np.testing.assert_allclose(pieces.points, one.points, atol=1e-9)
+    # of many short experiments, too
+    experiments = [(X[i : i + 3], u[i : i + 3]) for i in range(0, 9_000, 3)]
+    short = Region.of_parts(lambda f: [f([(X, u, u, u)]) for X, u in experiments])
+    assert 50 <= len(short.points) <= 1_000
+    assert not len(Region.of(X[:40], u[:40], u[:40]).points)  # too few to tell
+
+
+def test_copies_of_a_record_do_not_make_its_neighbours_far(rng):
+    """Periods are no fresh records: other phases of the same spectrum are inside."""
+    spectrum = np.zeros((2, 101), dtype=complex)
+    spectrum[:, 1:30] = np.exp(2j * np.pi * rng.uniform(size=(2, 29)))
+    periods = np.fft.irfft(spectrum, 200, axis=1)[..., None]
+    X, fresh = (
+        np.hstack(
+            [
+                lfilter([0.0, 0.4], [1.0, -p], np.tile(z, (9, 1)), axis=0)[200:]
+                for p in (0.9, 0.5)
+            ]
+        )
+        for z in periods
+    )
+    u, u_fresh = (np.tile(z, (8, 1)) for z in periods)
+    region = Region.of(X, u, X[:, :1])
+    one = Region.of(X[:200], u[:200], X[:200, :1])
+    assert region.reach == pytest.approx(one.reach, rel=0.5)  # 0 if copies counted
+    assert region.doubt == pytest.approx(one.doubt, rel=0.5)
+    assert region.outside(fresh, u_fresh, fresh[:, :1], surely=True).mean() <= OUTSIDE
+    twice = Region.of_parts(  # a copy as an experiment of its own
+        lambda f: [f([(X[:200], u[:200], X[:200, :1], X[:200, :1])]) for _ in range(2)]
+    )
+    assert twice.reach == pytest.approx(one.reach, rel=0.5)
+
+
+def test_few_independent_samples_make_doubt(rng):
+    """Two records of a few levels each do not cover the same region."""
+    fast, slow = rng.standard_normal((2, 500, 1))
+    slow = np.repeat(slow[:10], 50, axis=0)
+    doubt = [Region.of(u, u, u).doubt for u in (fast, slow)]
+    assert doubt[0] < 0.02 and 0.3 < doubt[1] <= 4.0
+    region = Region.of(slow, slow, slow)
+    width = np.ptp(slow)
+    near, far = (slow + z * width for z in (0.5, 1.2 + doubt[1]))
+    assert region.outside(near, near, near).mean() > 0.1
+    assert not region.outside(near, near, near, surely=True).any()
+    assert region.outside(far, far, far, surely=True).all()
+    assert Region.of(*(np.zeros((20, 1)),) * 3).doubt <= 4.0  # nothing moves
 
 
 def test_region_counts_what_was_measured(rng):

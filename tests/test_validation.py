@@ -488,7 +488,7 @@ def test_linearity_is_decided_by_the_loop_as_well():
     X = simulate(plant_.lure, u, np.zeros(1))[:-1]
     plant_ = replace(plant_, region=Region.of(X, u, X))
     record = measure(plant_, as_records([(u, X, np.zeros(1))]))
-    assert record.linearization_error[0] < 1e-3 and record.outside == 0
+    assert record.linearization_error[0] < 1e-3 and record.outside < 1e-3
     assert record.closed_linearization_error[0] > 10 and record.closed_outside > 0.9
     passed, sentence = judge(record, fit=99.0)
     assert not passed and worst_error(record) > 10

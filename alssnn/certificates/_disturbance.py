@@ -1,7 +1,8 @@
 """Bounds on omega and eta, which the linearized loop is left with (eq. eta).
 
 Both are rows of the Lur'e form of a plant: what remains of x+ once A x + B v is taken
-away, and of y once C x + D v is. For v = u + h they are functions of the neurons alone,
+away, and of y once C x + D v is (with measured disturbances, G d and H d as well).  For
+v = u + h they are functions of the neurons alone,
 
     omega = G w + c,    G = W - B K,   c = c_x - B k,    h = K w + k,
 
@@ -46,7 +47,7 @@ def global_bound(model):
     (0.0, array([0.]))
     """
     plant = as_plant(model).late()
-    rows = plant.observed.rows_z[plant.ny + plant.nu :]
+    rows = plant.observed.rows_z[plant.ny + plant.nv :]
     driven = plant.nx + plant.nu  # columns that no neuron bounds
     bound = np.array([activation.bound for activation in plant.form.sigma])
 
@@ -117,7 +118,7 @@ def data_bound(model, records, K=None):
         if not (np.isfinite(opened).all() and np.isfinite(closed).all()):
             return np.inf, np.full(ny, np.inf)
         for X, u in ((opened, r), (closed, channels(loop, closed, r)[:, ny:])):
-            rest = channels(form, X, u)[:, ny + plant.nu :]
+            rest = channels(form, X, u)[:, ny + plant.nv :]
             eps = max(eps, float(np.linalg.norm(rest[:, :nx], axis=1).max()))
             eta = np.maximum(eta, np.abs(rest[:, nx:]).max(axis=0))
     return eps, eta

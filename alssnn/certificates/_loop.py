@@ -104,4 +104,6 @@ def certify_gain(model, K=None):
     loop = linearized_loop(plant, K)
     u = np.arange(plant.nx + plant.ny, plant.nx + loop.nz)
     Theta = np.delete(loop.Theta, u, axis=0)
-    return gain_certificate(Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma))
+    # increments from v: two loops that are compared have the same disturbances
+    Theta = np.delete(Theta, plant.nx + np.array(plant.given, dtype=int), axis=1)
+    return gain_certificate(Lure(Theta, loop.nx, plant.nv, loop.nw, loop.sigma))

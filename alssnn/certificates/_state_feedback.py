@@ -6,15 +6,17 @@ from ..lure import Lure
 from ..plant import as_plant
 
 
-def state_feedback(lure, K):
+def state_feedback(lure, K, moved=None):
     """Return the form that the feedback v = r - K x makes, with input r.
 
     Parameters
     ----------
     lure : Lure
         Model.
-    K : ndarray of shape (nu, nx)
+    K : ndarray of shape (nv, nx)
         Gain.
+    moved : ndarray of int or None, default=None
+        Inputs that v makes; None means all.
 
     Returns
     -------
@@ -31,7 +33,8 @@ def state_feedback(lure, K):
     array([0.5, 1. ])
     """
     Theta = lure.Theta.copy()
-    Theta[:, : lure.nx] -= Theta[:, lure.nx : lure.nx + lure.nu] @ K
+    moved = np.arange(lure.nu) if moved is None else moved
+    Theta[:, : lure.nx] -= Theta[:, lure.nx + moved] @ K
     return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
 
 
@@ -49,7 +52,7 @@ def full_gain(model, K):
 
     Returns
     -------
-    K : ndarray of shape (nu, nx + n_late)
+    K : ndarray of shape (nv, nx + n_late)
         Gain on the states of ``plant.late()``.
 
     Raises
@@ -58,7 +61,7 @@ def full_gain(model, K):
         If `K` has the wrong shape or is not finite.
     """
     plant = as_plant(model).late()
-    nu, nx = plant.nu, plant.nx - plant.n_late
+    nu, nx = plant.nv, plant.nx - plant.n_late
     if K is None:
         return np.zeros((nu, plant.nx))
     K = np.asarray(K, dtype=float)
@@ -92,4 +95,4 @@ def linearized_loop(model, K=None):
         If `K` has the wrong shape, or the plant has no law.
     """
     plant = as_plant(model).late()
-    return state_feedback(plant.close(), full_gain(plant, K))
+    return state_feedback(plant.close(), full_gain(plant, K), plant.moved)

@@ -138,7 +138,7 @@ def run(args):
     print(f"K, columns {' '.join(columns)} =")
     print(np.array2string(K, precision=6))
     _print_distances(display, responses["design"])
-    nu = len(model.u_offset_)
+    nu = model.plant_.nv
     names = [display.names[label] for label in responses["model"].output_labels[-nu:]]
     u = responses["model"].outputs[-nu:]
     if np.isfinite(u).all():

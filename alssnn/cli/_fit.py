@@ -37,6 +37,8 @@ examples:
       two inputs, six states, sampled every 10 ms, and a figure
   alssnn fit plant.csv --input u --output y --experiment run --models lti al
       several experiments, told apart by the labels in the column `run`
+  alssnn fit plant.csv --input valve --disturbance inflow --output level
+      the inflow is measured, and the law feeds it forward
   alssnn fit plant.csv --input u --output y --gamma 1
       more weight on linearity than on accuracy
   alssnn fit plant.csv --input u --output y --model al --save plant.npz
@@ -101,6 +103,13 @@ def _add_data(data):
         data.add_argument(
             flag, nargs="+", required=True, metavar="COL", help=f"columns of the {what}"
         )
+    data.add_argument(
+        "--disturbance",
+        nargs="+",
+        default=[],
+        metavar="COL",
+        help="columns of further inputs that are measured but no controller moves",
+    )
     data.add_argument(
         "--experiment",
         metavar="COL",
@@ -241,7 +250,8 @@ def run(args):
     if chosen not in (None, "lti"):
         models = ["lti", chosen]  # to compare with
     figure = prepare_figure(args)
-    u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
+    inputs = [*args.input, *args.disturbance]
+    u, y, experiment = read_csv(args.file, inputs, args.output, args.experiment)
     report_gaps(y, args.output)
     _compare_times(args)
     ladder = run_ladder(
@@ -261,6 +271,7 @@ def run(args):
         stability=None if args.stability == "none" else args.stability,
         feedback=args.feedback,
         input_map=args.input_map,
+        disturbances=list(range(len(args.input), len(inputs))) or None,
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,
@@ -270,7 +281,7 @@ def run(args):
     refused = row is not None and row.name in faults
     saves = args.save is not None and not (refused and not args.force)
     if saves and row is not None:
-        row.model.feature_names_in_ = np.array(args.input, dtype=object)
+        row.model.feature_names_in_ = np.array(inputs, dtype=object)
         row.model.output_names_ = list(args.output)
         row.model.save(args.save)  # before a figure that may fail
     report(ladder, figure, label=args.output[0])

@@ -79,7 +79,7 @@ def read_record(args, model):
     record, before : tuple or None
         Both as (u, y, experiment); nothing lies before the whole.
     """
-    ny, nu = model.D_.shape
+    ny, nu = len(model.C_), model.n_features_in_
     fitted = getattr(model, "feature_names_in_", None)
     inputs = _columns(args, "--input", args.input, fitted, nu)
     outputs = _columns(args, "--output", args.output, model.output_names_, ny)

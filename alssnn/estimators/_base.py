@@ -14,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
 from ..experiments import check_inputs, split_experiments
+from ..inputs import split_inputs
 from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
@@ -23,14 +24,11 @@ from ..subspace import TRIAL_SAMPLES
 from ..watch import BY_OBSERVER, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._checks import input_delays, order_choices, output_weights
-from ._data import check_lengths, check_u, check_y
+from ._data import check_lengths, check_rows, check_u, check_y
 from ._deferred import deferred
+from ._disturbances import check_disturbances
 from ._fitted import fitted_model
-from ._integrators import (
-    find_integrators,
-    note,
-    with_integrators,
-)
+from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
 from ._options import estimator, option
 from ._plant import make_plant
@@ -77,6 +75,10 @@ class StateSpaceModel(
     initial_state : {"estimate", "rest"}, default="estimate"
         Initial state of the training experiments: estimated with the parameters, or
         held at `operating_point`, which must be where the records begin.
+    disturbances : array_like of int or str, or None, default=None
+        Inputs that are measured but not moved by a controller, by number from 0 or by
+        name: loads, ambient temperatures, flows (eq. disturbance). B and the law leave
+        them to G, and h sees them. None means that all inputs are moved.
     dt : float, default=1.0
         Sampling time, in seconds.
     max_iter : int, default=100
@@ -95,7 +97,12 @@ class StateSpaceModel(
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Linear part in the user's units (deviations).
+        Linear part in the user's units (deviations); B and D have a column for every
+        input that is moved.
+    G_, H_ : ndarray of shape (nx, nd), (ny, nd)
+        What measured disturbances add to the states and to the outputs.
+    disturbances_ : ndarray of int of shape (nd,)
+        Columns of u that are measured disturbances.
     x0_ : ndarray of shape (n_experiments, nx)
         Initial states of the training experiments.
     params_ : Bunch
@@ -152,6 +159,7 @@ class StateSpaceModel(
     integrators: Any = option("auto", [COUNT, StrOptions({"auto"})])
     operating_point: Any = option("mean", [StrOptions({"mean", "zero"}), tuple])
     initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
+    disturbances: Any = option(None, ["array-like", str, Integral, None])
     dt: float = option(1.0, [Interval(Real, 0, None, closed="neither")])
     max_iter: int = option(100, [POSITIVE])
     tol: float = option(1e-8, [Interval(Real, 0, None, closed="neither")])
@@ -289,6 +297,7 @@ class StateSpaceModel(
         container = Container.of(y)
         with self._undone_unless(watch):
             u, y = self._validate(u, y, reset=True)
+            self.disturbances_ = check_disturbances(self, u.shape[1])
             with (
                 single_threaded()
             ):  # more threads only get in the way of small matrices
@@ -439,29 +448,29 @@ class StateSpaceModel(
         """Set the attributes that follow from structure, theta and scales."""
         self._made = None
         scaling, structure = self._scaling, self._structure
+        self.disturbances_ = structure.given
         p = {**structure.constants, **structure.split(self._theta)}
         p = structure.rescale(p, self._units())
         for name, (low, high) in (self.bounds or {}).items():
             p[name] = np.clip(p[name], low, high)  # units round, bounds do not
         self.params_ = Bunch(**p)
         self.A_, self.B_, self.C_ = p["A"], p["B"], p["C"]
-        self.D_ = p.get("D", np.zeros((len(self.C_), self.B_.shape[1])))
-        self.nx_ = len(self.A_)
+        (nx, nv), ny, nd = self.B_.shape, len(self.C_), len(structure.given)
+        self.D_ = p.get("D", np.zeros((ny, nv)))
+        self.G_ = p.get("G", np.zeros((nx, nd)))
+        self.H_ = p.get("H", np.zeros((ny, nd)))
+        self.nx_ = nx
         self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
 
     def _units(self):
         """Return the user's units over those of the fit, by axis."""
         scaling = self._scaling
-        return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
+        moved, given = split_inputs(len(scaling.u_scale), self.disturbances_)
+        units = {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
+        return {**units, "moved": units["u"][moved], "d": units["u"][given]}
 
     def _validate(self, u, y, reset):
-        shape: tuple = getattr(u, "shape", ())
-        n = len(y) if isinstance(y, list | tuple) else (*getattr(y, "shape", ()), 0)[0]
-        if len(shape) == 2 and shape[0] < shape[1] == n:
-            raise ValueError(
-                f"`u` must have one row per sample, got shape {shape} for {n} "
-                "samples of `y`. Time runs down the rows: pass u.T."
-            )
+        check_rows(u, y)
         u = check_u(self, u, reset=reset, least=2 if reset else 1)
         y = check_y(self, y)
         check_lengths(u, y)

@@ -1,9 +1,10 @@
 """What a fitted model hands to control: systems, law, observer, certificates."""
 
+import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 
-def to_statespace(model, which="linear", x=None, u=None):
+def to_statespace(model, which="linear", x=None, u=None, *, disturbances=False):
     """Return a linear system (A, B, C, D, dt) for python-control.
 
     Parameters
@@ -12,12 +13,15 @@ def to_statespace(model, which="linear", x=None, u=None):
         Fitted model.
     which : {"linear", "local"}, default="linear"
         The linear part, which for a linearizable model is what the input v of
-        u = v - h(s) sees; or the linearization of the whole model at (x, u),
-        h and g included.
+        u = v - h(s) sees, with one input for every input that is moved; or the
+        linearization of the whole model at (x, u), h and g included.
     x : array_like of shape (nx,) or None, default=None
         State of the linearization, for "local"; None means zero.
     u : array_like of shape (nu,) or None, default=None
         Its input as a deviation from `u_offset_`, for "local"; None means zero.
+    disturbances : bool, default=False
+        Whether the linear part has measured disturbances as further inputs, behind
+        those of v; "local" always has all inputs of the record.
 
     Returns
     -------
@@ -47,13 +51,17 @@ def to_statespace(model, which="linear", x=None, u=None):
         )
     plant = model.plant_.late()
     A, B, C, D = plant.linear()
+    inputs = list(plant.moved)
+    if disturbances:
+        B, D = (np.hstack(z) for z in zip((B, D), plant.disturbed_by(), strict=True))
+        inputs += plant.given
     return to_statespace(
         A,
         B,
         C,
         D,
         plant.dt,
-        inputs=plant.inputs,
+        inputs=[plant.inputs[i] for i in inputs],
         outputs=plant.outputs,
         name=plant.name,
     )

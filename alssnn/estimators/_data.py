@@ -81,6 +81,30 @@ def check_y(model, y):
         return y
 
 
+def check_rows(u, y):
+    """Refuse inputs whose time runs along the rows.
+
+    Parameters
+    ----------
+    u : array_like
+        Inputs, as they came.
+    y : array_like
+        Outputs, as they came.
+
+    Raises
+    ------
+    ValueError
+        If `u` has as many columns, and more than rows, as `y` has samples.
+    """
+    shape: tuple = getattr(u, "shape", ())
+    n = len(y) if isinstance(y, list | tuple) else (*getattr(y, "shape", ()), 0)[0]
+    if len(shape) == 2 and shape[0] < shape[1] == n:
+        raise ValueError(
+            f"`u` must have one row per sample, got shape {shape} for {n} "
+            "samples of `y`. Time runs down the rows: pass u.T."
+        )
+
+
 def check_lengths(u, y):
     """Refuse records of unequal length.
 

@@ -13,7 +13,7 @@ from ._input_map import check_map
 from ._integrators import keeps_start
 
 ALL = "all"
-SIGNALS = {"x": "state", "u": "input", "y": "output"}
+SIGNALS = {"x": "state", "u": "input", "y": "output", "d": "disturbance"}
 
 
 def check_choice(argument, choice, signals):
@@ -85,7 +85,7 @@ def seen_columns(argument, signal, items, size, names):
     ----------
     argument : str
         Name of the parameter, for messages.
-    signal : {"x", "u", "y"}
+    signal : {"x", "u", "y", "d"}
         Letter of the signal.
     items : list of int or str, or "all"
         Numbers from 0, or names.
@@ -179,10 +179,8 @@ def check_inputs(estimator):
             "feedback='output', got None. List those that do not integrate, or "
             "take feedback='state', where h does not see integrators."
         )
-    seen(
-        estimator,
-        {"u": estimator.n_features_in_, "y": len(estimator._scaling.y_offset)},
-    )
+    sizes = {"u": estimator.n_features_in_, "y": len(estimator._scaling.y_offset)}
+    seen(estimator, {**sizes, "d": len(estimator.disturbances_)})
 
 
 def seen(estimator, sizes):
@@ -205,7 +203,8 @@ def seen(estimator, sizes):
     ValueError
         If a choice does not fit the signals.
     """
-    of_h = ("x",) if estimator.feedback == "state" else ("y",)
+    given = estimator.disturbances_
+    of_h = ("x" if estimator.feedback == "state" else "y", *("d" * bool(len(given))))
     choices = {
         "h": check_choice("h_inputs", estimator.h_inputs, of_h),
         "g": check_choice("g_inputs", estimator.g_inputs, ("x", "u")),
@@ -218,6 +217,8 @@ def seen(estimator, sizes):
         "u": getattr(estimator, "feature_names_in_", None),
         "y": estimator.output_names_,
     }
+    if names["u"] is not None:
+        names["d"] = [names["u"][i] for i in given]
     columns_of = {}
     for net, by_signal in choices.items():
         argument = f"{net}_inputs"

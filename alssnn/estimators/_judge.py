@@ -142,3 +142,34 @@ def warn_if_unsettled(estimator, watch):
         f"{reason} or `tol`, or continue with `warm_start=True`."
         f"{settled if np.isfinite(fall) else ''}",
     )
+
+
+def loses(estimator, plain, result, linear, experiments):
+    """Tell whether a fit simulates its own record worse than the linear model.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+    plain : Structure
+        Structure of the model.
+    result : OptimizeResult
+        Outcome of its training.
+    linear : LinearModel
+        Linear model.
+    experiments : Held or Remote
+        Experiments of the fit; elsewhere, nothing is compared.
+
+    Returns
+    -------
+    loses : bool
+        Whether its error is larger by more than 2 %.
+    """
+    if not experiments.is_here:
+        return False
+    judge = own_judge(estimator, experiments)
+    structure, theta, fit = linear.as_fit()
+    start = Criterion(structure, experiments)
+    noise = start.norm(start.join(theta, fit.x0)) ** 2
+    least = judge.rmse(structure, theta, min(noise, 1.0))
+    return judge.rmse(plain, result.theta, min(result.cost, 1.0)) > 1.02 * least

@@ -79,9 +79,9 @@ class LinearStateSpace(StateSpaceModel):
     def _identify(self, experiments, previous, watch, held_out):
         near = self._near(experiments)
         if not self._shapes_linear() and experiments.is_here:
-            return self._linear_start(near, watch).as_fit()
+            return self._linear_start(near, watch).as_fit(self.disturbances_)
         linear = self._linear_start(near, watch)
-        structure, theta, _ = linear.as_fit()
+        structure, theta, _ = linear.as_fit(self.disturbances_)
         result = train(
             structure,
             experiments,

@@ -53,7 +53,7 @@ def make_plant(model):
     plant : Plant
         The model as an immutable value.
     """
-    scaling, (nx, nu) = model._scaling, model.B_.shape
+    scaling, nx, nu = model._scaling, model.nx_, model.n_features_in_
     return Plant(
         **of_structure(model._structure, model._theta, model._units()),
         u_offset=scaling.u_offset,

@@ -7,6 +7,7 @@ from ..region import Region
 from ..scaling import Scaling
 from ..simulation import runs
 from ._checks import order_choices
+from ._disturbances import check_disturbances
 from ._integrators import find_integrators
 
 
@@ -43,6 +44,7 @@ def _fit_checked(model, experiments, watch):
     nu, ny = experiments.shape
     warm = model._continues(nu, ny)
     model.n_features_in_ = nu
+    model.disturbances_ = check_disturbances(model, nu)
     if not warm:
         u, y = experiments.moments
         model._scaling = Scaling.from_moments(u, y, model.operating_point)

@@ -28,10 +28,10 @@ from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
 from ._held_out import hold_out
-from ._input_map import as_large_as_u, completed, searched
+from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular, with_integrators
-from ._judge import own_judge
+from ._judge import loses
 from ._options import estimator, option
 from ._warn import warn_of_training
 
@@ -159,6 +159,8 @@ class Ssnn(StateSpaceModel):
 
     def _declare(self, nx, nu, ny, **networks):
         """Return the structure; models of another family declare their own."""
+        if len(self.disturbances_):
+            networks["disturbances"] = tuple(map(int, self.disturbances_))
         return state_space(nx, nu, ny, **networks)
 
     def declare(self, nx, nu, ny, C):
@@ -253,7 +255,7 @@ class Ssnn(StateSpaceModel):
             linear, plain = self._declared(linear)
             is_linear = plain.nw == 0 and not self._phi and not self._shapes_linear()
             if is_linear and held_out is None and experiments.is_here:
-                return linear.as_fit()  # nothing to train beyond the linear model
+                return linear.as_fit(self.disturbances_)  # nothing more to train
             seeds = check_random_state(self.random_state).randint(
                 np.iinfo(np.int32).max, size=self.n_init
             )
@@ -302,21 +304,14 @@ class Ssnn(StateSpaceModel):
             self._x_scale = np.ones(plain.sizes["x"])
         if max_iter < self.max_iter and result.status == 0:
             result.update(success=True, message=SETTLED)
-        if not continues and self._loses(plain, result, linear, experiments):
+        if (
+            not continues
+            and is_auto
+            and loses(self, plain, result, linear, experiments)
+        ):
             return self._left_linear(linear, near, experiments, watch)
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
-
-    def _loses(self, plain, result, linear, experiments):
-        """Tell whether a fit simulates its own record worse than the linear model."""
-        if self.alpha != "auto" or not experiments.is_here:
-            return False
-        judge = own_judge(self, experiments)
-        structure, theta, fit = linear.as_fit()
-        start = Criterion(structure, experiments)
-        noise = start.norm(start.join(theta, fit.x0)) ** 2
-        least = judge.rmse(structure, theta, min(noise, 1.0))
-        return judge.rmse(plain, result.theta, min(result.cost, 1.0)) > 1.02 * least
 
     def _publish(self, result, watch):
         super()._publish(result, watch)
@@ -394,7 +389,7 @@ class Ssnn(StateSpaceModel):
                 orders,
                 candidates,
                 seeds,
-                max_iter=self.max_iter,
+                max_iter=patience(self) * self.max_iter,
                 method=self.method,
                 n_jobs=self.n_jobs,
                 output_weight=self._output_weight(experiments[0][1].shape[1]),
@@ -490,6 +485,8 @@ class Ssnn(StateSpaceModel):
             return False
         C = structure.constants["C"]
         wanted = self.declare(nx, nu, ny, C)
+        if not np.array_equal(wanted.given, structure.given):
+            return False
         if wanted.shapes == structure.shapes:
             held = with_integrators(self, self._held_weights(structure), structure)
             if np.any(Limits(structure, bounds=held).clip(theta) != theta):

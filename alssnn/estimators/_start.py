@@ -14,6 +14,8 @@ from ._checks import order_choices
 from ._integrators import check_given_integrators, identified_linear
 from ._judge import reproducing
 
+BOUNDED = (*LINEAR, "G", "H")  # what the user may hold
+
 
 def portable(start):
     """Return a linear start as what can be pickled.
@@ -151,7 +153,7 @@ def check_bounds(bounds, structure, units, *, own_basis, contractive):
     Parameters
     ----------
     bounds : dict of str to tuple of array_like, or None
-        Lower and upper bounds of A, B, C or D, in the user's units.
+        Lower and upper bounds of A, B, C, D, G or H, in the user's units.
     structure : Structure
         Structure of the model.
     units : dict of str to ndarray
@@ -175,13 +177,13 @@ def check_bounds(bounds, structure, units, *, own_basis, contractive):
     inverse = {axis: 1.0 / scale for axis, scale in units.items()}
     checked = {}
     for name, pair in (bounds or {}).items():
-        free = [n for n in LINEAR if n in structure.parameters]
+        free = [n for n in BOUNDED if n in structure.parameters]
         if name not in free:
             raise ValueError(
                 f"`bounds` must be for {', '.join(free)}, the free matrices of this "
                 f"model, got {name!r}."
             )
-        if name != "D" and (not own_basis or contractive):
+        if name not in ("D", "H") and (not own_basis or contractive):
             raise ValueError(
                 f"`bounds` for {name!r} need a basis of the states that stays what it "
                 "is: give `linear_start`, with stability=None."

@@ -63,7 +63,8 @@ class AlgebraicLoop:
         needs only u, r and the outputs of those before it. What else it has among its
         inputs must not act on its output at once.
     r, u : list of str
-        Names of references and inputs of the plant.
+        Names of what comes from outside, references first, and of the inputs of the
+        plant that the loop moves.
     shown : list of str
         Names of the outputs of the loop.
     u_start, u_scale : ndarray of shape (nu,)

@@ -103,7 +103,7 @@ def split_gain(gain, plant):
     ValueError
         If the gain has the wrong shape or is not finite.
     """
-    nx, nu, ny = plant.nx, plant.nu, plant.ny
+    nx, nu, ny = plant.nx, plant.nv, plant.ny
     K = np.asarray(gain, dtype=float)
     if K.shape not in [(nu, nx), (nu, nx + ny)] or not np.isfinite(K).all():
         raise ValueError(
@@ -135,20 +135,20 @@ def from_gain(gain, plant):
     ValueError
         If the gain has the wrong shape or is not finite.
     """
-    nx, nu, ny = plant.nx, plant.nu, plant.ny
+    nx, nu, ny = plant.nx, plant.nv, plant.ny
     K_x, K_z = split_gain(gain, plant)
     if not K_z.size:
         D = np.hstack([np.eye(nu), np.zeros((nu, ny)), -K_x])
-        offset = np.concatenate([plant.u_offset, plant.y_offset, np.zeros(nx)])
+        offset = np.concatenate([plant.v_offset, plant.y_offset, np.zeros(nx)])
         empty = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((nu, 0))
-        return LinearController(*empty, D, offset, plant.u_offset), False
+        return LinearController(*empty, D, offset, plant.v_offset), False
     # v = ... - K_z z: what is cut off v is taken out of z, against windup
     back = np.linalg.pinv(K_z)  # (ny, nu)
     B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx)), back])
     D = np.hstack([np.zeros((nu, 2 * ny)), -K_x, np.zeros((nu, nu))])
     offset = np.concatenate([plant.y_offset, plant.y_offset, np.zeros(nx + nu)])
     matrices = np.eye(ny), B, -K_z, D
-    return LinearController(*matrices, offset, plant.u_offset), True
+    return LinearController(*matrices, offset, plant.v_offset), True
 
 
 def from_system(system, plant):
@@ -173,7 +173,7 @@ def from_system(system, plant):
     ValueError
         If sizes or sampling times do not fit, or it is continuous in time.
     """
-    nu, ny = plant.nu, plant.ny
+    nu, ny = plant.nv, plant.ny
     if not isinstance(system, control.StateSpace | control.TransferFunction):
         raise TypeError(
             "`controller` must be a StateSpace or TransferFunction, got "
@@ -191,4 +191,4 @@ def from_system(system, plant):
     if sys.ninputs == ny:
         B, D = np.hstack([B, -B]), np.hstack([D, -D])
     offset = np.concatenate([plant.y_offset, plant.y_offset])
-    return LinearController(sys.A, B, sys.C, D, offset, plant.u_offset)
+    return LinearController(sys.A, B, sys.C, D, offset, plant.v_offset)

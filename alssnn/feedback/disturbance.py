@@ -75,7 +75,7 @@ class DisturbanceObserver(Observer):
             )
         self.disturbance = disturbance
         self.plant = plant = self.plant.with_disturbance(disturbance)
-        scale = plant.y_scale if disturbance == "output" else plant.u_scale
+        scale = plant.y_scale if disturbance == "output" else plant.v_scale
         if Q_d is None:
             Q_d = np.diag(PROCESS_NOISE * scale**2)
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)

@@ -8,6 +8,9 @@ system (A, B, C) sees v - u_offset:
 s is the measured y (s_offset = y_offset) for a model with output feedback, and the
 estimated state x_hat (s_offset = 0) for one with state feedback.
 
+With measured disturbances d the law is u = phi^-1(v, s, d): it feeds forward what they
+do through h (eq. disturbance).  What they do beside it, G d, the linear design sees.
+
 A model with ``input_map="monotone"`` has v = phi(u, s), of which h = phi(u, s) - u is
 what the law cancels; it solves for the one u of every v (eq. inverse).
 """
@@ -30,16 +33,16 @@ class LinearizingLaw:
     ----------
     model : estimator or Plant
         Fitted model, or its `plant_`.
-    u_min : float, array_like of shape (nu,) or None, default=None
+    u_min : float, array_like of shape (nv,) or None, default=None
         Lower limits of the actuators, in the units of u; None means no limit.
-    u_max : float, array_like of shape (nu,) or None, default=None
+    u_max : float, array_like of shape (nv,) or None, default=None
         Upper limits of the actuators, in the units of u.
 
     Attributes
     ----------
     plant : Plant
         What the law was made for.
-    u_min, u_max : ndarray of shape (nu,)
+    u_min, u_max : ndarray of shape (nv,)
         Limits; infinite where there is none.
 
     Raises
@@ -64,7 +67,7 @@ class LinearizingLaw:
         self.plant = as_plant(model)
         if self.plant.no_law:
             raise ValueError(self.plant.no_law)
-        self.u_min, self.u_max = check_limits("u", u_min, u_max, self.plant.nu)
+        self.u_min, self.u_max = check_limits("u", u_min, u_max, self.plant.nv)
 
     @property
     def feedback(self):
@@ -77,113 +80,129 @@ class LinearizingLaw:
         by_state = self.feedback == "state"
         return self.plant.nx - self.plant.n_late if by_state else self.plant.ny
 
-    def __call__(self, v, s):
+    def __call__(self, v, s, d=None):
         """Return the input that makes the model linear from v.
 
         Parameters
         ----------
-        v : array_like of shape (nu,) or (N, nu)
+        v : array_like of shape (nv,) or (N, nv)
             Input of the linear system, in the units of u (operating point included).
         s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
+        d : array_like of shape (nd,) or (N, nd) or None, default=None
+            Measured disturbances, in the units of u; needed if the model has any.
 
         Returns
         -------
-        u : ndarray of shape (nu,) or (N, nu)
+        u : ndarray of shape (nv,) or (N, nv)
             Input for the plant, within the limits.
 
         Raises
         ------
         ValueError
-            If `v` or `s` has the wrong number of columns or is not finite, or both
-            differ in rows.
+            If `v`, `s` or `d` has the wrong number of columns or is not finite, they
+            differ in rows, or `d` is missing.
         """
-        return self.split(v, s)[0]
+        return self.split(v, s, d)[0]
 
-    def split(self, v, s):
+    def split(self, v, s, d=None):
         """Return the input and the part of it that the limits cut off.
 
         Parameters
         ----------
-        v : array_like of shape (nu,) or (N, nu)
+        v : array_like of shape (nv,) or (N, nv)
             Input of the linear system, in the units of u (operating point included).
         s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
+        d : array_like of shape (nd,) or (N, nd) or None, default=None
+            Measured disturbances, in the units of u; needed if the model has any.
 
         Returns
         -------
-        u : ndarray of shape (nu,) or (N, nu)
+        u : ndarray of shape (nv,) or (N, nv)
             Input for the plant, within the limits.
-        cut : ndarray of shape (nu,) or (N, nu)
+        cut : ndarray of shape (nv,) or (N, nv)
             Part cut off, v - h - u; zero if no limit is met. The linear system sees
             v - cut.
 
         Raises
         ------
         ValueError
-            If `v` or `s` has the wrong number of columns or is not finite, or both
-            differ in rows.
+            If `v`, `s` or `d` has the wrong number of columns or is not finite, they
+            differ in rows, or `d` is missing.
         """
         v = _rows("v", v, len(self.u_min))
         s = _rows("s", s, self._size)
-        if v.ndim == s.ndim == 2 and len(v) != len(s):
+        d = self._given(d)
+        rows = {len(z) for z in (v, s, d) if z is not None and z.ndim == 2}
+        if len(rows) > 1:
             raise ValueError(
-                "`v` and `s` must have the same number of rows, got "
-                f"{len(v)} and {len(s)}."
+                "`v`, `s` and `d` must have the same number of rows, got "
+                f"{' and '.join(map(str, sorted(rows)))}."
             )
-        return self._split(v, s)
+        return self._split(v, s, d)
+
+    def _given(self, d):
+        """Return measured disturbances, checked; the plant says which are missing."""
+        plant = self.plant
+        if d is None:
+            plant.check_disturbances(None)
+            return None
+        return _rows("d", d, plant.nd)
 
     @np.errstate(over="ignore", invalid="ignore")
-    def _split(self, v, s):
+    def _split(self, v, s, d=None):
         """Return the input and what was cut off; the limits hold for nan, too.
 
         Loops have signals that overflow. An input that is not a number is then the one
         at the operating point, or its limit, and nothing counts as cut off.
         """
         plant = self.plant
-        wanted = plant.law(v, s)
+        wanted = plant.law(v, s, d)
         u = np.clip(wanted, self.u_min, self.u_max)
         limited = np.isfinite(self.u_min) | np.isfinite(self.u_max)
         lost = np.isnan(u) & limited
         if lost.any():
-            rest = np.clip(plant.u_offset, self.u_min, self.u_max)
+            rest = np.clip(plant.v_offset, self.u_min, self.u_max)
             u, v = np.where(lost, rest, u), np.where(lost, np.nan, v)
             wanted = np.where(lost, u, wanted)
         if plant.is_explicit or np.array_equal(u, wanted, equal_nan=True):
             return u, wanted - u
         # phi couples inputs: a limit of one takes off v of all
         met = np.any(u != wanted, axis=-1, keepdims=True)
-        cut = np.where(met, v - u - plant.cancelled(s, u), 0.0)
+        cut = np.where(met, v - u - plant.cancelled(s, u, d), 0.0)
         return u, np.where(np.isnan(cut), 0.0, cut)
 
-    def h(self, s, u=None):
+    def h(self, s, u=None, d=None):
         """Return what the law cancels.
 
         Parameters
         ----------
         s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
-        u : array_like of shape (nu,) or (N, nu) or None, default=None
+        u : array_like of shape (nv,) or (N, nv) or None, default=None
             Input of the plant, in the units of u; needed for a model with
             ``input_map="monotone"``, whose h depends on it.
+        d : array_like of shape (nd,) or (N, nd) or None, default=None
+            Measured disturbances, in the units of u; needed if the model has any.
 
         Returns
         -------
-        h : ndarray of shape (nu,) or (N, nu)
+        h : ndarray of shape (nv,) or (N, nv)
             Nonlinearity at the input, phi(u, s) - u, in the units of u; zero for a
             model without it.
 
         Raises
         ------
         ValueError
-            If `s` or `u` has the wrong number of columns or is not finite, or `u` is
-            missing.
+            If `s`, `u` or `d` has the wrong number of columns or is not finite, or
+            `u` or `d` is missing.
         """
         u = None if u is None else _rows("u", u, len(self.u_min))
-        return self.plant.cancelled(_rows("s", s, self._size), u)
+        return self.plant.cancelled(_rows("s", s, self._size), u, self._given(d))
 
     def output(self, t, x, signals, params):
-        """Return u for the stacked inputs (v, s), for python-control.
+        """Return u for the stacked inputs (v, s, d), for python-control.
 
         Parameters
         ----------
@@ -191,8 +210,8 @@ class LinearizingLaw:
             Time, in seconds; not used.
         x : ndarray of shape (0,)
             Not used, the law has no state.
-        signals : ndarray of shape (nu + ns,)
-            The inputs v, then s.
+        signals : ndarray of shape (nv + ns + nd,)
+            The inputs v, then s, then d.
         params : dict
             Not used.
 
@@ -201,11 +220,10 @@ class LinearizingLaw:
         u : ndarray of shape (nu,)
             Input for the plant, within the limits whatever the signals are.
         """
-        v, s = np.split(signals, [len(self.u_min)])
-        return self._split(v, s)[0]
+        return self._split(*self._parts(signals))[0]
 
     def output_and_cut(self, t, x, signals, params):
-        """Return u and the part cut off for the stacked inputs (v, s).
+        """Return u and the part cut off for the stacked inputs (v, s, d).
 
         Parameters
         ----------
@@ -213,18 +231,23 @@ class LinearizingLaw:
             Time, in seconds; not used.
         x : ndarray of shape (0,)
             Not used, the law has no state.
-        signals : ndarray of shape (nu + ns,)
-            The inputs v, then s.
+        signals : ndarray of shape (nv + ns + nd,)
+            The inputs v, then s, then d.
         params : dict
             Not used.
 
         Returns
         -------
-        u_cut : ndarray of shape (2 nu,)
+        u_cut : ndarray of shape (2 nv,)
             Input for the plant, then what `split` says was cut off.
         """
-        v, s = np.split(signals, [len(self.u_min)])
-        return np.concatenate(self._split(v, s))
+        return np.concatenate(self._split(*self._parts(signals)))
+
+    def _parts(self, signals):
+        """Return v, s and d of the stacked inputs."""
+        nv = len(self.u_min)
+        v, s, d = np.split(signals, [nv, nv + self._size])
+        return v, s, d if len(d) else None
 
     def to_nlsys(self, with_cut=False):
         """Return the law as a static block of python-control.
@@ -237,12 +260,12 @@ class LinearizingLaw:
         Returns
         -------
         sys : control.NonlinearIOSystem
-            Block without state from (v[0], ..., s) to u, and ``cut[0]``, ... on
-            request. The signals of u and y have the names of the training data, those
-            of the state are ``x_hat[0]``, ...
+            Block without state from (v[0], ..., s, d) to u, and ``cut[0]``, ... on
+            request. The signals of u, d and y have the names of the training data,
+            those of the state are ``x_hat[0]``, ...
         """
-        plant, nu = self.plant, self.plant.nu
-        cut = signal_names(None, "cut", nu) if with_cut else []
+        plant, nv = self.plant, self.plant.nv
+        cut = signal_names(None, "cut", nv) if with_cut else []
         measured = plant.outputs
         if self.feedback == "state":
             measured = signal_names(None, "x_hat", self._size)
@@ -250,10 +273,11 @@ class LinearizingLaw:
             None,
             self.output_and_cut if with_cut else self.output,
             inputs=[
-                *signal_names(None, "v", nu),
+                *signal_names(None, "v", nv),
                 *measured,
+                *(plant.inputs[i] for i in plant.given),
             ],
-            outputs=[*plant.inputs, *cut],
+            outputs=[*(plant.inputs[i] for i in plant.moved), *cut],
             dt=plant.dt,
             name="law",
         )

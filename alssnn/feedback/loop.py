@@ -28,10 +28,10 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     plant : estimator, Plant or system of python-control
         What is controlled, from u to y in the user's units (operating point
         included): the model itself, another fitted model, or any discrete-time
-        system.
+        system. Its inputs are those of the record, measured disturbances among them.
     model : estimator or Plant
         Fitted model, or its `plant_`, that law, gain and observer are made from.
-    gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
+    gain : array_like of shape (nv, nx) or (nv, nx + ny) or None, default=None
         Static gain on the state, v = r - K x_hat with r in the units of u; or, with
         integrators (`lqi`), v = u_offset - K [x_hat; z], z+ = z + y - r with r in the
         units of y.
@@ -49,9 +49,9 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     -------
     loop : control.NonlinearIOSystem
         Discrete-time system, interconnected of its blocks if the plant is strictly
-        proper, with inputs ``r[0]``, ... and outputs y, u (names of the
-        training data) and ``v[0]``, ...; at rest at the operating point, r equals
-        u_offset (static gain) or y_offset.
+        proper, with inputs ``r[0]``, ..., then measured disturbances if the model has
+        any, and outputs y, u (names of the training data) and ``v[0]``, ...; at rest
+        at the operating point, r equals u_offset (static gain) or y_offset.
 
     Raises
     ------
@@ -127,14 +127,15 @@ def designed_loop(model, gain):
     ----------
     model : estimator or Plant
         Fitted model, or its `plant_`.
-    gain : array_like of shape (nu, nx) or (nu, nx + ny)
+    gain : array_like of shape (nv, nx) or (nv, nx + ny)
         Gain, as for `closed_loop`.
 
     Returns
     -------
     loop : control.StateSpace
         Discrete-time system of deviations from the operating point, with inputs
-        ``r[0]``, ... and outputs y (names of the training data) and ``v[0]``, ...
+        ``r[0]``, ..., then measured disturbances if the model has any, and outputs y
+        (names of the training data) and ``v[0]``, ...
 
     Raises
     ------
@@ -154,9 +155,9 @@ def designed_loop(model, gain):
     """
     plant = as_plant(model).late()
     block, of_y = from_gain(gain, plant)
-    A, B, C, D = plant.linear()
-    (nx, nu), ny = B.shape, len(C)
-    nr = ny if of_y else nu
+    (A, B, C, D), (G, H) = plant.linear(), plant.disturbed_by()
+    (nx, nv), ny = B.shape, len(C)
+    nr = ny if of_y else nv
     # the controller sees (r, y, x_hat) with x_hat = x, and nothing is cut; its v
     # does not depend on y, which has D v in it
     r, y, x = np.split(np.arange(nr + ny + nx), [nr, nr + ny])
@@ -169,12 +170,12 @@ def designed_loop(model, gain):
                 [block.B[:, x] + B_y @ (C + D @ v_x), block.A + B_y @ D @ v_z],
             ]
         ),
-        np.vstack([B @ v_r, block.B[:, r] + B_y @ D @ v_r]),
+        np.block([[B @ v_r, G], [block.B[:, r] + B_y @ D @ v_r, B_y @ H]]),
         np.block([[C + D @ v_x, D @ v_z], [v_x, v_z]]),
-        np.vstack([D @ v_r, v_r]),
+        np.block([[D @ v_r, H], [v_r, np.zeros((nv, plant.nd))]]),
         plant.dt,
-        inputs=signal_names(None, "r", nr),
-        outputs=[*plant.outputs, *signal_names(None, "v", nu)],
+        inputs=[*signal_names(None, "r", nr), *(plant.inputs[i] for i in plant.given)],
+        outputs=[*plant.outputs, *signal_names(None, "v", nv)],
         name="designed_loop",
     )
 
@@ -183,14 +184,16 @@ class _Names:
     """Name the signals inside the loop alike, whatever the user calls them."""
 
     def __init__(self, own, of_y, by_state, with_cut):
-        nx, nu, ny = own.nx, own.nu, own.ny
+        nx, nv, ny = own.nx, own.nv, own.ny
         self.own, self.dt, self.by_state = own, own.dt, by_state
         self.of_y = of_y
         self.x = signal_names(None, "x_hat", nx)
-        self.u, self.v = (signal_names(None, letter, nu) for letter in "uv")
+        self.u, self.v = (signal_names(None, letter, nv) for letter in "uv")
+        self.d = signal_names(None, "d", own.nd)
+        self.inputs = [*own.every_input(np.array(self.u), np.array(self.d))]
         self.y = signal_names(None, "y", ny)
-        self.cut = signal_names(None, "cut", nu) if with_cut else []
-        self.r = signal_names(None, "r", ny if of_y else nu)
+        self.cut = signal_names(None, "cut", nv) if with_cut else []
+        self.r = signal_names(None, "r", ny if of_y else nv)
 
     def _block(self, update, output, inputs, outputs, states, name):
         return control.nlsys(
@@ -209,14 +212,14 @@ class _Names:
             return self._block(
                 block.update,
                 block.output,
-                self.u,
+                self.inputs,
                 self.y + self.x,
                 self.own.nx,
                 "plant",
             )
         plant = check_plant(plant, self.own)
         plant = plant.copy(name="plant", use_prefix_suffix=False)
-        plant.update_names(inputs=self.u, outputs=self.y)
+        plant.update_names(inputs=self.inputs, outputs=self.y)
         return plant
 
     def controller(self, block):
@@ -232,14 +235,14 @@ class _Names:
     def law(self, law):
         s = self.x if law.feedback == "state" else self.y
         sys = law.to_nlsys(with_cut=bool(self.cut))
-        outputs = self.u + self.cut
-        sizes, expected = (sys.ninputs, sys.noutputs), (len(self.v + s), len(outputs))
+        inputs, outputs = self.v + s + self.d, self.u + self.cut
+        sizes, expected = (sys.ninputs, sys.noutputs), (len(inputs), len(outputs))
         if sizes != expected:
             raise ValueError(
                 "`law` must have as many inputs and outputs as the model asks for, "
                 f"{expected}, got {sizes}. Use `model.linearizing_law`."
             )
-        sys.update_names(inputs=self.v + s, outputs=outputs)
+        sys.update_names(inputs=inputs, outputs=outputs)
         return sys
 
     def observer(self, observer, model):
@@ -251,28 +254,33 @@ class _Names:
             )
         sys = observer.to_nlsys()
         sizes = (sys.ninputs, sys.noutputs)
-        expected = (len(self.u) + len(self.y), len(self.x))
+        expected = (len(self.inputs + self.y), len(self.x))
         if sizes != expected:
             raise ValueError(
                 "`observer` must have as many inputs and outputs as the model asks "
                 f"for, {expected}, got {sizes}. Use `model.observer`."
             )
-        sys.update_names(inputs=self.u + self.y, outputs=self.x)
+        sys.update_names(inputs=self.inputs + self.y, outputs=self.x)
         return sys
 
     def _outputs(self):
-        outputs = [*self.own.outputs, *self.own.inputs, *self.v]
+        outputs = [*self.own.outputs, *(self.own.inputs[i] for i in self.own.moved)]
+        outputs += self.v
         return signal_names(outputs, "", len(outputs))  # makes them unique
 
+    def _external(self):
+        return [*self.r, *(self.own.inputs[i] for i in self.own.given)]
+
     def solve(self, blocks):
-        u_e, y_e = self.own.u_offset, self.own.y_offset
-        shown = [*self.y, *self.u, *self.v]
-        loop = AlgebraicLoop(blocks, self.r, self.u, shown, u_e, self.own.u_scale)
-        loop.check(y_e if self.of_y else u_e)
+        own, shown = self.own, [*self.y, *self.u, *self.v]
+        external = self.r + self.d
+        loop = AlgebraicLoop(blocks, external, self.u, shown, own.v_offset, own.v_scale)
+        at_rest = own.y_offset if self.of_y else own.v_offset
+        loop.check(np.concatenate([at_rest, own.d_offset]))
         return self._block(
             loop.update,
             loop.output,
-            self.r,
+            self._external(),
             self._outputs(),
             [f"{b.name}_{state}" for b in blocks for state in b.state_labels],
             "loop",
@@ -281,13 +289,19 @@ class _Names:
     def connect(self, blocks):
         return control.interconnect(
             blocks,
-            inplist=[f"controller.{name}" for name in self.r],
+            inplist=[
+                *(f"controller.{name}" for name in self.r),
+                *(
+                    [f"{b.name}.{name}" for b in blocks if name in b.input_labels]
+                    for name in self.d
+                ),
+            ],
             outlist=[
                 *(f"plant.{name}" for name in self.y),
                 *(f"law.{name}" for name in self.u),
                 *(f"controller.{name}" for name in self.v),
             ],
-            inputs=self.r,
+            inputs=self._external(),
             outputs=self._outputs(),
             name="loop",
             check_unused=False,

@@ -94,13 +94,14 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     own = np.arange(nx - plant.n_late)  # the past of late inputs is weighed as v is
     Q[own, own] += state / plant.x_scale**2
     Q[nx:, nx:] = np.diag(integral / plant.y_scale**2)
-    return Q, np.diag(control / plant.u_scale**2)
+    return Q, np.diag(control / plant.v_scale**2)
 
 
 def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observer=None):
     """Return the step response that was designed, and that of the model under its law.
 
-    Both start at the operating point; the references of all outputs step at once.
+    Both start at the operating point, where measured disturbances stay; the references
+    of all outputs step at once.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     designed = designed_loop(model, gain)
     loop = closed_loop(model, model, gain, law=law, observer=observer)
     plant = as_plant(model)
-    ny, nu = plant.ny, plant.nu
+    ny, nu = plant.ny, plant.nv
     if gain.shape[1] == plant.late().nx:
         raise ValueError(
             "`gain` must have columns for integrators, got shape "
@@ -166,12 +167,13 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     n_samples = int(n_samples)
     t = plant.dt * np.arange(n_samples)
     r = np.repeat(np.broadcast_to(step, ny)[:, None], n_samples, axis=1)
-    rest = np.concatenate([plant.y_offset, plant.u_offset])[:, None]
+    rest = np.concatenate([plant.y_offset, plant.v_offset])[:, None]
+    at_rest = np.repeat(plant.d_offset[:, None], n_samples, axis=1)
     with np.errstate(all="ignore"):
-        linear = control.forced_response(designed, t, r).outputs
-        whole = control.input_output_response(
-            loop, t, r + plant.y_offset[:, None]
-        ).outputs
+        nothing = np.zeros_like(at_rest)
+        linear = control.forced_response(designed, t, np.vstack([r, nothing])).outputs
+        inputs = np.vstack([r + plant.y_offset[:, None], at_rest])
+        whole = control.input_output_response(loop, t, inputs).outputs
     labels = list(designed.output_labels)
     # the loop has u between y and v
     y, u, v = np.split(np.reshape(whole, (-1, n_samples)), [ny, ny + nu])
@@ -191,7 +193,7 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
 
 
 def input_range(model):
-    """Return the range of the inputs in the training data.
+    """Return the range of the inputs that are moved, in the training data.
 
     Parameters
     ----------
@@ -200,7 +202,7 @@ def input_range(model):
 
     Returns
     -------
-    low, high : ndarray of shape (nu,)
+    low, high : ndarray of shape (nv,)
         Smallest and largest value of every input, in the units of u.
 
     Raises
@@ -221,5 +223,5 @@ def input_range(model):
     True
     """
     plant = as_plant(model)
-    low, high = (bound[: plant.nu] for bound in plant.region.seen)
-    return low + plant.u_offset, high + plant.u_offset
+    low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
+    return low + plant.v_offset, high + plant.v_offset

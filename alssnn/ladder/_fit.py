@@ -46,6 +46,7 @@ def model_ladder(
     stability="auto",
     feedback=None,
     input_map="identity",
+    disturbances=None,
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -93,6 +94,8 @@ def model_ladder(
     input_map : {"identity", "monotone"}, default="identity"
         Whether the linear part of all models with h answers to v = u + h(s), or to a
         monotone map v = phi(u, s).
+    disturbances : array_like of int or str, or None, default=None
+        Columns of u that are measured but not moved, in all models.
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -151,6 +154,7 @@ def model_ladder(
         "dt": dt,
         "random_state": random_state,
         "input_map": input_map,
+        "disturbances": disturbances,
         "verbose": verbose,
     }
     choices = {

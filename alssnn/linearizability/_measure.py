@@ -134,7 +134,7 @@ def _carried(plant, records, v, opened, closed):
         return np.full(plant.ny, np.nan)
     beside = None
     if plant.cancels and plant.feedback == "output":
-        beside = closed_beside(plant.lure, plant.law_form)
+        beside = closed_beside(plant.lure, plant.law_form, plant.moved)
     distance, designed = [], []
     with np.errstate(over="ignore", invalid="ignore"):
         for record, dv, run, loop in zip(records, v, opened, closed, strict=True):
@@ -161,8 +161,8 @@ class _Run:
     X: np.ndarray  # (N, nx)
     u: np.ndarray  # (N, nu)
     y: np.ndarray  # (N, ny)
-    linear: np.ndarray  # (N, nx): A x + B u, of the closed loop A x + B v
-    h: np.ndarray  # (N, nu)
+    linear: np.ndarray  # (N, nx): A x + B u + G d, of the closed loop with v for u
+    h: np.ndarray  # (N, nv)
     g: np.ndarray  # (N, nx)
     e: np.ndarray  # (N, ny)
 
@@ -175,27 +175,32 @@ def _virtual_inputs(plant, u, opened):
     """
     if plant.is_explicit:
         return u
-    every_u = np.vstack(u)
+    moved = plant.moved
+    every_u = np.vstack(u)[:, moved]
     every_v = every_u + np.vstack([run.h for run in opened])
     spread = every_u.std(axis=0)
     gain = np.where(spread > 0, every_v.std(axis=0) / np.maximum(spread, TINY), 1.0)
     mean_u, mean_v = every_u.mean(axis=0), every_v.mean(axis=0)
-    return [mean_v + gain * (du - mean_u) for du in u]
+    made = [du.copy() for du in u]  # disturbances are what they were
+    for dv in made:
+        dv[:, moved] = mean_v + gain * (dv[:, moved] - mean_u)
+    return made
 
 
 def _run(plant, record, driven, loop=None):
     """Simulate the plant, or its loop with an input v, and observe it."""
     A, B, C, _ = plant.linear()
+    by_input = plant.every_input(B, plant.disturbed_by()[0] if plant.nd else None)
     u = driven
-    form, ny, nu = plant.observed, plant.ny, plant.nu
+    form, ny, nv = plant.observed, plant.ny, plant.nv
     X = simulate(form if loop is None else loop, driven, record.x0)[:-1]
     with np.errstate(over="ignore", invalid="ignore"):
         if loop is not None:
             u = channels(loop, X, driven)[:, ny:]
         Z = channels(form, X, u)
-        y, v, g, eta = np.split(Z, np.cumsum([ny, nu, plant.nx]), axis=1)
+        y, v, g, eta = np.split(Z, np.cumsum([ny, nv, plant.nx]), axis=1)
         e = output_residual(A, C, g) + eta
-        linear, h = X @ A.T + driven @ B.T, v - u
+        linear, h = X @ A.T + driven @ by_input.T, v - u[:, plant.moved]
     return _Run(X, u, y, linear, h, g, np.where(np.isfinite(e), e, np.inf))
 
 
@@ -272,8 +277,9 @@ def _variation(signals, floor=0.0):
 
 def _law_size(h, u, plant):
     """Return the largest std(h) / std(u) over the inputs; inf if h diverges."""
+    u = [du[:, plant.moved] for du in u]
     std_u = np.sqrt(_variation(u) / sum(map(len, u)))
-    std_u = np.where(std_u > 0, std_u, plant.u_scale)
+    std_u = np.where(std_u > 0, std_u, plant.v_scale)
     std_h = np.sqrt(_variation(h) / sum(map(len, h)))
     return float(np.max(std_h / std_u))
 

@@ -36,6 +36,7 @@ DAMAGED = (
     OverflowError,  # a shape that no machine can count
     UserWarning,  # the header of an array is one of Python 2
 )
+LONGEST_RANGE = 100_000  # items, of states or signals
 VERSION = 1  # the newest schema, the one that is written
 
 
@@ -218,7 +219,7 @@ def decode(encoded):
     Raises
     ------
     ValueError
-        If the type of a value is unknown.
+        If the type of a value is unknown, or a range is endless.
     """
     if isinstance(encoded, list):
         return [decode(item) for item in encoded]
@@ -232,7 +233,10 @@ def decode(encoded):
         case {"tuple": list(values)}:
             return tuple(decode(values))
         case {"range": [int(start), int(stop), int(step)]}:
-            return range(start, stop, step)
+            items = range(start, stop, step)
+            if len(items) > LONGEST_RANGE:  # a few bytes that fill the memory as a list
+                raise ValueError(f"a range of {len(items)} items")
+            return items
         case {"dict": list(pairs)}:
             return {decode(k): decode(v) for k, v in pairs}
     raise ValueError(f"unknown value {encoded!r}")

@@ -133,7 +133,8 @@ def _flags(export, inverse):
         "SOLVED": inverse is not None,
         "BY_STATE": plant.feedback == "state",
         "INNER": inverse is not None and inverse.n_inner > 0,
-        "ONE": plant.nu == 1,
+        "ONE": plant.nv == 1,
+        "DISTURBED": plant.nd > 0,
         "LIMITED": law is not None and bool(np.isfinite([law.u_min, law.u_max]).any()),
         "OBSERVER": export.M is not None,
         "GATED": export.gate is not None,
@@ -148,7 +149,9 @@ def _values(export, inverse, flags, numbers):
     if flags["INTEGRATES"]:
         demo = plant.y_offset + 0.5 * plant.y_scale
     else:
-        demo = plant.u_offset + (0.5 if flags["CONTROL"] else 1) * plant.u_scale
+        demo = plant.u_offset + plant.u_scale
+        if flags["CONTROL"]:
+            demo = plant.v_offset + 0.5 * plant.v_scale
     what = "a step response of the model"
     if flags["CONTROL"]:
         what = "a step of the reference in closed loop"
@@ -162,8 +165,17 @@ def _values(export, inverse, flags, numbers):
         "nx_all": export.late.nx,
         "nu": plant.nu,
         "ny": plant.ny,
+        "nv": plant.nv,
+        "nd": plant.nd,
         "ns": plant.law_form.nu - plant.nu,
-        "nr": plant.ny if flags["INTEGRATES"] else plant.nu,
+        "nr": plant.ny if flags["INTEGRATES"] else plant.nv,
+        "v_offset": "v_offset" if plant.nd else "u_offset",
+        "v_scale": "v_scale" if plant.nd else "u_scale",
+        "d": "c->d, " if plant.nd else "",
+        "seen": "set(PLANT_NS, s, seen);"
+        if by_state
+        else "subtract(NY, s, y_offset, seen);",
+        **_places(plant, numbers),
         "r_units": "y" if flags["INTEGRATES"] else "u",
         "late": ", then past inputs, oldest first" if flags["LATE"] else "",
         "unused": "" if flags["FEEDS"] else "; u is not used, may be 0",
@@ -185,13 +197,29 @@ def _values(export, inverse, flags, numbers):
     }
 
 
+def _places(plant, numbers):
+    """Return blanks that tell inputs that are moved from measured disturbances."""
+    blanks = {"d_values": ", ".join(numbers.literal("d", d) for d in plant.d_offset)}
+    for name in ("moved", "given"):
+        columns = getattr(plant, name)
+        blanks[name] = ", ".join(map(str, columns))
+        words = ", ".join(f"{plant.inputs[i]} (u[{i}])" for i in columns)
+        blanks[f"{name}_words"] = _plain(words)
+    return blanks
+
+
 def _constants(export, inverse, flags, numbers):
     plant, law = export.plant, export.law
     arrays = {"u_offset": plant.u_offset}
+    if plant.nd and flags["LAW"]:
+        arrays["d_offset"] = plant.d_offset
+    if plant.nd and (flags["SOLVED"] or flags["CONTROL"]):
+        arrays["v_offset"] = plant.v_offset
     if flags["INTEGRATES"] or (flags["LAW"] and not flags["BY_STATE"]):
         arrays["y_offset"] = plant.y_offset
     if flags["SOLVED"]:
-        arrays |= {"u_scale": plant.u_scale, **inverse.arrays()}
+        scale = "v_scale" if plant.nd else "u_scale"
+        arrays |= {scale: plant.v_scale, **inverse.arrays()}
     if flags["LIMITED"]:
         arrays |= {"u_min": law.u_min, "u_max": law.u_max}
     if flags["OBSERVER"]:
@@ -208,6 +236,10 @@ def _constants(export, inverse, flags, numbers):
     if flags["LATE"]:
         delay = ", ".join(map(str, plant.delay))
         yield f"static const int delay[NU] = {{{delay}}}; /* samples */"
+    if plant.nd and flags["CONTROL"]:
+        for name in ("moved", "given"):
+            places = ", ".join(map(str, getattr(plant, name)))
+            yield f"static const int {name}[] = {{{places}}}; /* places in u */"
 
 
 def _maps(export, inverse, numbers):

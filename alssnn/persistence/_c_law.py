@@ -22,7 +22,7 @@ class Inverse:
 
     def __init__(self, plant):
         before, behind = plant.law_map.parts()
-        nu, scale = plant.nu, plant.u_scale
+        nu, scale = plant.nv, plant.v_scale
         Theta = before.Theta.copy()
         Theta[:nu] /= scale[:, None]
         self.nu, self.n_inner, self.sigma = nu, behind.nw, behind.sigma

@@ -52,9 +52,9 @@ class Export:
 
     @cached_property
     def h(self):
-        """Return what the law takes off v, as a static map of s as a deviation."""
-        form, nu = self.plant.law_form, self.plant.nu
-        return static_map(form, slice(0, nu), form.nu - nu)
+        """Return what the law takes off v, as a static map of deviations [s; d]."""
+        form, nv = self.plant.law_form, self.plant.nv
+        return static_map(form, slice(0, nv), form.nu - nv)
 
     @classmethod
     def of(cls, model, law=None, observer=None, gain=None):

@@ -31,7 +31,8 @@ from ._archive import decode, encode, read, release, write
 
 PARAMETER = "parameter."
 CENTER = "center."
-REGION = ("low", "high", "center", "whiten", "radius")
+REGION = ("low", "high", "center", "whiten", "radius", "points", "reach", "doubt")
+NEAREST = ("points", "reach", "doubt")  # of the region, not in older files
 SCALING = ("u_offset", "y_offset", "u_scale", "y_scale")
 RESULTS = ("x0_", "input_delay_", "singular_values_")
 LONGEST = 300  # characters of a reason for which a file is refused
@@ -184,6 +185,11 @@ def _restore(cls, document, arrays):
     fit = document["fit"]
     n_experiments = len(fit["experiments"])
     excited = np.shape(arrays["region.whiten"])[-1]
+    if not any(f"region.{name}" in arrays for name in NEAREST):
+        points = np.empty((0, excited))
+        nearest = zip(NEAREST, (points, np.zeros(()), np.zeros(())), strict=True)
+        arrays |= {f"region.{name}": value for name, value in nearest}
+    n_points = len(np.atleast_1d(arrays.get("region.points", ())))
     n_region = nx if np.shape(arrays["region.center"]) == (nx,) else nx + nu  # [x; u]
     shapes = {
         **{PARAMETER + name: shape for name, shape in structure.shapes.items()},
@@ -201,6 +207,9 @@ def _restore(cls, document, arrays):
         "region.center": ((nx,), (nx + nu,)),  # of older files: x alone
         "region.whiten": (n_region, excited),
         "region.radius": (),
+        "region.points": (n_points, excited),
+        "region.reach": (),
+        "region.doubt": (),
         "singular_values": np.shape(arrays["singular_values"])[:1],
     }
     centered = any(name.startswith(CENTER) for name in arrays)
@@ -218,7 +227,7 @@ def _restore(cls, document, arrays):
         theta=structure.join({k: arrays[PARAMETER + k] for k in structure.shapes}),
         scaling=Scaling(*(arrays[name] for name in SCALING)),
         x_scale=arrays["x_scale"],
-        region=Region(**{**region, "radius": region["radius"][()]}),
+        region=Region(**{k: z if z.ndim else z[()] for k, z in region.items()}),
         container=Container(
             container.get("library"),
             container.get("is_series", False),

@@ -51,7 +51,8 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         )
     export = Export.of(model, law, observer, gain)
     plant, law = export.plant, export.law
-    A, B, C, D = plant.arrived().linear()
+    arrived = plant.arrived()
+    (A, B, C, D), (G, H) = arrived.linear(), arrived.disturbed_by()
     nothing = np.zeros((0, 0))  # isempty() tells
     struct = {
         "name": plant.name,
@@ -61,6 +62,9 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         "B": B,
         "C": C,
         "D": D,
+        "G": G,
+        "H": H,
+        "disturbances": _column(plant.given) + 1,
         "lure": _form(export.late.form),
         "feedback": plant.feedback,
         "input_delay": _column(plant.delay),
@@ -74,7 +78,7 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         "law": nothing
         if law is None
         else {
-            # h of s, or phi of [s; u] where the law solves v = phi(u, s)
+            # h of [s; d], or phi of [s; d; u] where the law solves v = phi(u, s, d)
             "h": _form(export.h) if plant.is_explicit else nothing,
             "phi": nothing if plant.is_explicit else _form(plant.law_form),
             "u_min": _column(law.u_min),

@@ -113,19 +113,22 @@ def _step(plant):
 
 
 def _law(export):
-    """Return the graph of v, s -> u (eq. loop), s the measured y or the state x."""
+    """Return the graph of v, s, d -> u (eq. loop), s the measured y or the state x."""
     plant, law, h = export.plant, export.law, export.h
     by_state = plant.feedback == "state"
     graph = _Graph()
-    u = graph.input("v", plant.nu)
-    s = graph.input("x" if by_state else "y", h.nu)
-    ds = s if by_state else graph.shift(s, "y_offset", -plant.y_offset)
-    u = graph.node("Sub", u, walk(h, {ds: h.nu}, graph, "h"))
+    u, nv, nd = graph.input("v", plant.nv), plant.nv, plant.nd
+    s = graph.input("x" if by_state else "y", h.nu - nd)
+    seen = {s if by_state else graph.shift(s, "y_offset", -plant.y_offset): h.nu - nd}
+    if nd:
+        d = graph.input("d", nd)
+        seen[graph.shift(d, "d_offset", -plant.d_offset)] = nd
+    u = graph.node("Sub", u, walk(h, seen, graph, "h"))
     for operator, name in (("Max", "u_min"), ("Min", "u_max")):
         limit = getattr(law, name)
         if np.isfinite(limit).any():
             u = graph.node(operator, u, graph.constant(name, limit))
-    graph.output("u", u, plant.nu)
+    graph.output("u", u, nv)
     return graph
 
 
@@ -142,6 +145,7 @@ def _metadata(export):
         "dt": repr(plant.dt),
         "inputs": json.dumps(list(plant.inputs)),
         "outputs": json.dumps(list(plant.outputs)),
+        "disturbances": json.dumps([plant.inputs[i] for i in plant.given]),
         "states": json.dumps([f"x{i}" for i in range(plant.nx)] + late),
         "feedback": plant.feedback,
         "no_law": export.no_law,

@@ -2,7 +2,12 @@
 
 import numpy as np
 
-from ..validation import column_names, frequency_response, sine_response
+from ..validation import (
+    column_names,
+    frequency_response,
+    moved_names,
+    sine_response,
+)
 from ._axes import color, finish, frequency_axis, grid_of_axes
 
 N_FREQUENCIES = 300  # of the linear response
@@ -100,8 +105,8 @@ class BodeDisplay:
             If an option is out of range, or the band or the axes do not fit.
         """
         sys = model.to_statespace()
-        nu = model.B_.shape[1]
-        inputs, outputs = column_names(model)
+        moved, outputs = model.plant_.moved, column_names(model)[1]
+        nu = len(moved)
         amplitudes = np.asarray(amplitudes, dtype=float)
         if amplitudes.size and amplitudes.shape not in [
             (len(amplitudes),),
@@ -119,7 +124,7 @@ class BodeDisplay:
                     model,
                     row[j],
                     loop=loop,
-                    input=j,
+                    input=moved[j],
                     n_frequencies=n_frequencies,
                     period=period,
                 )
@@ -130,7 +135,8 @@ class BodeDisplay:
             G = np.stack([G for _, G in found], axis=-1)
             responses.append((f"{what}, amplitude {label}", found[0][0], G))
         f = np.geomspace(1 / (period * model.dt), 0.5 / model.dt, N_FREQUENCIES)
-        display = cls(f, frequency_response(sys, f), inputs, outputs, responses, band)
+        G, inputs = frequency_response(sys, f), moved_names(model)
+        display = cls(f, G, inputs, outputs, responses, band)
         return display.plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):

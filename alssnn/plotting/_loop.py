@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..plant import as_plant
-from ..validation import column_names
+from ..validation import column_names, moved_names
 from ._axes import color, finish, grid_of_axes, time_axis
 
 
@@ -179,7 +179,7 @@ class LoopDisplay:
         """
         from ..feedback import input_range  # python-control takes a while
 
-        inputs, outputs = column_names(model)
+        inputs, outputs = moved_names(model), column_names(model)[1]
         labels = list(responses["model"].output_labels)
         # the real input before v, which no actuator sees
         nu, ny = len(inputs), len(outputs)

@@ -4,12 +4,13 @@ import numpy as np
 
 from ..plant import as_plant
 from ..simulation import simulate
-from ..validation import column_names, scored_experiments
+from ..validation import column_names, moved_names, scored_experiments
 from ._axes import MEASURED, color, few_ticks, finish, frequency_axis, grid_of_axes
 from ._spectrum import amplitude_spectrum
 
 N_POINTS = 200  # of a curve of h
 BINS = 40
+LEVELS = (0.1, 0.5, 0.9)  # quantiles of h at which s rests below a curve of phi
 
 
 class NonlinearityDisplay:
@@ -18,18 +19,24 @@ class NonlinearityDisplay:
     With several arguments s the curves are cuts: one argument moves, the others rest
     at their median. Where the data are thin, h is a guess.
 
+    A monotone map v = phi(u, s) is drawn over u itself, at three samples of s: those
+    at which h is at its 10 %, 50 % and 90 % quantile while u is at its median.
+
     Parameters
     ----------
     h : callable
-        Function ``h(s)`` of samples (N, ns) with values (N, nu).
+        Function ``h(s)`` of samples (N, ns) with values (N, nv).
     s : ndarray of shape (N, ns)
-        Arguments of h in the data.
+        Arguments of h in the data: what the law measures, disturbances included, and
+        the inputs u behind it if ``n_inputs`` says so.
     argument_names, input_names : list of str
         Names of the arguments, and of the inputs that h adds to.
+    n_inputs : int, default=0
+        Number of last arguments that are inputs, over which phi is drawn.
 
     Attributes
     ----------
-    axes_ : ndarray of shape (nu, ns)
+    axes_ : ndarray of shape (nv, ns)
         Axes.
     figure_ : matplotlib.figure.Figure
         The figure.
@@ -44,8 +51,8 @@ class NonlinearityDisplay:
     >>> display.figure_.savefig("law.png")  # doctest: +SKIP
     """
 
-    def __init__(self, h, s, argument_names, input_names):
-        self.h, self.s = h, s
+    def __init__(self, h, s, argument_names, input_names, n_inputs=0):
+        self.h, self.s, self.n_inputs = h, s, n_inputs
         self.argument_names, self.input_names = argument_names, input_names
 
     @classmethod
@@ -84,25 +91,29 @@ class NonlinearityDisplay:
                 f"`model` must have a network h, got {type(model).__name__} without "
                 "one. Fit AlSsnn or FlSsnn with n_h > 0."
             )
-        inputs, names = column_names(model)
+        (every, names), inputs = column_names(model), moved_names(model)
         if plant.feedback == "state":
             form, names = plant.arrived().lure, [f"x{i}" for i in range(plant.nx)]
             runs = [simulate(form, record.du, record.x0)[:-1] for record in records]
         else:
             runs = [record.y for record in records]
-        s, h = np.vstack(runs), plant.cancelled
+        u = np.vstack([record.du + plant.u_offset for record in records])
+        given = list(plant.given)
+        parts = [np.vstack(runs), u[:, given]]
+        names = [*names, *(every[i] for i in given)]
         if not plant.is_explicit:  # h = phi(u, s) - u
-            u, names = (
-                np.vstack([r.du + plant.u_offset for r in records]),
-                names + inputs,
-            )
-            ns, s = s.shape[1], np.hstack([s, u])
+            parts.append(u[:, plant.moved])
+            names += inputs
+        ends = np.cumsum([part.shape[1] for part in parts])[:-1]
 
-            def h(z):
-                return plant.cancelled(z[:, :ns], z[:, ns:])
+        def h(z):
+            s, d, *m = np.split(z, ends, axis=1)
+            return plant.cancelled(s, m[0] if m else None, d)
 
+        s = np.hstack(parts)
         s = s[np.isfinite(s).all(axis=1)]
-        display = cls(h, s, names, inputs)
+        n_inputs = 0 if plant.is_explicit else plant.nv
+        display = cls(h, s, names, inputs, n_inputs)
         return display.plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):
@@ -126,14 +137,10 @@ class NonlinearityDisplay:
             If the number of axes is wrong.
         """
         ns, nu = self.s.shape[1], len(self.input_names)
-        axes = grid_of_axes(ax, (nu, ns), size=(4.5, 3.0), sharey="row")
-        style = {"color": color(0), "linewidth": 1.8, **kwargs}
-        cuts = "h" if ns == 1 else "h, other arguments at their median"
+        axes = grid_of_axes(
+            ax, (nu, ns), size=(4.5, 3.0), sharey=False if self.n_inputs else "row"
+        )
         for j in range(ns):
-            low, high = self.s[:, j].min(), self.s[:, j].max()
-            s = np.tile(np.median(self.s, axis=0), (N_POINTS, 1))
-            s[:, j] = np.linspace(low, high, N_POINTS)
-            h = self.h(s)
             for i in range(nu):
                 one = axes[i, j]
                 density = one.twinx()
@@ -143,12 +150,41 @@ class NonlinearityDisplay:
                 # the curve lies above the density
                 one.set_zorder(density.get_zorder() + 1)
                 one.patch.set_visible(False)
-                one.plot(s[:, j], h[:, i], label=cuts, **style)
+                value = "phi" if j >= ns - self.n_inputs else "h"
+                curves = self._maps if value == "phi" else self._cut
+                for k, (z, h, label) in enumerate(curves(i, j)):
+                    style = {"color": color(k), "linewidth": 1.8, **kwargs}
+                    one.plot(z, h, label=label, **style)
                 one.set_xlabel(f"{self.argument_names[j]} (gray: density of the data)")
-                one.set_ylabel(f"h, in units of {self.input_names[i]}")
-                finish(one, legend="above" if i == j == 0 else False)
+                one.set_ylabel(f"{value}, in units of {self.input_names[i]}")
+                finish(one, legend="above" if i == 0 and j in (0, ns - 1) else False)
         self.axes_, self.figure_ = axes, axes[0, 0].figure
         return self
+
+    def _moving(self, j, rest):
+        """Return arguments of which one moves over its range."""
+        s = np.tile(rest, (N_POINTS, 1))
+        s[:, j] = np.linspace(self.s[:, j].min(), self.s[:, j].max(), N_POINTS)
+        return s
+
+    def _cut(self, i, j):
+        """Yield the curve of h over one argument."""
+        s = self._moving(j, np.median(self.s, axis=0))
+        several = self.s.shape[1] > 1
+        label = "h, other arguments at their median" if several else "h"
+        yield s[:, j], self.h(s)[:, i], label
+
+    def _maps(self, i, j):
+        """Yield curves of phi over an input, for s of the data."""
+        ns = self.s.shape[1]
+        first = ns - self.n_inputs
+        at_median = self.s.copy()
+        at_median[:, first:] = np.median(self.s[:, first:], axis=0)
+        order = np.argsort(self.h(at_median)[:, i], kind="stable")
+        for level in LEVELS:
+            s = self._moving(j, at_median[order[int(level * (len(order) - 1))]])
+            phi = s[:, first + i] + self.h(s)[:, i]
+            yield s[:, j], phi, f"phi, s where h is at its {level:.0%} quantile"
 
 
 class ResidualNonlinearityDisplay:

@@ -88,16 +88,21 @@ def equations(model):
     """
     plant = model.plant_
     inputs, outputs = column_names(model)
-    A, B, C, D = model.A_, model.B_, model.C_, model.D_
     linear = {
-        "A": (A, ""),
-        "B": (B, ""),
-        "C": (C, ""),
-        "D": (D, ""),
+        "A": (model.A_, ""),
+        "B": (model.B_, ""),
+        "C": (model.C_, ""),
+        "D": (model.D_, ""),
+        "G": (model.G_, f"of {_disturbances(model)}"),
+        "H": (model.H_, f"of {_disturbances(model)}"),
         "u_e": (plant.u_offset, f"operating point of {', '.join(inputs)}"),
         "y_e": (plant.y_offset, f"operating point of {', '.join(outputs)}"),
     }
-    shown = {k: z for k, z in linear.items() if k != "D" or np.any(D)}
+    shown = {
+        name: (z, words)
+        for name, (z, words) in linear.items()
+        if name not in ("D", "G", "H") or np.any(z)
+    }
     steps, arrays = model_steps(plant)
     numbers = "".join(matrix(name, values) for name, values in arrays.items())
     lines = "".join(paragraph(line, "equation") for line in steps)
@@ -106,6 +111,7 @@ def equations(model):
         [
             *(paragraph(line, "equation") for line in _in_words(model)),
             paragraph(f"du = u - u_e, {_delay_words(model)}", "note"),
+            *_disturbance_words(model),
             *_law_words(plant),
             *(matrix(name, values, words) for name, (values, words) in shown.items()),
             heading("Step by step"),
@@ -122,16 +128,37 @@ def _in_words(model):
     if not options:
         return []
     h, g, k = (any(options[f"n_{net}"]) for net in "hgk")
+    nd = len(model.disturbances_)
+    du = "dm" if nd else "du"
     s = "x" if options["feedback"] == "state" else "y - y_e"
-    of_v = f"(du + h({s}))" if h else "du"
+    s += ", dd" if nd else ""
+    of_v = f"({du} + h({s}))" if h else du
     if not model.plant_.is_explicit:
-        of_v = f"phi(du, {s})"
-    state = f"x+ = A x + B {of_v}"
-    output = "y - y_e = C x" + (" + D du" if np.any(model.D_) else "")
+        of_v = f"phi({du}, {s})"
+    state = f"x+ = A x + B {of_v}" + (" + G dd" if nd else "")
+    output = "y - y_e = C x" + (f" + D {du}" if np.any(model.D_) else "")
+    output += " + H dd" if np.any(model.H_) else ""
     return [
         state + (" + g(x, du)" if g else ""),
         output + (" + k(x, du)" if k else ""),
     ]
+
+
+def _disturbances(model):
+    """Return the names of measured disturbances."""
+    inputs, _ = column_names(model)
+    return ", ".join(inputs[i] for i in model.disturbances_)
+
+
+def _disturbance_words(model):
+    """Say which part of du is measured but not moved, where there is any."""
+    if not len(model.disturbances_):
+        return []
+    words = (
+        f"dd are the columns of du of the measured disturbances: {_disturbances(model)}"
+        ". dm are the others, which a controller moves."
+    )
+    return [paragraph(words, "note")]
 
 
 def _law_words(plant):
@@ -139,8 +166,9 @@ def _law_words(plant):
     if not plant.cancels:
         return []
     s = "x" if plant.feedback == "state" else "y"
+    s += ", d" if plant.nd else ""
     left = "The law leaves (A, B, C) from v, as far as the model is the plant."
-    if not plant.no_law and np.any(plant.observed.rows_z[plant.ny + plant.nu :]):
+    if not plant.no_law and np.any(plant.observed.rows_z[plant.ny + plant.nv :]):
         left = "The law leaves (A, B, C) from v, and what it does not cancel."
     return [
         paragraph(
@@ -173,7 +201,11 @@ def model_steps(plant):
         return [], {}
     nx, ny = plant.nx, plant.ny
     model = {"x": nx, "du": plant.nu}
-    law = {"s": plant.law_form.nu - plant.nu, "du": plant.nu}
+    law = {"s": plant.law_form.nu - plant.nu, "dd": plant.nd, "du": plant.nv}
+    if plant.nd:
+        law["dm"] = law.pop("du")
+    else:
+        del law["dd"]
     maps = {
         "x+": ("f", static_map(plant.form, slice(0, nx)), model),
         "y - y_e": ("c", static_map(plant.form, slice(nx, nx + ny)), model),

@@ -65,6 +65,12 @@ class Structure:
         """Return the signal that a record holds."""
         return next(iter(self.signals))
 
+    @cached_property
+    def given(self):
+        """Return the columns of u that no controller moves, as an array."""
+        further = range(self.sizes[self.inputs[0]], self.nu)
+        return np.array([*self.options.get("disturbances", ()), *further], dtype=int)
+
     def observe(self, *names):
         """Return the structure with other channels.
 

@@ -18,6 +18,7 @@ from ._residuals import ResidualTests, residual_tests
 from ._scored import (
     check_names,
     column_names,
+    moved_names,
     scored_experiments,
     scored_sensitivities,
 )
@@ -34,6 +35,7 @@ __all__ = [
     "column_names",
     "frequency_response",
     "loop_deviation",
+    "moved_names",
     "residual_tests",
     "scored_experiments",
     "scored_sensitivities",

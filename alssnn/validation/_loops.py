@@ -213,7 +213,7 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     linear = Lure(np.hstack([loop.M[:nx], np.zeros((nx, 1))]), nx, nu, 0)
     runs = []
     for record in model.prepare_records(u, y, experiment):
-        r = record.u - plant.u_offset
+        r = record.u - plant.u_offset  # and disturbances as they were
         x0 = np.pad(record.x0, (0, nx - len(record.x0)))  # late inputs rested
         X = simulate(loop, r, x0)[:-1]
         with np.errstate(invalid="ignore"):

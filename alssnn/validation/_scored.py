@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..plant import as_plant
-from ..simulation import outputs, sensitivities
+from ..simulation import channels, outputs, sensitivities, simulate
 
 
 def scored_experiments(model, u, y, experiment=None):
@@ -111,6 +111,45 @@ def scored_sensitivities(model, u, y, experiment=None):
     return [partial(one, record) for record in records]
 
 
+def surely_outside(model, u, y, experiment=None):
+    """Return the share of samples that are surely outside the training region.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model that knows its region.
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    share : float
+        Share of all samples, those included that estimate the initial states, as
+        `linearizability` counts them.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If the data do not fit the model.
+    """
+    plant = as_plant(model).arrived()
+    outside = []
+    for record in model.prepare_records(u, y, experiment):
+        X = simulate(plant.lure, record.du, record.x0)[:-1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            y_hat = channels(plant.lure, X, record.du)[:, : plant.ny]
+        measured = np.where(np.isnan(record.dy), y_hat, record.dy)
+        found = plant.region.outside(X, record.du, y_hat, measured, surely=True)
+        outside.append(found)
+    return float(np.concatenate(outside).mean())
+
+
 def check_names(name, names, letter, size):
     """Return one name per signal.
 
@@ -159,9 +198,24 @@ def column_names(model):
     inputs, outputs : list of str
         Names of the columns of the training data, else u0, u1, ... and y0, y1, ...
     """
-    ny, nu = model.D_.shape
     inputs = getattr(model, "feature_names_in_", None)
     return (
-        check_names("feature_names_in_", inputs, "u", nu),
-        check_names("output_names_", model.output_names_, "y", ny),
+        check_names("feature_names_in_", inputs, "u", model.n_features_in_),
+        check_names("output_names_", model.output_names_, "y", len(model.C_)),
     )
+
+
+def moved_names(model):
+    """Return names of the inputs that a controller moves, as of `column_names`.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    names : list of str
+        Names, without those of measured disturbances.
+    """
+    return [column_names(model)[0][i] for i in model.plant_.moved]

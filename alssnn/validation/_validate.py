@@ -1,5 +1,7 @@
 """The checks of a model on a record, and their words."""
 
+from functools import partial
+
 import numpy as np
 
 from ..linearizability import OUTSIDE, judge, percent, worst_error
@@ -8,7 +10,12 @@ from ._ahead import ahead_fit
 from ._lags import choose_lags
 from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
-from ._scored import column_names, scored_experiments, scored_sensitivities
+from ._scored import (
+    column_names,
+    scored_experiments,
+    scored_sensitivities,
+    surely_outside,
+)
 
 LEAST = 20  # samples of which a verdict can be given
 WORSE = 3.0  # error of the free run over that in training from which it is too much,
@@ -154,7 +161,7 @@ def validate(
     missed = 1 - _fits(experiments) / 100
     checks = (  # by weight
         free_run,
-        _extrapolation(linear),
+        _extrapolation(linear, partial(surely_outside, model, u, y, experiment)),
         _linear(linear, linear_within, model.fitted_.for_control, free_run.value),
         *(_block(residuals, name, missed, doubt) for name in BLOCKS),
         _ahead(ahead, problem, outputs),
@@ -328,14 +335,21 @@ def _ahead(ahead, problem, outputs):
     return Check("predictions", passed, float(fit[-1]), "fit, %,", False, sentence)
 
 
-def _extrapolation(linear):
+def _extrapolation(linear, surely):
     outside = float("nan") if linear.outside is None else float(linear.outside)
-    passed = bool(outside <= OUTSIDE)
+    passed, undecided = bool(outside <= OUTSIDE), False
     sentence = f"{percent(outside)} of the record lies outside the training region"
-    sentence += (
-        "." if passed else ": there the model is a guess, train on such data as well."
-    )
-    return Check("extrapolation", passed, outside, "share", True, sentence)
+    if passed:
+        sentence += "."
+    elif outside > OUTSIDE >= surely():
+        undecided = True
+        sentence += (
+            ", but the training record is short for such slow signals, and another one "
+            "of the same kind might do so, too: train on a longer record."
+        )
+    else:
+        sentence += ": there the model is a guess, train on such data as well."
+    return Check("extrapolation", passed, outside, "share", True, sentence, undecided)
 
 
 def _linear(linear, within, decides, fit):

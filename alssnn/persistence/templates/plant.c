@@ -5,6 +5,7 @@
 #define NX $nx /* states of the model$late */
 #define NU PLANT_NU
 #define NY PLANT_NY
+#define NV $nv /* inputs that are moved */
 #if INNER
 #define N_INNER $n_inner /* neurons that see u */
 #endif
@@ -115,23 +116,23 @@ static void miss(const real *z, const real *a, const real *q, real *e, real *siz
     real w[N_INNER], d[N_INNER];
     int j;
     set(N_INNER, a, w);
-    add(N_INNER, NU, phi_U, q, w);
+    add(N_INNER, NV, phi_U, q, w);
 $respond
 #else
     (void)a;
 #endif
-    for (i = 0; i < NU; i++) {
+    for (i = 0; i < NV; i++) {
         e[i] = z[i] + phi_D[i] * q[i];
         size[i] = modulus(z[i]) + modulus(phi_D[i] * q[i]);
-        for (k = 0; k < NU; k++)
-            J[i * NU + k] = i == k ? phi_D[i] : 0;
+        for (k = 0; k < NV; k++)
+            J[i * NV + k] = i == k ? phi_D[i] : 0;
 #if INNER
         for (j = 0; j < N_INNER; j++) {
             real part = phi_W[i * N_INNER + j] * w[j];
             e[i] += part;
             size[i] += modulus(part);
-            for (k = 0; k < NU; k++)
-                J[i * NU + k] += phi_W[i * N_INNER + j] * d[j] * phi_U[j * NU + k];
+            for (k = 0; k < NV; k++)
+                J[i * NV + k] += phi_W[i * N_INNER + j] * d[j] * phi_U[j * NV + k];
         }
 #endif
     }
@@ -180,7 +181,7 @@ static real dot(const real *a, const real *b)
 {
     real sum = 0;
     int i;
-    for (i = 0; i < NU; i++)
+    for (i = 0; i < NV; i++)
         sum += a[i] * b[i];
     return sum;
 }
@@ -190,38 +191,38 @@ static real dot(const real *a, const real *b)
    |e| so far, or lead down and not far past the lowest point of its line. */
 static void solve(const real *z, const real *a, real *q)
 {
-    real e[NU], J[NU * NU], size[NU], step[NU], next[NU], least;
+    real e[NV], J[NV * NV], size[NV], step[NV], next[NV], least;
     int n, m, i, j, k;
-    for (i = 0; i < NU; i++)
+    for (i = 0; i < NV; i++)
         q[i] = 0;
     miss(z, a, q, e, size, J);
     least = dot(e, e);
     for (n = 0; n < MAX_ITER && isfinite(least); n++) {
         real low = 0, high = 1, share = 1, down, ahead;
         int far = 0;
-        set(NU, e, step);
-        for (k = 0; k < NU; k++)
-            for (i = k + 1; i < NU; i++) {
-                real l = J[i * NU + k] / J[k * NU + k];
-                for (j = k; j < NU; j++)
-                    J[i * NU + j] -= l * J[k * NU + j];
+        set(NV, e, step);
+        for (k = 0; k < NV; k++)
+            for (i = k + 1; i < NV; i++) {
+                real l = J[i * NV + k] / J[k * NV + k];
+                for (j = k; j < NV; j++)
+                    J[i * NV + j] -= l * J[k * NV + j];
                 step[i] -= l * step[k];
             }
-        for (k = NU - 1; k >= 0; k--) {
-            for (j = k + 1; j < NU; j++)
-                step[k] -= J[k * NU + j] * step[j];
-            step[k] /= J[k * NU + k];
+        for (k = NV - 1; k >= 0; k--) {
+            for (j = k + 1; j < NV; j++)
+                step[k] -= J[k * NV + j] * step[j];
+            step[k] /= J[k * NV + k];
         }
-        for (i = 0; i < NU; i++)
+        for (i = 0; i < NV; i++)
             far |= modulus(e[i]) > ${EPS} * size[i]
                 && modulus(step[i]) > ${EPS} * (1 + modulus(q[i]));
         if (!far) {
-            subtract(NU, q, step, q);
+            subtract(NV, q, step, q);
             return;
         }
         down = dot(e, step);
         for (m = 0; m < HALVINGS; m++) {
-            for (i = 0; i < NU; i++)
+            for (i = 0; i < NV; i++)
                 next[i] = q[i] - share * step[i];
             miss(z, a, next, e, size, J);
             ahead = dot(e, step);
@@ -239,19 +240,24 @@ static void solve(const real *z, const real *a, real *q)
         }
         if (m == HALVINGS)
             return; /* rounding */
-        set(NU, next, q);
+        set(NV, next, q);
     }
 }
 #endif
 #endif
 #if LAW
 
-void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
-    real cut[PLANT_NU])
+#if DISTURBED
+void plant_law(const real v[PLANT_NV], const real s[PLANT_NS],
+    const real d[PLANT_ND], real u[PLANT_NV], real cut[PLANT_NV])
+#else
+void plant_law(const real v[PLANT_NV], const real s[PLANT_NS], real u[PLANT_NV],
+    real cut[PLANT_NV])
+#endif
 {
     int i;
 #if SOLVED
-    real z[NU], q[NU];
+    real z[NV], q[NV];
 #if INNER
     real a[N_INNER];
 #else
@@ -260,7 +266,13 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
 #if LIMITED
     int limited = 0;
 #endif
-#if !BY_STATE
+#if DISTURBED
+    real seen[PLANT_NS + PLANT_ND];
+    $seen
+    subtract(PLANT_ND, d, d_offset, seen + PLANT_NS);
+    s = seen;
+#endif
+#if !DISTURBED && !BY_STATE
     real ds[NY];
     subtract(NY, s, y_offset, ds);
     s = ds;
@@ -269,40 +281,46 @@ void plant_law(const real v[PLANT_NU], const real s[PLANT_NS], real u[PLANT_NU],
 #if INNER
     a_of(s, a);
 #endif
-    for (i = 0; i < NU; i++)
-        z[i] -= (v[i] - u_offset[i]) / u_scale[i];
+    for (i = 0; i < NV; i++)
+        z[i] -= (v[i] - $v_offset[i]) / $v_scale[i];
     solve(z, a, q);
-    for (i = 0; i < NU; i++) {
-        real wanted = u_offset[i] + q[i] * u_scale[i];
+    for (i = 0; i < NV; i++) {
+        real wanted = $v_offset[i] + q[i] * $v_scale[i];
         cut[i] = 0;
 #if LIMITED
         u[i] = wanted < u_min[i] ? u_min[i] : wanted > u_max[i] ? u_max[i] : wanted;
         limited |= u[i] < wanted || u[i] > wanted;
-        q[i] = (u[i] - u_offset[i]) / u_scale[i];
+        q[i] = (u[i] - $v_offset[i]) / $v_scale[i];
 #else
         u[i] = wanted;
 #endif
     }
 #if LIMITED
     if (limited) { /* what the limits take off v, of all inputs that phi couples */
-        real e[NU], size[NU], J[NU * NU];
+        real e[NV], size[NV], J[NV * NV];
         miss(z, a, q, e, size, J);
-        for (i = 0; i < NU; i++)
-            cut[i] = -e[i] * u_scale[i];
+        for (i = 0; i < NV; i++)
+            cut[i] = -e[i] * $v_scale[i];
     }
 #endif
 #endif
-#if !SOLVED && BY_STATE
-    real h[NU];
+#if !SOLVED && DISTURBED
+    real h[NV], seen[PLANT_NS + PLANT_ND];
+    $seen
+    subtract(PLANT_ND, d, d_offset, seen + PLANT_NS);
+    h_of(seen, h);
+#endif
+#if !SOLVED && !DISTURBED && BY_STATE
+    real h[NV];
     h_of(s, h);
 #endif
-#if !SOLVED && !BY_STATE
-    real h[NU], ds[NY];
+#if !SOLVED && !DISTURBED && !BY_STATE
+    real h[NV], ds[NY];
     subtract(NY, s, y_offset, ds);
     h_of(ds, h);
 #endif
 #if !SOLVED
-    for (i = 0; i < NU; i++) {
+    for (i = 0; i < NV; i++) {
         real wanted = v[i] - h[i];
 #if LIMITED
         u[i] = wanted < u_min[i] ? u_min[i] : wanted > u_max[i] ? u_max[i] : wanted;
@@ -359,44 +377,65 @@ void plant_reset(plant_controller *c)
         c->z[i] = 0;
     set(NY, y_offset, c->r);
 #else
-    set(NU, u_offset, c->r);
+    set(NV, $v_offset, c->r);
+#endif
+#if DISTURBED
+    set(PLANT_ND, d_offset, c->d);
 #endif
 }
 
+#if DISTURBED
+void plant_control(plant_controller *c, const real r[PLANT_NR],
+    const real y[PLANT_NY], const real d[PLANT_ND], real u[PLANT_NV])
+#else
 void plant_control(plant_controller *c, const real r[PLANT_NR],
     const real y[PLANT_NY], real u[PLANT_NU])
+#endif
 {
 #if BY_STATE
-    real Kx[NU] = {0}, v[NU], cut[NU], seen[NY];
+    real Kx[NV] = {0}, v[NV], cut[NV], seen[NY];
 #else
-    real Kx[NU] = {0}, v[NU], cut[NU], seen[NY], s[NY];
+    real Kx[NV] = {0}, v[NV], cut[NV], seen[NY], s[NY];
 #endif
     int i;
+#if DISTURBED
+    real all[NU];
+    for (i = 0; i < PLANT_ND; i++)
+        c->d[i] = isfinite(d[i]) ? d[i] : c->d[i];
+#endif
     for (i = 0; i < PLANT_NR; i++)
         c->r[i] = isfinite(r[i]) ? r[i] : c->r[i];
     believe(c->x, y, seen);
     plant_correct(c->x, 0, seen);
-    add(NU, PLANT_NX, K_x, c->x, Kx);
+    add(NV, PLANT_NX, K_x, c->x, Kx);
 #if INTEGRATES
-    add(NU, NY, K_z, c->z, Kx);
-    subtract(NU, u_offset, Kx, v);
+    add(NV, NY, K_z, c->z, Kx);
+    subtract(NV, $v_offset, Kx, v);
 #else
-    subtract(NU, c->r, Kx, v);
+    subtract(NV, c->r, Kx, v);
 #endif
 #if BY_STATE
-    plant_law(v, c->x, u, cut);
+    plant_law(v, c->x, ${d}u, cut);
 #else
     /* the law takes the output of the model for one that was not measured */
     plant_output(c->x, 0, s);
     for (i = 0; i < NY; i++)
         s[i] = isfinite(seen[i]) ? seen[i] : s[i];
-    plant_law(v, s, u, cut);
+    plant_law(v, s, ${d}u, cut);
 #endif
 #if INTEGRATES
     for (i = 0; i < NY; i++)
         c->z[i] += isfinite(seen[i]) ? seen[i] - c->r[i] : 0;
-    add(NY, NU, back, cut, c->z);
+    add(NY, NV, back, cut, c->z);
 #endif
+#if DISTURBED
+    for (i = 0; i < NV; i++)
+        all[moved[i]] = u[i];
+    for (i = 0; i < PLANT_ND; i++)
+        all[given[i]] = c->d[i];
+    plant_step(c->x, all);
+#else
     plant_step(c->x, u);
+#endif
 }
 #endif

@@ -37,7 +37,14 @@ extern "C" {
 #endif /* C++ */
 
 #define PLANT_NX $nx_all /* states$late */
+#if DISTURBED
+#define PLANT_NU $nu /* inputs, those of the record */
+#define PLANT_NV $nv /* inputs that are moved: $moved_words */
+#define PLANT_ND $nd /* measured disturbances: $given_words */
+#else
 #define PLANT_NU $nu /* inputs */
+#define PLANT_NV PLANT_NU
+#endif
 #define PLANT_NY $ny /* outputs */
 #if LAW
 #define PLANT_NS $ns /* what the law sees */
@@ -64,7 +71,11 @@ void plant_output(const plant_real x[PLANT_NX], const plant_real *u,
 
 /* Law u = v - h(s) within the limits; s is $s_words. cut = v - h(s) - u. */
 #endif
-#if LAW
+#if LAW && DISTURBED
+void plant_law(const plant_real v[PLANT_NV], const plant_real s[PLANT_NS],
+    const plant_real d[PLANT_ND], plant_real u[PLANT_NV], plant_real cut[PLANT_NV]);
+#endif
+#if LAW && !DISTURBED
 void plant_law(const plant_real v[PLANT_NU], const plant_real s[PLANT_NS],
     plant_real u[PLANT_NU], plant_real cut[PLANT_NU]);
 #endif
@@ -88,14 +99,22 @@ typedef struct {
     plant_real z[PLANT_NY]; /* sums y - r */
 #endif
     plant_real r[PLANT_NR];
+#if DISTURBED
+    plant_real d[PLANT_ND]; /* the last ones that were finite */
+#endif
 } plant_controller;
 
 /* Start at the operating point. */
 void plant_reset(plant_controller *c);
 
 /* One sample: u for the measured y and the reference r, in the units of $r_units. */
+#if DISTURBED
+void plant_control(plant_controller *c, const plant_real r[PLANT_NR],
+    const plant_real y[PLANT_NY], const plant_real d[PLANT_ND], plant_real u[PLANT_NV]);
+#else
 void plant_control(plant_controller *c, const plant_real r[PLANT_NR],
     const plant_real y[PLANT_NY], plant_real u[PLANT_NU]);
+#endif
 #endif
 
 #ifdef __cplusplus

@@ -9,6 +9,11 @@ int main(void)
 #if CONTROL
     static const plant_real r[PLANT_NR] = {$values};
     plant_real u[PLANT_NU];
+#if DISTURBED
+    static const plant_real d[PLANT_ND] = {$d_values};
+    static const int moved[PLANT_NV] = {$moved}, given[PLANT_ND] = {$given};
+    plant_real m[PLANT_NV];
+#endif
     plant_controller c;
 #else
     static const plant_real u[PLANT_NU] = {$values};
@@ -21,7 +26,15 @@ int main(void)
     for (k = 0; k < 200; k++) {
 #if CONTROL
         plant_output(x, 0, y);
+#if DISTURBED
+        plant_control(&c, r, y, d, m);
+        for (i = 0; i < PLANT_NV; i++)
+            u[moved[i]] = m[i];
+        for (i = 0; i < PLANT_ND; i++)
+            u[given[i]] = d[i];
+#else
         plant_control(&c, r, y, u);
+#endif
 #else
         plant_output(x, u, y);
 #endif

@@ -1,0 +1,38 @@
+"""Which columns of u are measured disturbances: the option `disturbances`."""
+
+from numbers import Integral
+
+import numpy as np
+
+from ..inputs import split_inputs
+from ._inputs import seen_columns
+
+
+def check_disturbances(estimator, nu):
+    """Return the columns of u that no controller moves.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Estimator in its fit; the names of its inputs are known.
+    nu : int
+        Number of columns.
+
+    Returns
+    -------
+    given : ndarray of int of shape (nd,)
+        The columns, rising.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown or a number out of range, or no column is left to be
+        moved.
+    """
+    items = estimator.disturbances
+    if items is None:
+        return np.empty(0, dtype=int)
+    items = [items] if isinstance(items, str | Integral) else list(items)
+    names = getattr(estimator, "feature_names_in_", None)
+    chosen = seen_columns("disturbances", "u", items, nu, names)
+    return split_inputs(nu, np.flatnonzero(chosen))[1]

@@ -1,0 +1,140 @@
+"""Signals of a plant: their units, names and places, and who moves them.
+
+Inputs u are those of a record, in its order.  A controller moves some of them, which
+are as many as the virtual inputs v; the others are measured disturbances d, inputs that
+it sees and cannot move (eq. disturbance).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .inputs import join_inputs, split_inputs
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Signals:
+    """Hold what others must know of the signals of a plant, in the user's units.
+
+    Parameters
+    ----------
+    u_offset : ndarray of shape (nu,)
+        Operating point of the inputs, in the units of u.
+    y_offset : ndarray of shape (ny,)
+        Operating point of the outputs, in the units of y.
+    u_scale, y_scale, x_scale : ndarray
+        Standard deviations of the training data, and of the states at the start of
+        the training.
+    dt : float
+        Sampling time, in seconds.
+    inputs, outputs : list of str
+        Names of the signals.
+    name : str
+        Name of the model.
+    delay : ndarray of int of shape (nu,)
+        Samples by which every input arrives late; zero where its past is a state.
+    given : tuple of int, default=()
+        Inputs that are measured disturbances: nobody moves them.
+    """
+
+    u_offset: np.ndarray
+    y_offset: np.ndarray
+    u_scale: np.ndarray
+    y_scale: np.ndarray
+    x_scale: np.ndarray
+    dt: float
+    inputs: list
+    outputs: list
+    name: str
+    delay: np.ndarray
+    given: tuple = ()
+
+    @property
+    def nu(self):
+        """Return the number of inputs, measured disturbances among them."""
+        return len(self.u_offset)
+
+    @property
+    def ny(self):
+        """Return the number of outputs."""
+        return len(self.y_offset)
+
+    @cached_property
+    def moved(self):
+        """Return the inputs that a controller moves, as an array of numbers."""
+        return split_inputs(self.nu, self.given)[0]
+
+    @property
+    def nv(self):
+        """Return the number of virtual inputs, one for every input that is moved."""
+        return len(self.moved)
+
+    @property
+    def nd(self):
+        """Return the number of measured disturbances."""
+        return len(self.given)
+
+    @property
+    def v_offset(self):
+        """Return the operating point of the inputs that are moved, shape (nv,)."""
+        return self.u_offset[self.moved]
+
+    @property
+    def v_scale(self):
+        """Return the standard deviations of the inputs that are moved, shape (nv,)."""
+        return self.u_scale[self.moved]
+
+    @property
+    def d_offset(self):
+        """Return the operating point of the measured disturbances, shape (nd,)."""
+        return self.u_offset[list(self.given)]
+
+    def every_input(self, m, d=None):
+        """Return all inputs, of those that are moved and those that are given.
+
+        Parameters
+        ----------
+        m : ndarray of shape (nv,) or (N, nv)
+            Inputs that are moved, or v in their place.
+        d : ndarray of shape (nd,) or (N, nd) or None, default=None
+            Measured disturbances, in the same units; needed if there are any.
+
+        Returns
+        -------
+        u : ndarray of shape (nu,) or (N, nu)
+            Inputs in the order of a record.
+
+        Raises
+        ------
+        ValueError
+            If disturbances are missing, or given where there are none.
+        """
+        return join_inputs(m, self.check_disturbances(d), self.given)
+
+    def check_disturbances(self, d):
+        """Return measured disturbances, or refuse that they are missing.
+
+        Parameters
+        ----------
+        d : ndarray of shape (nd,) or (N, nd) or None
+            Measured disturbances, in the user's units.
+
+        Returns
+        -------
+        d : ndarray of shape (nd,) or (N, nd)
+            The same; empty for a plant that has none.
+
+        Raises
+        ------
+        ValueError
+            If they are missing, or others than those of the plant.
+        """
+        n = 0 if d is None else d.shape[-1]
+        if n != self.nd:
+            names = ", ".join(self.inputs[i] for i in self.given) or "none"
+            raise ValueError(
+                f"`d` must have the {self.nd} measured disturbances of this plant "
+                f"({names}), got {n}. The law feeds them forward."
+            )
+        return np.empty(0) if d is None else d
