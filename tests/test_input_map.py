@@ -11,7 +11,7 @@ import alssnn
 from alssnn.activations import ACTIVATIONS
 from alssnn.certificates import certify_gain, certify_iss
 from alssnn.equations import Equations
-from alssnn.feedback import LinearizingLaw
+from alssnn.feedback import LinearizingLaw, input_range
 from alssnn.implicit import ImplicitLayer
 from alssnn.lure import Lure
 from alssnn.models import state_space
@@ -377,14 +377,6 @@ def test_what_a_monotone_map_cannot_do_is_refused():
             alssnn.FlSsnn(nx=2, input_map="monotone", **options).fit(u, y)
 
 
-def test_limits_that_the_map_couples_are_refused(rng):
-    one, two = plant_of("monotone-state", rng), plant_of("monotone", rng)
-    LinearizingMPC(one, u_max=one.u_offset + one.u_scale)
-    for plant, options in ((one, {"du_max": 0.1}), (two, {"u_min": -9.0})):
-        with pytest.raises(ValueError, match="couples the limits"):
-            LinearizingMPC(plant, **options)
-
-
 @pytest.mark.filterwarnings("ignore:.*stopped after")
 def test_predictive_control_meets_a_limit_of_the_input_exactly():
     u, y = fan_arm(600, 0)
@@ -425,3 +417,37 @@ def test_the_start_spreads_over_the_states_of_the_linear_model():
     q = plain.split(initial_theta(plain, linear, [(u, y)], np.random.default_rng(0)))
     np.testing.assert_allclose(p["b_s"].std(), q["b_s"].std(), rtol=0.1)
     np.testing.assert_allclose(p["r_phiu"] ** 2, 0.99)
+
+
+@pytest.fixture(scope="module")
+def fan():
+    record = alssnn.datasets.make_fan_arm(300, noise=0.01, random_state=0)
+    options = {"nx": 2, "n_h": 2, "n_init": 1, "max_iter": 5, "random_state": 0}
+    model = alssnn.FlSsnn(
+        input_map="monotone", alpha=1e-4, dt=record.dt, tol=0.1, **options
+    )
+    with pytest.warns(ConvergenceWarning):
+        return model.fit(record.u, record.y)
+
+
+def test_limits_that_were_never_reached_are_warned_of(fan):
+    low, high = input_range(fan)
+    inside = fan.linearizing_law(u_min=low, u_max=high)
+    assert inside.u_max == high
+    with pytest.warns(
+        UserWarning, match=r"limit .* of 'u\[0\]' is beyond the training"
+    ):
+        fan.linearizing_law(u_max=high + 0.2 * (high - low))
+    with pytest.warns(UserWarning, match=r"Record inputs up to the limit"):
+        fan.linearizing_law(u_min=low - 0.2 * (high - low))
+
+
+def test_a_law_without_a_solution_says_so(fan, monkeypatch):
+    low, high = input_range(fan)
+    law = fan.linearizing_law(u_min=low, u_max=high)
+    monkeypatch.setattr(
+        type(fan.plant_), "law", lambda self, v, s, d=None: np.full_like(v, np.nan)
+    )
+    with pytest.warns(RuntimeWarning, match="found no u"):
+        u = law(np.array([0.5]), np.zeros(2))
+    assert low <= u <= high

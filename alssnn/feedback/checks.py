@@ -231,3 +231,20 @@ def check_dt(name, sys, dt):
             f"`{name}` must have the sampling time of the model, dt={dt}, got "
             f"{sys.dt}. Resample it, or give the estimator the right `dt`."
         )
+
+
+def seen_inputs(plant):
+    """Return the range of the inputs that are moved, in the training data.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with a region.
+
+    Returns
+    -------
+    low, high : ndarray of shape (nv,)
+        Smallest and largest value of every input, in the units of u.
+    """
+    low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
+    return low + plant.v_offset, high + plant.v_offset

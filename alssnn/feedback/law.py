@@ -19,8 +19,15 @@ import control
 import numpy as np
 
 from ..plant import as_plant
-from .checks import as_numbers, check_limits
+from ..warn import warn_user
+from .checks import as_numbers, check_limits, seen_inputs
 from .export import signal_names
+
+BEYOND = 0.1  # of the range of an input in training, by which a limit may exceed it
+UNSOLVED = (
+    "The law found no u with phi(u, s) = v, and the operating point takes its place. "
+    "Its map is too steep: fit with a larger `alpha`."
+)
 
 
 class LinearizingLaw:
@@ -54,6 +61,12 @@ class LinearizingLaw:
         the law is ill-posed: output feedback where y depends on u of the same sample
         (D or k), or an input that arrives late.
 
+    Warns
+    -----
+    UserWarning
+        If a limit of a model with ``input_map="monotone"`` is far from the inputs of
+        the training.
+
     Examples
     --------
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
@@ -68,6 +81,8 @@ class LinearizingLaw:
         if self.plant.no_law:
             raise ValueError(self.plant.no_law)
         self.u_min, self.u_max = check_limits("u", u_min, u_max, self.plant.nv)
+        if not self.plant.is_explicit and self.plant.region is not None:
+            _warn_of_limits(self.plant, self.u_min, self.u_max)
 
     @property
     def feedback(self):
@@ -163,6 +178,8 @@ class LinearizingLaw:
         limited = np.isfinite(self.u_min) | np.isfinite(self.u_max)
         lost = np.isnan(u) & limited
         if lost.any():
+            if np.isfinite(v).all() and np.isfinite(s).all():
+                warn_user(UNSOLVED, RuntimeWarning)
             rest = np.clip(plant.v_offset, self.u_min, self.u_max)
             u, v = np.where(lost, rest, u), np.where(lost, np.nan, v)
             wanted = np.where(lost, u, wanted)
@@ -281,6 +298,24 @@ class LinearizingLaw:
             dt=plant.dt,
             name="law",
         )
+
+
+def _warn_of_limits(plant, u_min, u_max):
+    """Warn of limits far from the inputs of the training, where phi is a guess."""
+    low, high = seen_inputs(plant)
+    slack = BEYOND * (high - low)
+    for i, name in enumerate(plant.inputs[j] for j in plant.moved):
+        for limit, beyond in (
+            (u_min[i], np.isfinite(u_min[i]) and u_min[i] < low[i] - slack[i]),
+            (u_max[i], np.isfinite(u_max[i]) and u_max[i] > high[i] + slack[i]),
+        ):
+            if beyond:
+                warn_user(
+                    f"The limit {limit:.4g} of {name!r} is beyond the training data, "
+                    f"{low[i]:.4g} to {high[i]:.4g}, where phi(u, s) is a guess. "
+                    "Record inputs up to the limit, or take a nearer one.",
+                    UserWarning,
+                )
 
 
 def _rows(name, value, size):

@@ -14,6 +14,7 @@ import control
 import numpy as np
 
 from ..plant import as_plant
+from .checks import seen_inputs
 from .loop import closed_loop, designed_loop
 
 SETTLED = 0.01  # share of the slowest mode that is left at the end of a response
@@ -222,6 +223,4 @@ def input_range(model):
     >>> bool(np.isclose(input_range(model)[1], record.u.max()).all())
     True
     """
-    plant = as_plant(model)
-    low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
-    return low + plant.v_offset, high + plant.v_offset
+    return seen_inputs(as_plant(model))

@@ -7,11 +7,14 @@ The law u = v - h(s) leaves a linear model, and the program is convex.  What it 
 leave linear enters as known numbers, evaluated along the last plan: h in the bounds of
 v, and omega, the part of the whole model that the linear one lacks.
 
-`_model` evaluates h and omega, `_target` finds the states of rest (eq. target),
-`_prediction` condenses the linear model over the horizon and `_condensed` builds the
-program from it, once; `_plan` poses it at every sample along the last plan, within what
-`_limits` and `_soft` hold.  `_controller` is what the user sees, `_record` holds what
-happened, and `_qp` is the only place that knows OSQP.
+For a law u = phi^-1(v, s) h is phi(u, s) - u, and the limits of u are linearized along
+the plan where phi couples them (eq. rows).
+
+`_model` evaluates omega and `_inputs` what lies between u and v, `_target` finds the
+states of rest (eq. target), `_prediction` condenses the linear model over the horizon
+and `_condensed` builds the program from it, once; `_plan` poses it at every sample
+along the last plan, within what `_limits` and `_soft` hold.  `_controller` is what the
+user sees, `_record` holds what happened, and `_qp` is the only place that knows OSQP.
 """
 
 from ._controller import LinearizingMPC

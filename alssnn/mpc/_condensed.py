@@ -14,7 +14,9 @@ and its constraints are rows of (c, sigma), in this order:
                             0  <=  sigma
 
 Here Q and R stand for all samples, P in the place of the last Q.  H and the rows never
-change; the free response, h and omega move q and the bounds.
+change; the free response, h and omega move q and the bounds.  Only where a map of u
+couples its limits (`_inputs`), w = K (v - F x) takes the place of v in the first two
+kinds of rows, with other K and F in every program.
 """
 
 import numpy as np
@@ -25,6 +27,7 @@ from ..feedback.checks import check_weight
 from ._prediction import Prediction
 from ._qp import QuadraticProgram
 
+SCALING = 2  # iterations that balance a matrix which changes in every program
 CHEAP_INPUT = 0.1  # default weight of v against y, both in standard deviations
 
 
@@ -78,8 +81,8 @@ class CondensedProgram:
         Number of samples N.
     soft : SoftBounds
         Rows with soft bounds.
-    du_max : ndarray of shape (nu,)
-        Limit of the change of u, scaled; infinite without one.
+    limits : ActuatorLimits
+        Limits of u.
     penalty : tuple of two floats
         Linear and quadratic price of sigma.
     options : dict
@@ -95,10 +98,10 @@ class CondensedProgram:
         Linear price of sigma.
     """
 
-    def __init__(self, model, weights, horizon, soft, du_max, penalty, options):
+    def __init__(self, model, weights, horizon, soft, limits, penalty, options):
         n, (nx, nu) = horizon, model.B.shape
-        self._shape_x, self._shape_v, self._du_max = (n, nx), (n, nu), du_max
-        self._soft = soft
+        self._shape_x, self._shape_v = (n, nx), (n, nu)
+        self._soft, self._limits = soft, limits
         unstable = np.abs(np.linalg.eigvals(model.A)).max() >= 1
         K = unstable * weights.K / model.u_scale[:, None]
         self.prediction = maps = Prediction.of(model.A, model.B, K, n)
@@ -107,10 +110,16 @@ class CondensedProgram:
         H = self._X_cQ @ maps.X_c + self._V_cR @ maps.V_c
         n_slack = n * len(soft.rows)
         self.price = np.full(n_slack, penalty[0])
+        self._G = self._rows(maps, n_slack)
+        if limits.couple:  # numbers come with every program: here, what is not zero
+            before = np.kron(np.tri(n), np.ones((nu, nu)))
+            n_blocks = 2 if limits.rated else 1
+            self._G[: n_blocks * n * nu, : n * nu] = np.tile(before, (n_blocks, 1))
+            ahead = np.vstack([np.zeros((nx, n * nu)), maps.X_c[:-nx]])
+            options = {**options, "scaling": SCALING}
+            self._c_maps = maps.V_c.reshape(n, nu, -1), ahead.reshape(n, nx, -1)
         self.qp = QuadraticProgram(
-            block_diag((H + H.T) / 2, penalty[1] * np.eye(n_slack)),
-            self._rows(maps, n_slack),
-            **options,
+            block_diag((H + H.T) / 2, penalty[1] * np.eye(n_slack)), self._G, **options
         )
 
     def _rows(self, maps, n_slack):
@@ -120,7 +129,7 @@ class CondensedProgram:
         eye = np.eye(n_slack)
         below, above = (np.tile(z, n) for z in (soft.below, soft.above))
         rows = [(maps.V_c, np.zeros((n * nu, n_slack)))]
-        if np.isfinite(self._du_max).any():
+        if self._limits.rated:
             difference = np.kron(np.eye(n) - np.eye(n, k=-1), np.eye(nu))
             rows.append((difference @ maps.V_c, rows[0][1]))
         rows += [
@@ -130,7 +139,7 @@ class CondensedProgram:
         ]
         return np.vstack([np.hstack(row) for row in rows])
 
-    def solve(self, x, omega, rest, v_bounds, dh, soft_bounds):
+    def solve(self, x, omega, rest, inputs, soft_bounds):
         """Solve the program of one sample.
 
         Parameters
@@ -141,11 +150,8 @@ class CondensedProgram:
             What the linear model lacks.
         rest : tuple of ndarray of shape (N, nx) or (1, nx), and (N, nu) or (1, nu)
             States of rest and their v.
-        v_bounds : tuple of two ndarray of shape (N, nu)
-            Bounds of v, with h.
-        dh : ndarray of shape (N, nu) or None
-            Change of h per sample, the first one from -u of the last sample; None if
-            the rate has no limits.
+        inputs : InputRows
+            Limits of u.
         soft_bounds : tuple of two ndarray of shape (n_soft,)
             Bounds of the soft rows.
 
@@ -161,12 +167,17 @@ class CondensedProgram:
         X_free, V_free = self.prediction.free(x, omega)
         q = self._X_cQ @ (X_free.reshape(self._shape_x) - X_s).ravel()
         q += self._V_cR @ (V_free.reshape(self._shape_v) - V_s).ravel()
-        lower, upper = ([bound.ravel() - V_free] for bound in v_bounds)
-        if dh is not None:
-            free = V_free.reshape(self._shape_v)
-            change = dh - np.diff(free, axis=0, prepend=0)
-            lower.append((change - self._du_max).ravel())
-            upper.append((change + self._du_max).ravel())
+        W_free = V_free
+        if inputs.slopes is not None:
+            W_free = self._tilt(x, X_free, V_free, *inputs.slopes)
+        lower, upper = (
+            [bound.ravel() - W_free] for bound in (inputs.lower, inputs.upper)
+        )
+        if inputs.change is not None:
+            free = W_free.reshape(self._shape_v)
+            change = inputs.change - np.diff(free, axis=0, prepend=0)
+            lower.append((change - inputs.du_max).ravel())
+            upper.append((change + inputs.du_max).ravel())
         if len(self._soft.rows):
             self._bound_softly(X_free, soft_bounds, lower, upper)
         solution = self.qp.solve(
@@ -180,6 +191,20 @@ class CondensedProgram:
         X = (X_free + self.prediction.X_c @ c).reshape(self._shape_x)
         V = (V_free + self.prediction.V_c @ c).reshape(self._shape_v)
         return solution, (X, V, slack.reshape(len(X), len(self._soft.rows)))
+
+    def _tilt(self, x, X_free, V_free, K, F):
+        """Make rows of w = K (v - F x), and return what it is for c = 0."""
+        (n, nu), (V_c, X_c) = self._shape_v, self._c_maps
+        size = n * nu
+        rows = (K @ (V_c - F @ X_c)).reshape(size, size)
+        self._G[:size, :size] = rows
+        if self._limits.rated:
+            self._G[size : 2 * size, :size] = rows
+            self._G[size + nu : 2 * size, :size] -= rows[:-nu]
+        if np.isfinite(rows).all():  # else the bounds are not, and there is no solution
+            self.qp.change(G=self._G)
+        X = np.vstack([x, X_free.reshape(self._shape_x)[:-1]])
+        return (K @ (V_free.reshape(n, nu, 1) - F @ X[..., None])).ravel()
 
     def _bound_softly(self, X_free, soft_bounds, lower, upper):
         """Append the bounds of the rows with sigma."""

@@ -35,8 +35,8 @@ class LinearizingMPC:
 
     Every sample, an observer estimates the state and a constant disturbance, a target
     problem finds the state of rest for the reference, and a quadratic program plans
-    v; the plant receives u = v - h(s), within its limits. s is the output or the state
-    of the model.
+    v; the plant receives u = v - h(s), or phi^-1(v, s) for a monotone map, within its
+    limits. s is the output or the state of the model.
 
     Parameters
     ----------
@@ -112,6 +112,10 @@ class LinearizingMPC:
     sample and soft bound. A solver that fails is reported in `info_`; the last plan,
     shifted by one sample and cut to the limits, is then used.
 
+    With ``input_map="monotone"`` limits of rates and of several inputs are linearized
+    along the plan, and better known to every further program. The plant receives
+    nothing beyond them; `info_.cut` tells what they took from the plan.
+
     The controller remembers its last plan. It is no block of python-control, which may
     evaluate an output several times per sample; use `step` online and `simulate` for
     any plant of python-control.
@@ -165,25 +169,17 @@ class LinearizingMPC:
                 "for u is computed after y is measured. Fit with input_delay=0, "
                 "feedthrough=False and n_k=0."
             )
-        bounds = u_min, u_max, du_max
-        limited = any(
-            b is not None and np.isfinite(np.asarray(b, dtype=float)).any()
-            for b in (bounds if plant.nu > 1 else bounds[2:])
-        )
-        if limited and not plant.is_explicit:
-            raise ValueError(
-                "`du_max`, and with several inputs `u_min` and `u_max`, must be None "
-                "for a model with input_map='monotone': the map couples the limits of "
-                "samples and inputs. Limit one input by `u_min` and `u_max`, or fit "
-                "with input_map='identity'."
-            )
         self.law = LinearizingLaw(plant, u_min, u_max)
         self.observer = check_observer(observer, plant)
         self._model = DisturbedModel(plant, self.observer.plant)
         (self._ny, self._nx), self._nu = self._model.C.shape, len(self.law.u_min)
         su, sy = self._model.u_scale, self._model.y_scale
         du_max = check_rate(du_max, self._nu)
-        self._limits = ActuatorLimits(self.law.u_min, self.law.u_max, du_max, su)
+        bounds = (du_max, self.law.u_min, self.law.u_max)[: 1 if self._nu == 1 else 3]
+        couple = not plant.is_explicit and bool(np.isfinite(bounds).any())
+        self._limits = ActuatorLimits(
+            self.law.u_min, self.law.u_max, du_max, su, couple
+        )
         options = {"tol": float(tol), "max_iter": int(max_iter)}
         penalty = check_penalty(slack_weight)
         self._soft = SoftBounds.of(
@@ -202,7 +198,7 @@ class LinearizingMPC:
             weights,
             self.horizon,
             self._soft,
-            du_max / su,
+            self._limits,
             penalty,
             options,
         )
@@ -313,7 +309,7 @@ class LinearizingMPC:
             solve_time=sum(s.solve_time for s in solutions),
             iterations=sum(s.iterations for s in solutions),
             u=self._u.copy(),
-            v=self._u + result.h,
+            v=result.inputs.now(self._u),
             cut=result.wanted - self._u,
             saturated=self._limits.reached(last, self._u),
             slack_y=slack_y,

@@ -20,12 +20,15 @@ class ActuatorLimits:
         Limit of its change per sample; infinite without one.
     u_scale : ndarray of shape (nu,)
         Standard deviation of u.
+    couple : bool, default=False
+        Whether they couple inputs or samples of v, by a map that is no sum.
     """
 
     u_min: np.ndarray
     u_max: np.ndarray
     du_max: np.ndarray
     u_scale: np.ndarray
+    couple: bool = False
 
     @cached_property
     def rated(self):
@@ -64,6 +67,30 @@ class ActuatorLimits:
         """
         u = np.where(np.isfinite(u), u, last)
         return self.clip(np.clip(u, last - self.du_max, last + self.du_max))
+
+    def held(self, last, U):
+        """Return a plan that the actuators can follow.
+
+        Parameters
+        ----------
+        last : ndarray of shape (nu,)
+            Input of the last sample.
+        U : ndarray of shape (N, nu)
+            Planned inputs.
+
+        Returns
+        -------
+        U : ndarray of shape (N, nu)
+            Inputs within the limits of u. If limits couple, they are within those of
+            the rate, too: a program along this plan then has a solution.
+        """
+        U = self.clip(U)
+        if self.couple and self.rated:
+            U[0] = last = self.after(last, U[0])
+            for column, u, du in zip(U.T, last, self.du_max, strict=True):
+                for i, wanted in enumerate(column.tolist()):
+                    column[i] = u = min(max(wanted, u - du), u + du)
+        return U
 
     def reached(self, last, u):
         """Return whether a limit of u or its rate is reached.

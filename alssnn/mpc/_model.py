@@ -1,15 +1,16 @@
 """The model as the controller sees it, with a constant disturbance (eq. mpc).
 
-    x+ = f(x, u, d) = A x + B v + omega,      v = u + h(s, u) - u_offset
+    x+ = f(x, u, d) = A x + B v + omega,      v = phi(u, s) - u_offset
 
 omega is what the linear model lacks.  v counts in standard deviations of u and C x in
-those of y; u, d and h have the units of the user.  h sees the output or the state of
-the model, without d, and u if the map v = phi(u, s) is no sum.
+those of y; u and d have the units of the user.  phi sees the output or the state of
+the model, without d.
 """
 
 import numpy as np
 
 from ..simulation import Stepper
+from ._inputs import Added, InputMap, Mapped
 
 
 class DisturbedModel:
@@ -37,6 +38,7 @@ class DisturbedModel:
     def __init__(self, plant, disturbed):
         self._own, self._disturbed = plant, disturbed
         self._stepper = Stepper(disturbed.lure)
+        self._map = None if plant.is_explicit else InputMap(plant)
         self.u_offset, self.dt = plant.u_offset, plant.dt
         self.u_scale, self.y_scale = plant.u_scale, plant.y_scale
         self.A, B, C, _ = plant.linear()
@@ -126,95 +128,24 @@ class DisturbedModel:
         """
         return self._disturbed.output(self._with(X, d))
 
-    def seen(self, X):
-        """Return what the law measures.
+    def inputs(self, X, U):
+        """Return what lies between u and the linear model along states and inputs.
 
         Parameters
         ----------
         X : ndarray of shape (N, nx)
             States.
-
-        Returns
-        -------
-        S : ndarray of shape (N, ns)
-            States, or outputs in the units of y.
-        """
-        return X if self._own.feedback == "state" else self._own.output(X)
-
-    def h(self, S, U):
-        """Return what the law cancels.
-
-        Parameters
-        ----------
-        S : ndarray of shape (N, ns)
-            What the law measures.
         U : ndarray of shape (N, nu)
             Inputs of the plant.
 
         Returns
         -------
-        h : ndarray of shape (N, nu)
-            Nonlinearity at the input, in the units of u.
+        inputs : Added or Mapped
+            The inputs V of the linear model, and what limits them.
         """
-        return self._own.cancelled(S, U)
-
-    def v(self, U, h):
-        """Return the input of the linear system for one of the plant.
-
-        Parameters
-        ----------
-        U : ndarray of shape (N, nu)
-            Inputs of the plant.
-        h : ndarray of shape (N, nu)
-            What the law cancels.
-
-        Returns
-        -------
-        V : ndarray of shape (N, nu)
-            Deviations u + h - u_offset, scaled.
-        """
-        return (U + h - self.u_offset) / self.u_scale
-
-    def v_limit(self, bound, S, h):
-        """Return where a limit of u is one of the input of the linear system.
-
-        Parameters
-        ----------
-        bound : ndarray of shape (nu,)
-            Limits of u; infinite without one.
-        S : ndarray of shape (N, ns)
-            What the law measures.
-        h : ndarray of shape (N, nu)
-            What the law cancels along the plan.
-
-        Returns
-        -------
-        V : ndarray of shape (N, nu)
-            Limits phi(bound, s): exact for one input. With several, which a map
-            couples, that of every input while the others are at theirs.
-        """
-        if self._own.is_explicit:
-            return self.v(bound, h)
-        finite = np.where(np.isfinite(bound), bound, self.u_offset)
-        U = np.broadcast_to(finite, (len(S), len(finite)))
-        return np.where(np.isfinite(bound), self.v(U, self.h(S, U)), bound)
-
-    def u(self, V, S):
-        """Return the input of the plant for one of the linear system.
-
-        Parameters
-        ----------
-        V : ndarray of shape (N, nu)
-            Inputs of the linear system, scaled deviations.
-        S : ndarray of shape (N, ns)
-            What the law measures.
-
-        Returns
-        -------
-        U : ndarray of shape (N, nu)
-            Inputs of the plant, by the law.
-        """
-        return self._own.law(self.u_offset + V * self.u_scale, S)
+        if self._map is None:
+            return Added(self._own, X, U)
+        return Mapped(self._map, X, U)
 
     def _with(self, X, d):
         """Return the states with the disturbance behind them."""

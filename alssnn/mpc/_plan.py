@@ -5,10 +5,11 @@ h and omega are numbers, and with them the program of `_condensed` is convex.  I
 solution is the next plan; a second pass starts from that.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ._inputs import Added, Mapped
 from ._qp import Solution
 
 
@@ -22,8 +23,8 @@ class Pass:
         What the solver says.
     X : ndarray of shape (N, nx)
         Planned states x_1, ..., x_N; without a solution those of the last plan.
-    h : ndarray of shape (nu,)
-        What the law cancels now, in the units of u.
+    inputs : Added or Mapped
+        What lies between u and the linear model, along the last plan.
     wanted : ndarray of shape (nu,)
         Input for now, before the limits cut it.
     slack : ndarray of shape (N, n_soft)
@@ -32,7 +33,7 @@ class Pass:
 
     solution: Solution
     X: np.ndarray
-    h: np.ndarray
+    inputs: Added | Mapped
     wanted: np.ndarray
     slack: np.ndarray
 
@@ -99,33 +100,24 @@ class Planner:
             What came of it. Without a solution the last plan stays.
         """
         model, limits = self.model, self.limits
+        self.U = limits.held(u_last, self.U)
         X = model.trajectory(x, d, self.U)  # (N + 1, nx)
-        S = model.seen(X[:-1])
-        h = model.h(S, self.U)
+        inputs = model.inputs(X[:-1], self.U)
         solution, plan = self.program.solve(
             x,
-            model.omega(X, model.v(self.U, h)),
+            model.omega(X, inputs.V),
             rest,
-            (model.v_limit(limits.u_min, S, h), model.v_limit(limits.u_max, S, h)),
-            self._change(h, u_last) if limits.rated else None,
+            inputs.rows(limits, u_last),
             soft_bounds,
         )
-        if plan is None:
-            n_soft = len(soft_bounds[0])
-            return Pass(
-                solution, X[1:], h[0], self.U[0], np.zeros((self.horizon, n_soft))
-            )
-        X[1:], V, slack = plan
-        wanted = model.u(V, model.seen(X[:-1]))
-        self.U = limits.clip(wanted)
-        return Pass(solution, X[1:], h[0], wanted[0], slack)
-
-    def _change(self, h, u_last):
-        """Return the change of h, from which u = v - h moves on from the last input.
-
-        Where h sees u, it is that of the last plan, on which the passes settle.
-        """
-        model = self.model
-        # an input that the limits allow: else they would cross
-        first = (self.limits.clip(u_last) - model.u_offset) / model.u_scale
-        return np.diff(h / model.u_scale, axis=0, prepend=-first[None])
+        if plan is not None:
+            X_new, V, slack = plan
+            wanted = inputs.u(V, np.vstack([x, X_new[:-1]]))
+            found = np.isfinite(wanted).all(axis=1)
+            if found[0]:  # later ones stay those of the last plan, if not found
+                wanted = np.where(found[:, None], wanted, self.U)
+                self.U = limits.held(u_last, wanted)
+                return Pass(solution, X_new, inputs, wanted[0], slack)
+            solution = replace(solution, x=None, status="no u found for v")
+        slack = np.zeros((self.horizon, len(soft_bounds[0])))
+        return Pass(solution, X[1:], inputs, self.U[0], slack)

@@ -1,7 +1,8 @@
-"""Quadratic programs that change in their vectors only, and nothing else.
+"""Quadratic programs that change in their numbers only, and nothing else.
 
-min x'Px / 2 + q'x  subject to  lower <= G x <= upper.  OSQP factorizes once; every
-later solve updates q and the bounds and starts from the last solution.
+min x'Px / 2 + q'x  subject to  lower <= G x <= upper.  OSQP factorizes once, and again
+where a matrix changes; every later solve updates q and the bounds and starts from the
+last solution.
 """
 
 import time
@@ -26,26 +27,32 @@ class Solution:
 
 
 class QuadraticProgram:
-    """Solve a sequence of quadratic programs with the same matrices.
+    """Solve a sequence of quadratic programs whose matrices have the same zeros.
 
     The solver is set up at the first solve and after unpickling.
 
     Parameters
     ----------
     P : ndarray of shape (n, n)
-        Hessian, positive definite.
+        Hessian, positive definite; before `change`, what is not zero in all of them.
     G : ndarray of shape (m, n)
-        Constraints.
+        Constraints; the same.
     tol : float
         Absolute and relative tolerance of both residuals.
     max_iter : int
         Limit of iterations.
+    **settings : float
+        Other settings of OSQP.
     """
 
-    def __init__(self, P, G, tol, max_iter):
+    def __init__(self, P, G, tol, max_iter, **settings):
         self.P, self.G = csc_matrix(np.triu(P)), csc_matrix(G)
-        self._places = None
         self.settings = {"eps_abs": tol, "eps_rel": tol, "max_iter": max_iter}
+        self.settings |= settings
+        self._places = {
+            name: (M.indices, np.repeat(np.arange(M.shape[1]), np.diff(M.indptr)))
+            for name, M in (("Px", self.P), ("Ax", self.G))
+        }
         self._solver = None
 
     def __getstate__(self):
@@ -56,30 +63,22 @@ class QuadraticProgram:
         """Forget the last solution."""
         self._solver = None
 
-    def change(self, P, G):
-        """Replace the matrices by others of the same size, for small programs.
+    def change(self, *, P=None, G=None):
+        """Replace matrices by others with the same zeros.
 
         Parameters
         ----------
-        P : ndarray of shape (n, n)
-            Hessian, positive definite.
-        G : ndarray of shape (m, n)
-            Constraints.
+        P : ndarray of shape (n, n) or None, default=None
+            Hessian, positive definite; None leaves it.
+        G : ndarray of shape (m, n) or None, default=None
+            Constraints; None leaves them.
         """
-        if self._places is None:  # from now on zeros are stored, too
-            self._places = _dense(P, upper=True), _dense(G)
-            self.P, self.G = (
-                csc_matrix((M[rows, columns], rows, ends), shape=M.shape)
-                for M, (rows, columns, ends) in zip((P, G), self._places, strict=True)
-            )
-            self._solver = None
-            return
-        for matrix, M, (rows, columns, _) in zip(
-            (self.P, self.G), (P, G), self._places, strict=True
-        ):
-            matrix.data = M[rows, columns]
+        data = {}
+        for name, matrix, M in (("Px", self.P, P), ("Ax", self.G, G)):
+            if M is not None:
+                matrix.data = data[name] = M[self._places[name]]
         if self._solver is not None:
-            self._solver.update(Px=self.P.data, Ax=self.G.data)
+            self._solver.update(**data)
 
     def solve(self, q, lower, upper):
         """Solve the program for given vectors.
@@ -115,12 +114,3 @@ class QuadraticProgram:
             self._solver = None  # a later program must not start from a failed one
             return Solution(None, info.status, info.iter, seconds)
         return Solution(x.copy(), info.status, info.iter, seconds)
-
-
-def _dense(matrix, upper=False):
-    """Return rows, columns and column ends of a pattern that has all entries."""
-    m, n = matrix.shape
-    counts = np.arange(1, n + 1) if upper else np.full(n, m)
-    rows = np.concatenate([np.arange(count) for count in counts])
-    columns = np.repeat(np.arange(n), counts)
-    return rows, columns, np.concatenate([[0], np.cumsum(counts)])

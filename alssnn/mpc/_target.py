@@ -61,7 +61,7 @@ class StatesOfRest:
 
     def _keep(self, X, U):
         self.X, self.U = X, U
-        self.V = self.model.v(U, self.model.h(self.model.seen(X), U))
+        self.V = self.model.inputs(X, U).V
 
     def resize(self, n):
         """Let the number of references be another one.
@@ -212,11 +212,12 @@ class Target:
             blocks = [(N_u, zero), (S, -eye), (S, eye), (0 * S, eye)]
             self._rows = np.vstack([np.hstack(row) for row in blocks])
             self._P = block_diag(H, self.penalty[1] * eye)
-            self._qp = QuadraticProgram(self._P, self._rows, **self.options)
+            shapes = np.ones_like(self._P), np.ones_like(self._rows)
+            self._qp = QuadraticProgram(*shapes, **self.options)
         self._P[:nz, :nz], self._rows[:nu, :nz] = H, N_u
         self._rows[nu : nu + n_soft, :nz] = S
         self._rows[nu + n_soft : nu + 2 * n_soft, :nz] = S
-        self._qp.change(self._P, self._rows)
+        self._qp.change(P=self._P, G=self._rows)
         return self._qp
 
 
