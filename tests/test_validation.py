@@ -754,6 +754,18 @@ def test_a_sine_response_waits_for_the_transient(monkeypatch, pole, settle):
     np.testing.assert_allclose(G[:, 0], expected, rtol=2e-3)
 
 
+@pytest.mark.parametrize("pole", [1.0, 1.5, 1e9])
+def test_what_never_settles_is_given_eight_periods(monkeypatch, pole):
+    plant_ = linear_plant([[pole]], [[1.0]])
+    steps, step = [], type(plant_).step
+    monkeypatch.setattr(
+        type(plant_), "step", lambda *args: steps.append(1) or step(*args)
+    )
+    _, G = sine_response(plant_, 2.0, n_frequencies=2, period=50)
+    assert len(steps) == 50 * 9
+    assert np.isnan(G).all() == (pole == 1e9)  # it overflows
+
+
 def test_the_law_makes_the_response_linear_at_any_amplitude(fl_model):
     G_lin = None
     spread = {}
