@@ -11,10 +11,16 @@ and is solved for t = Q' w, of as many entries as there are inputs:
 
 With one input and P_i Q_i <= 0 the slope of F is at least one: the root lies within
 |F(t)| of any t, on the side that the sign tells.  Newton's method is kept in that
-bracket, and bisection takes over where its steps are not halved.  Else
-Newton's method is damped until |F| falls; for a monotone phi its matrix is never
-singular.  Where it stalls, E grows from zero in steps.  Without a solution the values
-are nan.
+bracket, and bisection takes over where its steps are not halved.
+
+With several inputs of a monotone phi there is a symmetric positive definite M with
+P_i = -c_i Q_i M, c_i > 0: then M F is the gradient of a strictly convex function, and
+every step of Newton's method leads down to its one lowest point.  A step must halve the
+least |F| so far, which it can only do so often, or stay on the near side of the lowest
+point of its line.
+
+Else Newton's method is damped until |F| falls.  Where it stalls, E grows from zero in
+steps.  Without a solution the values are nan.
 """
 
 from copy import copy
@@ -27,6 +33,7 @@ MAX_ITER = 200  # bisection from any bracket to rounding, and far more than Newt
 HALVINGS = 30
 STAGES = 20  # of a feedback that grows, where Newton's method alone is lost
 ROUNDING = 4 * np.finfo(float).eps  # of a step, relative, that ends the iteration
+PARALLEL = 1e-10  # relative: what is left of vectors that should be parallel
 BOTTOM = 1e-13  # of F, relative, where no step makes it smaller
 
 
@@ -49,6 +56,9 @@ class ImplicitLayer:
         self._vectors = [z[:, 0].copy() for z in (self.P, self.Q, self._size, self._QP)]
         falls = np.all(self.P * self.Q <= 0) and sigma.slope[0] >= 0
         self.is_monotone = bool(self.P.shape[1] == 1 and falls)
+        self.metric = None
+        if sigma.slope[0] >= 0 and not self.is_monotone:
+            self.metric = _metric(self.P, self.Q)
 
     def value(self, a):
         """Return the values of the neurons.
@@ -97,6 +107,8 @@ class ImplicitLayer:
         F, slope, size = self._error(a, t)
         if self.is_monotone:
             t = self._bracketed(a, t, F, slope, size)
+        elif self.metric is not None:
+            t = self._lowest(a, t, F, slope, size)
         else:
             t = self._damped(a, t, F, slope, size)
             lost = np.isnan(t).any(axis=1) & np.isfinite(a).all(axis=1)
@@ -131,6 +143,42 @@ class ImplicitLayer:
             F, slope, size = self._error(a, t)
             low = np.maximum(low, t - np.maximum(F, 0.0))
             high = np.minimum(high, t - np.minimum(F, 0.0))
+        return t
+
+    def _lowest(self, a, t, F, slope, size):
+        """Return the lowest point of the convex function whose gradient is M F."""
+        rows = np.arange(len(t))  # those that still move
+        least = np.linalg.norm(F, axis=1)
+        for _ in range(MAX_ITER):
+            # never singular but where numbers overflow
+            step = np.linalg.solve(slope, F[..., None])[..., 0]
+            far = np.abs(step).max(axis=1) > ROUNDING * size.max(axis=1)
+            t[rows[~far]] -= step[~far]
+            rows, F, step = rows[far], F[far], step[far]
+            down = np.sum((F @ self.metric) * step, axis=1)
+            share, low, high = (np.full(len(rows), z) for z in (1.0, 0.0, 1.0))
+            trying = np.arange(len(rows))
+            for _ in range(HALVINGS):
+                if not len(trying):
+                    break
+                here, part = rows[trying], step[trying]
+                F = self._error(a[here], t[here] - share[trying, None] * part)[0]
+                ahead = np.sum((F @ self.metric) * part, axis=1)
+                norm = np.linalg.norm(F, axis=1)
+                near = norm < 0.5 * least[here]
+                least[here] = np.where(near, norm, least[here])
+                whole = (share[trying] == 1) | (ahead <= 0.5 * down[trying])
+                on = ~(near | ((ahead >= 0) & whole))
+                past, trying = (ahead < 0)[on], trying[on]
+                high[trying] = np.where(past, share[trying], high[trying])
+                low[trying] = np.where(past, low[trying], share[trying])
+                share[trying] = 0.5 * (low + high)[trying]
+            share[trying] = 0.0  # rounding
+            t[rows] -= share[:, None] * step
+            rows = rows[share > 0]
+            if not len(rows):
+                break
+            F, slope, size = self._error(a[rows], t[rows])
         return t
 
     def _continued(self, a):
@@ -169,6 +217,28 @@ class ImplicitLayer:
             F, slope, size = self._error(a[rows], t[rows])
         t[rows] = np.nan
         return t
+
+
+def _metric(P, Q):
+    """Return M with P_i = -c_i Q_i M for all i, c_i > 0; None if there is none."""
+    r, both = P.shape[1], np.any(P, axis=1) & np.any(Q, axis=1)
+    if both.sum() < r:
+        return None
+    p, q = (z[both] / np.linalg.norm(z[both], axis=1, keepdims=True) for z in (P, Q))
+    i, j = np.triu_indices(r)
+    basis = np.zeros((len(i), r, r))  # of symmetric matrices, orthonormal
+    basis[np.arange(len(i)), i, j] = basis[np.arange(len(i)), j, i] = 0.5**0.5
+    basis[i == j] *= 2**0.5
+    # q M has the direction of p: no part of it is orthogonal
+    seen = np.einsum("ni,bij->bnj", q, basis)
+    across = seen - np.einsum("bnj,nj,nk->bnk", seen, p, p)
+    _, s, V = np.linalg.svd(across.reshape(len(basis), -1).T)
+    # of several, as where inputs have neurons of their own, the one next to p'p
+    null = V[s <= PARALLEL * s[0]]
+    M = np.tensordot(null.T @ (null @ np.tensordot(basis, p.T @ p, 2)), basis, 1)
+    eigenvalues = np.linalg.eigvalsh(M)
+    is_positive = eigenvalues[0] > PARALLEL * eigenvalues[-1]
+    return M if is_positive and np.all(np.sum((q @ M) * p, axis=1) < 0) else None
 
 
 def _factors(E):

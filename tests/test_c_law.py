@@ -72,10 +72,7 @@ def test_every_v_is_reached(nu, size, activation, tmp_path):
     found, cut = run(Compiled(plant, tmp_path, observer=False), v, s)
     error = np.abs(found - u) / np.ptp(u, axis=0)
     assert error.max() < 1e-12
-    expected = plant.law(v, s)
-    is_solved = np.isfinite(expected).all(axis=1)  # in Python, too
-    assert is_solved.mean() > (0.99 if nu == 3 else 0.9999)
-    error = np.abs(found - expected)[is_solved] / np.ptp(u, axis=0)
+    error = np.abs(found - plant.law(v, s)) / np.ptp(u, axis=0)
     assert error.max() < 1e-12
     assert not cut.any()
 

@@ -195,6 +195,42 @@ def test_an_implicit_layer_is_solved_to_rounding(activation, rank, rng):
     assert np.all(np.abs(sigma.value(v) - w) <= 1e-11 * (1 + size))
 
 
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+@pytest.mark.parametrize("own", [False, True], ids=["coupled", "neurons of their own"])
+def test_several_inputs_lead_to_the_lowest_point(activation, own, rng):
+    """M F is the gradient of a convex function, however steep the neurons are."""
+    U = 10 * rng.standard_normal((14, 3))
+    if own:
+        U *= np.eye(3)[np.arange(14) % 3]
+    E = -U @ np.diag([100.0, 10.0, 1.0]) @ (U * rng.uniform(0, 5, (14, 1))).T
+    layer = ImplicitLayer(E, ACTIVATIONS[activation])
+    P, Q, M = layer.P, layer.Q, layer.metric
+    np.testing.assert_allclose(P @ Q.T, E, atol=1e-9 * np.abs(E).max())
+    along = -np.sum(P * (Q @ M), axis=1, keepdims=True)
+    along /= np.sum((Q @ M) ** 2, axis=1, keepdims=True)
+    assert np.all(along > 0) and np.array_equal(M, M.T)
+    np.testing.assert_allclose(P, -along * (Q @ M), atol=1e-8 * np.abs(P).max())
+    a = 100 * rng.standard_normal((3000, 14))
+    w = layer.value(a)
+    v = a + w @ E.T
+    size = np.abs(a) + np.abs(w) @ np.abs(E.T)
+    # neurons are as steep as they are: compare what they see, not what they say
+    wanted = ACTIVATIONS[activation].value(v)
+    assert np.all(np.abs(wanted - w) <= 1e-11 * (1 + size))
+    a[7] = np.nan
+    lost = layer.value(a)
+    assert np.isnan(lost[7]).all() and np.isfinite(np.delete(lost, 7, 0)).all()
+
+
+def test_a_layer_that_is_no_gradient_is_solved(rng):
+    E = 0.2 * rng.standard_normal((8, 3)) @ rng.standard_normal((3, 8))
+    layer = ImplicitLayer(E, ACTIVATIONS["tanh"])
+    assert layer.metric is None
+    a = rng.standard_normal((500, 8))
+    w = layer.value(a)
+    np.testing.assert_allclose(np.tanh(a + w @ E.T), w, atol=1e-12)
+
+
 def test_one_sample_is_solved_as_one_of_many(rng):
     U = rng.standard_normal((12, 1)) * rng.choice([1e-3, 1, 30], (12, 1))
     layer = ImplicitLayer(-U @ U.T, ACTIVATIONS["tanh"])

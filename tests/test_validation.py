@@ -1,6 +1,7 @@
 import warnings
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -149,6 +150,34 @@ def test_seams_and_gaps_do_not_count():
     )
 
 
+def test_cross_correlations_are_those_of_known_pairs():
+    rng = np.random.default_rng(2)
+    u, r = rng.standard_normal((200, 2)), rng.standard_normal((200, 1))
+    r[50:55] = np.nan
+    tests = residual_tests([(u, r, 0 * u[:, :1])], n_lags=3)
+    assert tests.ar_order[0] == 0  # white noise: the filter is one
+    r, u = r[:, 0] - np.nanmean(r), (u - u.mean(axis=0)) / u.std(axis=0)
+    known = np.isfinite(r)
+    size = np.sqrt(np.sum(r[known] ** 2) * np.sum(u[known] ** 2, axis=0))
+    for i, lag in enumerate(range(-3, 4)):
+        k = np.arange(200)[
+            known & (np.arange(200) >= lag) & (np.arange(200) < 200 + lag)
+        ]
+        expected = r[k] @ u[k - lag] / size
+        np.testing.assert_allclose(tests.cross_correlation[i, 0], expected)
+        band = 2.5758293 * np.sqrt(len(k)) / 195
+        assert tests.cross_band[i, 0] == pytest.approx(band)
+    assert tests.cross_lags.tolist() == list(range(-3, 4))
+
+
+def test_an_experiment_of_one_sample_is_one():
+    rng = np.random.default_rng(0)
+    u, r = rng.standard_normal((2, 300, 1))
+    whole = [(u, r, 0 * r)]
+    tests = residual_tests([*whole, (u[:1], r[:1], 0 * r[:1])], n_lags=3)
+    assert tests.n_samples[0] == 301
+
+
 def test_short_chunks_give_the_same_tests(monkeypatch):
     rng = np.random.default_rng(0)
     u, y, y_hat = rng.standard_normal((3, 900, 1))
@@ -184,6 +213,30 @@ def test_a_residual_of_rounding_passes():
     u = np.random.default_rng(0).standard_normal((300, 1))
     tests = residual_tests([(u, u, u * (1 + 1e-15))])
     assert all(p[0] == 1 for p in tests.p_values.values())
+
+
+def test_an_output_of_rounding_beside_one_of_noise():
+    rng = np.random.default_rng(0)
+    u, noise = rng.standard_normal((2, 300, 2))
+    y = np.hstack([u[:, :1], u[:, 1:] + noise[:, :1]])
+    tests = residual_tests([(u, y, u)], n_lags=4)
+    alone = residual_tests([(u, y[:, 1:], u[:, 1:])], n_lags=4)
+    assert tests.n_samples.tolist() == [300, 300] and tests.ar_order[0] == 0
+    assert tests.autocorrelation[:, 0].tolist() == [1, 0, 0, 0, 0]
+    for nothing in (
+        tests.autocorrelation_band,
+        tests.cross_band,
+        np.abs(tests.cross_correlation).max(axis=2),
+    ):
+        assert not nothing[:, 0].any() and nothing[:, 1].all()
+    assert tests.cross_correlation.shape == (9, 2, 2)
+    for name, p in tests.p_values.items():
+        assert p[0] == 1 and tests.shares[name][0] == 0
+    for name, explained in tests.explained.items():
+        assert explained[0] == 0 and explained[1] == alone.explained[name][0]
+    np.testing.assert_array_equal(
+        tests.autocorrelation[:, 1], alone.autocorrelation[:, 0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -677,7 +730,16 @@ def test_sine_response_of_a_linear_model_is_its_frequency_response(true_model):
     assert f[0] == pytest.approx(1 / 12.8) and f[-1] < 5
 
 
-@pytest.mark.parametrize(("pole", "settle"), [(0.5, 1), (0.9, 2), (0.98, 8)])
+def test_a_frequency_response_has_what_feeds_through():
+    sys = control.ss([[0.5, 0.2], [0, -0.3]], np.eye(2), [[1, 2]], [[3, -4]], 0.1)
+    G = frequency_response(sys, [0.7, 2.0])
+    for G_f, frequency in zip(G, (0.7, 2.0), strict=True):
+        np.testing.assert_allclose(G_f, sys(np.exp(0.2j * np.pi * frequency)))
+
+
+@pytest.mark.parametrize(
+    ("pole", "settle"), [(0.5, 1), (0.838, 2), (0.9, 2), (0.98, 8)]
+)
 def test_a_sine_response_waits_for_the_transient(monkeypatch, pole, settle):
     """Until 1e-4 of it is left, for at most eight periods."""
     assert settle == min(np.ceil(np.log(1e-4) / np.log(pole) / 50), 8)
@@ -690,6 +752,18 @@ def test_a_sine_response_waits_for_the_transient(monkeypatch, pole, settle):
     assert len(steps) == 50 * (settle + 1)
     expected = 1 / (np.exp(2j * np.pi * f) - pole)
     np.testing.assert_allclose(G[:, 0], expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("pole", [1.0, 1.5, 1e9])
+def test_what_never_settles_is_given_eight_periods(monkeypatch, pole):
+    plant_ = linear_plant([[pole]], [[1.0]])
+    steps, step = [], type(plant_).step
+    monkeypatch.setattr(
+        type(plant_), "step", lambda *args: steps.append(1) or step(*args)
+    )
+    _, G = sine_response(plant_, 2.0, n_frequencies=2, period=50)
+    assert len(steps) == 50 * 9
+    assert np.isnan(G).all() == (pole == 1e9)  # it overflows
 
 
 def test_the_law_makes_the_response_linear_at_any_amplitude(fl_model):
@@ -743,6 +817,10 @@ def test_the_loop_of_a_plant_with_late_inputs_is_its_own():
     ("options", "message"),
     [
         ({"amplitude": 0.0}, "`amplitude` must be positive"),
+        ({"amplitude": np.inf}, "`amplitude` must be positive"),
+        ({"input": -1}, "`input` must be between 0 and 1, got -1"),
+        ({"n_frequencies": 0}, "`n_frequencies` one of at least 1, got 64 and 0"),
+        ({"n_frequencies": 1.5}, "`n_frequencies` one of at least 1, got 64 and 1.5"),
         ({"input": 2}, "`input` must be between 0 and 1, got 2"),
         ({"loop": "half"}, "`loop` must be 'open' or 'closed'"),
         ({"period": 4}, "`period` must be an integer of at least 8 samples"),
