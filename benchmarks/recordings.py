@@ -165,6 +165,8 @@ RECORDINGS = {
         {
             "LTI": LinearStateSpace(nx=3),
             "FL-SSNN, h(y)": by_hand(FlSsnn, random_state=0, **DRONE),
+            # with the defaults: the map has to find the square of the command
+            "FL-SSNN, phi(u, x)": FlSsnn(nx=3, input_map="monotone", random_state=0),
         },
         "deg",
     ),

@@ -113,7 +113,7 @@ CASES = {
     "levitation": Case(
         partial(make_magnetic_levitation, regulated=True),
         nx=2,
-        reference=5.5,
+        reference=3.4,  # as of the others, within what was recorded
         hold=100,
         travel=(1.0, 20.0),
     ),
