@@ -62,7 +62,7 @@ def test_readme_names_things_that_exist():
 def test_the_loop_of_the_readme_tracks_its_reference():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", readme, re.S)
-    (code,) = [block for block in blocks if "closed_loop(" in block]
+    code, tank = [block for block in blocks if "closed_loop(" in block]
     names = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
@@ -70,6 +70,9 @@ def test_the_loop_of_the_readme_tracks_its_reference():
     assert names["y"][-1] == pytest.approx(1.3, abs=1e-6)  # the true pendulum, rad
     assert np.max(names["u"]) == 12  # the law did limit the torque
     assert np.max(names["y"]) < 1.3 * 1.05  # and the integrator did not wind up
+    exec(tank, names)
+    assert names["loop"].input_labels == ["r[0]", "u[1]"]
+    assert names["model"].score(names["tank"].u, names["tank"].y) > 0.999
 
 
 MODELS = [alssnn.AlSsnn, alssnn.FlSsnn, alssnn.GrSsnn, alssnn.LinearStateSpace]

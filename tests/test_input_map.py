@@ -451,3 +451,24 @@ def test_a_law_without_a_solution_says_so(fan, monkeypatch):
     with pytest.warns(RuntimeWarning, match="found no u"):
         u = law(np.array([0.5]), np.zeros(2))
     assert low <= u <= high
+
+
+def test_the_center_of_the_decay_has_the_size_of_v():
+    """A fit that goes on begins at its own optimum: the decay knows the new phi."""
+    record = alssnn.datasets.make_fan_arm(400, noise=0.01, random_state=0)
+    model = alssnn.FlSsnn(
+        nx=2,
+        n_h=3,
+        n_init=1,
+        dt=record.dt,
+        input_map="monotone",
+        random_state=0,
+        warm_start=True,
+    ).fit(record.u, record.y)
+    center = model.fitted_.structure.split(model.fitted_.decay["center"])
+    # the start has the gain one, and v its size behind the fit
+    gain = 0.01 + center["r_phiu"] ** 2
+    assert abs(gain[0] - 1) > 0.01
+    before = model.cost_
+    model.fit(record.u, record.y)
+    assert model.cost_ <= before * (1 + 1e-3)

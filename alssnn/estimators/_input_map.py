@@ -69,6 +69,10 @@ def as_large_as_u(estimator, structure, theta, x0, experiments):
     theta : ndarray of shape (n_params,)
         Parameters of the same map from u to y: phi multiplied, B divided by a number.
         The same parameters where B or its basis is the user's, or the record elsewhere.
+
+    Notes
+    -----
+    The center of the decay of a search moves with them, for a fit that goes on.
     """
     p = structure.split(theta)
     given = estimator.linear_start is not None or "B" in (estimator.bounds or {})
@@ -83,6 +87,17 @@ def as_large_as_u(estimator, structure, theta, x0, experiments):
     if not (np.isfinite(size) and size > 0):
         return theta
     factor = max(1 / size, LEAST_GAIN / direct.min())  # a root stays real
+    decay = estimator._decay
+    if decay and "center" in decay:
+        center = _multiplied(structure, decay["center"], factor)
+        estimator._decay = {**decay, "center": center}
+    return _multiplied(structure, theta, factor)
+
+
+def _multiplied(structure, theta, factor):
+    """Return parameters with phi multiplied and B divided by a number."""
+    p = structure.split(theta)
+    direct = LEAST_GAIN + p["r_phiu"] ** 2
     changed = {name: factor * p[name] for name in MAP if name in p}
     changed["r_phi"] = np.sqrt(factor) * p["r_phi"]
     changed["r_phiu"] = np.sqrt(np.maximum(factor * direct - LEAST_GAIN, 0.0))
