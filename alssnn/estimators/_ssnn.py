@@ -405,7 +405,7 @@ class Ssnn(StateSpaceModel):
         """Return the linear model as the outcome of a fit, and say so."""
         self._decay = {"alpha": np.inf}
         linear, plain = self._declared(linear)
-        theta = self._start(plain, linear, near, 0, root=0.0)
+        theta = self._start(plain, linear, near, 0, roots=(0.0, 0.0))
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
         if watch.reason is None:  # else nobody knows whether they would help
