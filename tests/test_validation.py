@@ -738,6 +738,17 @@ def test_a_frequency_response_has_what_feeds_through():
 
 
 @pytest.mark.parametrize(
+    ("period", "n", "harmonics"),
+    [(8, 40, [1, 2, 3]), (9, 40, [1, 2, 3, 4]), (64, 1, [1]), (64, 3, [1, 6, 31])],
+)
+def test_sines_are_harmonics_below_the_nyquist_frequency(period, n, harmonics):
+    plant_ = linear_plant([[0.5]], [[1.0]])
+    f, G = sine_response(plant_, 1.0, n_frequencies=n, period=period)
+    np.testing.assert_allclose(f * period * plant_.dt, harmonics)
+    assert np.isfinite(G).all()
+
+
+@pytest.mark.parametrize(
     ("pole", "settle"), [(0.5, 1), (0.838, 2), (0.9, 2), (0.98, 8)]
 )
 def test_a_sine_response_waits_for_the_transient(monkeypatch, pole, settle):
