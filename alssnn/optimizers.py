@@ -164,6 +164,9 @@ class _Search:
         self.best = free.copy()
         self.least = np.inf
         self.nfev = self.njev = self.n_accepted = 0
+        # older releases of scipy ask twice for the start, and once more for the end
+        self.known: list[tuple] = []  # points and residuals: the last and the least
+        self.derived: tuple | None = None  # the last point with its Jacobian
         self.anchor: np.ndarray | None = (
             None  # last accepted point that has derivatives
         )
@@ -185,6 +188,10 @@ class _Search:
                     return STOPPED, CLIFF
                 # MINPACK cannot take a step back: it starts anew, on a shorter leash
                 self.reach = float(np.linalg.norm(self.edge - self.anchor)) / 2
+                self.known, self.derived = (
+                    [],
+                    None,
+                )  # its leash is another one
                 free = self.anchor
                 if self.patience is None and np.array_equal(self.best, self.edge):
                     self.best, self.least = free.copy(), self.criterion.norm(free)
@@ -195,6 +202,9 @@ class _Search:
         return 0, TERMINATION_MESSAGES[0]
 
     def fun(self, x):
+        for point, residual in self.known:
+            if np.array_equal(x, point):
+                return residual.copy()
         if self.watch is not None:
             self.watch.check()
         residual = self.criterion.fun(x)
@@ -204,15 +214,21 @@ class _Search:
         self.nfev += 1
         if self.patience is None and residual[0] < self.least:
             self.best, self.least = x.copy(), residual[0]
+        found = x.copy(), residual.copy()
+        least = min([*self.known, found], key=lambda known: known[1][0])
+        self.known = [found, least]
         return residual
 
     def jac(self, x):  # both methods ask for it at accepted points only
+        if self.derived is not None and np.array_equal(x, self.derived[0]):
+            return self.derived[1]
         self.accept(x)
         self.njev += 1
         self.edge = x.copy()
         jacobian = self.criterion.jac(x)
         if self.anchor is None or np.any(x != self.anchor):
             self.anchor, self.reach = self.edge, np.inf
+        self.derived = self.edge, jacobian
         return jacobian
 
     def accept(self, x):

@@ -48,6 +48,7 @@ RANK_TOL = 1e-10  # directions of x with less spread than that were not excited
 LEAST = 0.01  # spread of a combination of x and u, each of spread one, that counts; so
 # much is near, too
 REFERENCES = 1_000  # training samples that are kept
+DIVERGED = 1e100  # size of a sample whose square is no number, or soon none
 LEAST_REFERENCES = 50  # fewer do not tell how near is near
 TENTHS = 10  # parts of a record, of which each is judged by the others
 NEAR = 1.5  # reach over the distance that SHARE of the parts left out do not exceed
@@ -156,7 +157,7 @@ class Region:
         ]
         # a period counts once
         independent = sum(
-            _independent(P) * period / n
+            _independent(P) * period / max(n, 1)
             for P, n, period in zip(points, sizes, periods, strict=True)
         )
         doubt = DOUBT / max(independent - FEW, 1.0)
@@ -237,10 +238,13 @@ def _extent(chunks):
     """
     low, high, R, ny = np.array(np.inf), np.array(-np.inf), np.empty((0, 0)), 0
     n, inputs = 0, []
-    for X, u, y, measured in chunks:
+    for chunk in chunks:
+        X, u, y, measured = _seen(chunk)
         outputs = np.vstack([y, measured])
-        low = np.minimum(low, np.hstack([u.min(axis=0), outputs.min(axis=0)]))
-        high = np.maximum(high, np.hstack([u.max(axis=0), outputs.max(axis=0)]))
+        ends = [z.min(axis=0, initial=np.inf) for z in (u, outputs)]
+        low = np.minimum(low, np.hstack(ends))
+        ends = [z.max(axis=0, initial=-np.inf) for z in (u, outputs)]
+        high = np.maximum(high, np.hstack(ends))
         rows, ny = np.hstack([np.ones((len(X), 1)), X, u]), y.shape[1]
         rows = np.vstack([R, rows]) if R.size else rows
         R = np.asarray(np.linalg.qr(rows, mode="r"))
@@ -248,6 +252,17 @@ def _extent(chunks):
             inputs.append(u[: LONGEST - n])
         n += len(u)
     return low, high, R, ny, n, _period(np.vstack(inputs)) or n
+
+
+def _seen(chunk):
+    """Return the samples of a chunk that are numbers.
+
+    An experiment whose outputs were not measured has no part in the fit, and a linear
+    model that is not stable may diverge along it.
+    """
+    size = np.max(np.abs(np.hstack(chunk)), axis=1)
+    seen = size < DIVERGED  # nan compares false
+    return chunk if seen.all() else tuple(z[seen] for z in chunk)
 
 
 def _visit(chunks, center, whiten, step):
@@ -278,9 +293,10 @@ def _visit(chunks, center, whiten, step):
     """
     farthest, start = 0.0, 0
     times, points = [np.empty(0, dtype=int)], [np.empty((0, whiten.shape[1]))]
-    for X, u, *_ in chunks:
+    for chunk in chunks:
+        X, u, *_ = _seen(chunk)
         z = (np.hstack([X, u]) - center) @ whiten
-        farthest = max(farthest, np.linalg.norm(z, axis=1).max())
+        farthest = max(farthest, np.linalg.norm(z, axis=1).max(initial=0.0))
         j = np.arange(start // step, (start + len(z)) // step + 1)
         taken = (step * (j + j * GOLDEN % 1)).astype(int)
         taken = taken[(taken >= start) & (taken < start + len(z))]
@@ -299,6 +315,8 @@ def _correlation(z):
 def _period(u):
     """Return after how many samples the inputs repeat themselves, 0 if they do not."""
     n = len(u)
+    if n < 2:
+        return 0
     r = _correlation(u)
     moves = r[0] > 0
     if not moves.any():

@@ -110,7 +110,8 @@ class Signals:
         ValueError
             If disturbances are missing, or given where there are none.
         """
-        return join_inputs(m, self.check_disturbances(d), self.given)
+        d = self.check_disturbances(d)
+        return join_inputs(m, d, self.given) if self.given else m
 
     def check_disturbances(self, d):
         """Return measured disturbances, or refuse that they are missing.

@@ -212,7 +212,9 @@ def runs(lure, u, x0):
         the last.
     """
     for part, u_part, X in trajectory(lure, u, x0):
-        yield part, u_part, X[:-1], regressors(lure, X[:-1], u_part) @ lure.rows_z.T
+        with np.errstate(over="ignore", invalid="ignore"):
+            Z = regressors(lure, X[:-1], u_part) @ lure.rows_z.T
+        yield part, u_part, X[:-1], Z
 
 
 def outputs(lure, u, x0):
@@ -233,9 +235,8 @@ def outputs(lure, u, x0):
         Channels; inf where the simulation diverges.
     """
     Z = np.full((len(u), lure.nz), np.inf)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for part, _, _, Z_part in runs(lure, u, x0):
-            Z[part] = np.where(np.isfinite(Z_part), Z_part, np.inf)
+    for part, _, _, Z_part in runs(lure, u, x0):
+        Z[part] = np.where(np.isfinite(Z_part), Z_part, np.inf)
     return Z
 
 

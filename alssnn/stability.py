@@ -40,6 +40,9 @@ NEAREST = 1e-7  # distance of a start to a limit of one
 SLOWEST = 5.0  # time constants in a record, of the slowest pole that it can tell
 FASTEST = 0.5  # distance from the unit circle, to which poles are held off it
 HELD_OFF = "its poles are held off the unit circle, to simulate its own record"
+LARGEST = (
+    1e10  # eigenvalue of I + Q'Q, beyond which its rounding reaches the least, one
+)
 ROUNDING = 1e-9  # norms this close to one are taken for one, and moved inside
 
 
@@ -57,6 +60,9 @@ def contraction(Q):
         Contraction.
     """
     eigenvalues, V = eigh(np.eye(len(Q)) + Q.T @ Q)
+    if not eigenvalues[-1] < LARGEST:
+        U, size, Vt = svd(Q)
+        return U @ (np.minimum(size / np.sqrt(1 + size**2), 1.0)[:, None] * Vt)
     return Q @ (V / np.sqrt(eigenvalues)) @ V.T
 
 
@@ -80,6 +86,9 @@ def contraction_derivative(Q):
     """
     n = len(Q)
     s, V = eigh(np.eye(n) + Q.T @ Q)
+    if not s[-1] < LARGEST:
+        _, size, Vt = svd(Q)
+        s, V = 1 + size**2, Vt.T
     root = np.sqrt(s)
     # (s_i^-1/2 - s_j^-1/2) / (s_i - s_j), written without cancellation
     F = -1.0 / (np.outer(root, root) * np.add.outer(root, root))

@@ -17,7 +17,7 @@ N = 300
 STRICT = "-std=c99 -Wall -Wextra -Werror -pedantic"
 
 
-def make_plant(input_map, feedback, given=GIVEN):
+def make_plant(input_map, feedback, given=GIVEN, n_g=2):
     """Return a plant of one output whose inputs have units."""
     rng = np.random.default_rng(3)
     structure = state_space(
@@ -25,7 +25,7 @@ def make_plant(input_map, feedback, given=GIVEN):
         NU,
         1,
         n_h=4,
-        n_g=2,
+        n_g=n_g,
         C=np.array([[1.0, 0.3]]),
         feedback=feedback,
         input_map=input_map,

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from sklearn.exceptions import ConvergenceWarning
 from structures import declare
 
+from alssnn import LinearStateSpace
 from alssnn.datasets import make_pendulum
 from alssnn.linearizability import (
     OUTSIDE,
@@ -694,6 +695,37 @@ def test_few_independent_samples_make_doubt(rng):
     assert not region.outside(near, near, near, surely=True).any()
     assert region.outside(far, far, far, surely=True).all()
     assert Region.of(*(np.zeros((20, 1)),) * 3).doubt <= 4.0  # nothing moves
+
+
+def test_what_diverged_is_not_of_the_region(rng):
+    """A model may diverge along an experiment of which no output was measured."""
+    X, u = rng.standard_normal((300, 2)), rng.standard_normal((300, 1))
+    chunk = X, u, X[:, :1], X[:, :1]
+    expected = Region.of_parts(lambda f: [f([chunk])])
+    far = 1e300 * np.cumsum(np.ones((300, 2)), axis=0)
+    with np.errstate(over="ignore"):
+        far = np.where(np.arange(300)[:, None] > 50, 1e10 * far, far)
+    gone = far, u, far[:, :1], far[:, :1]
+    region = Region.of_parts(lambda f: [f([gone]), f([chunk])])
+    for name in ("low", "high", "points", "reach", "radius"):
+        np.testing.assert_allclose(getattr(region, name), getattr(expected, name))
+    assert not region.outside(*chunk[:3]).any()
+
+
+@pytest.mark.parametrize("seed", [195, 231])
+def test_a_fit_with_an_experiment_that_diverges_is_a_model(seed):
+    rng = np.random.default_rng(seed)
+    n = rng.integers(10, 40)
+    u, y = rng.standard_normal((2 * n, 2)), rng.standard_normal((2 * n, 1))
+    y[:n] = np.nan
+    if seed % 3 == 0:
+        u = np.vstack([rng.standard_normal((1500, 2)), u])
+        y = np.vstack([np.full((1500, 1), np.nan), y])
+    model = LinearStateSpace(nx=3, max_iter=1, input_delay=int(rng.integers(2)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        model.fit(u, y, np.repeat([0, 1], [len(u) - n, n]))
+    assert np.isfinite(model.fitted_.region.radius)
 
 
 def test_region_counts_what_was_measured(rng):

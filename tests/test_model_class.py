@@ -193,7 +193,7 @@ def test_linear_model_with_delay_and_feedthrough_is_its_statespace(fitted, data)
     model, u = fitted["linear, D, late"], data[0]
     sys = model.to_statespace()
     assert sys.nstates == 3
-    y = control.forced_response(sys, inputs=(u - model.u_offset_).T).outputs.T
+    y = control.forced_response(sys, None, (u - model.u_offset_).T).outputs.T
     np.testing.assert_allclose(
         (model.predict(u) - model.y_offset_ - y) / data[1].std(axis=0), 0, atol=1e-10
     )
@@ -281,7 +281,7 @@ def test_integrators_and_the_designed_loop_know_the_feedthrough(fitted):
     np.testing.assert_allclose(expected[-1][:ny], r, atol=1e-6)
     loop = alssnn.feedback.designed_loop(model, K)
     inputs = np.repeat(r[:, None], 400, axis=1)
-    outputs = control.forced_response(loop, inputs=inputs).outputs.T
+    outputs = control.forced_response(loop, None, inputs).outputs.T
     np.testing.assert_allclose(outputs, expected, atol=1e-9)
     # no other gain costs less, from any state
     F = np.block([[A, np.zeros((nx, ny))], [C, np.eye(ny)]])
@@ -600,7 +600,7 @@ def exact():
     """Return a record of the start itself, without noise, from rest at zero."""
     u = np.random.default_rng(3).standard_normal((200, 2)) * [3.0, 0.02]
     sys = control.ss(*START, DT)
-    return u, control.forced_response(sys, inputs=u.T).outputs.T
+    return u, control.forced_response(sys, None, u.T).outputs.T
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,15 @@ def test_every_Q_gives_a_contraction_and_comes_back(rng, size):
     np.testing.assert_allclose(contraction_inverse(K), Q, rtol=1e-6 * max(1, size**2))
 
 
+@pytest.mark.parametrize("size", [1e8, 1e12, 1e20])
+def test_a_trial_of_huge_Q_is_a_contraction(rng, size):
+    """Rounding of the largest eigenvalue of I + Q'Q is more than the least of them."""
+    for _ in range(20):
+        Q = rng.standard_normal((6, 6)) * size ** rng.uniform(0, 1, 6)[:, None]
+        assert np.linalg.norm(contraction(Q), 2) <= 1 + 1e-9
+        assert np.isfinite(contraction_derivative(Q)).all()
+
+
 def test_derivative_of_the_contraction(rng):
     Q = rng.standard_normal((3, 3))
     T = np.empty((9, 9))

@@ -6,42 +6,44 @@ from ..feedback import DisturbanceObserver, Observer
 from ..feedback.checks import as_numbers, check_limits
 
 
-def check_references(reference, horizon, ny, last):
-    """Return references of y, one row or one per sample of the horizon.
+def check_ahead(name, value, horizon, n, last):
+    """Return what is known of samples ahead, one row or one per sample of the horizon.
 
     One that is not finite is that of the sample before.
 
     Parameters
     ----------
-    reference : array_like of shape (ny,) or (horizon, ny)
-        References; a number if there is one output.
+    name : str
+        Name of the argument: references, or measured disturbances.
+    value : array_like of shape (n,) or (horizon, n)
+        Values; a number if there is one signal.
     horizon : int
         Number of samples of the horizon.
-    ny : int
-        Number of outputs.
-    last : ndarray of shape (ny,)
-        Reference of the last step.
+    n : int
+        Number of signals.
+    last : ndarray of shape (n,)
+        Value of the last step.
 
     Returns
     -------
-    references : ndarray of shape (1, ny) or (horizon, ny)
-        References.
+    rows : ndarray of shape (1, n) or (horizon, n)
+        The values.
 
     Raises
     ------
     ValueError
         If the shape is wrong.
     """
-    r = as_numbers("reference", reference)
+    r = as_numbers(name, value)
     shape = r.shape
-    if r.ndim == 0 and ny == 1:
+    if r.ndim == 0 and n == 1:
         r = r.reshape(1)
-    if r.shape == (ny,):
+    if r.shape == (n,):
         r = r[None]
-    elif r.shape != (horizon, ny):
+    elif r.shape != (horizon, n):
         raise ValueError(
-            f"`reference` must have shape ({ny},) or ({horizon}, {ny}), got {shape}. "
-            "Give one value per output."
+            f"`{name}` must have shape ({n},) or ({horizon}, {n}), got {shape}. "
+            "Give one value per signal."
         )
     if np.isfinite(r).all():
         return r

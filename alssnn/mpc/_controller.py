@@ -15,10 +15,10 @@ from ..feedback.checks import check_limits, check_point, check_weight
 from ..feedback.loop import check_plant
 from ..plant import as_plant
 from ._checks import (
+    check_ahead,
     check_observer,
     check_penalty,
     check_rate,
-    check_references,
     check_signal,
 )
 from ._condensed import CondensedProgram, Weights
@@ -228,14 +228,14 @@ class LinearizingMPC:
         self.observer.reset(np.concatenate([x0, np.zeros(nd)]))
         u = self._model.u_offset if u is None else check_point("u", u, self._nu)
         self._u = np.asarray(u, dtype=float)
-        self._reference = self._plant.y_offset
+        self._reference, self._d = self._plant.y_offset, self._plant.d_offset
         self._rest.reset()
         self._planner.reset()
         self.info_ = None
 
     # -- one sample --------------------------------------------------------------------
 
-    def step(self, reference, y, u_applied=None):
+    def step(self, reference, y, u_applied=None, d=None):
         """Return the input for a new measurement.
 
         Parameters
@@ -249,6 +249,10 @@ class LinearizingMPC:
         u_applied : array_like of shape (nu,) or None, default=None
             Input that the plant received since the last measurement; None, or a value
             that is nan or infinite, means what the last step returned.
+        d : array_like of shape (nd,) or (horizon, nd) or None, default=None
+            Measured disturbances of this sample, which are taken to last, or of this
+            and the next ones; needed if the model has any. One that is nan or infinite
+            is that of the sample before.
 
         Returns
         -------
@@ -261,9 +265,12 @@ class LinearizingMPC:
             If a size is wrong.
         """
         start = time.perf_counter()
-        references = check_references(
-            reference, self.horizon, self._ny, self._reference
+        references = check_ahead(
+            "reference", reference, self.horizon, self._ny, self._reference
         )
+        measured = self._measured(d)
+        if len(measured) > len(references):
+            references = np.tile(references, (len(measured), 1))
         if y is None:
             raise ValueError(
                 "`y` must be a measurement, got None. Give nan where there is none."
@@ -273,8 +280,9 @@ class LinearizingMPC:
             given = check_point("u_applied", u_applied, self._nu, missing=True)
             self._u = np.where(np.isnan(given), self._u, given)
         self._reference = references[0]
-        z = self.observer.step(self._u, y)
+        z = self.observer.step(self._plant.every_input(self._u, self._d), y)
         x, d = z[: self._nx], z[self._nx :]
+        plan_m, rest_m = self._along(measured, len(references))
         rest, planner, last = self._rest, self._planner, self._u
         planner.shift(rest.U[-1])
         rest.resize(len(references))
@@ -287,8 +295,10 @@ class LinearizingMPC:
             )
             for _ in range(self.n_passes):
                 if not settled:
-                    target_status, settled = rest.improve(d, goals, soft_bounds)
-                result = planner.improve(x, d, last, (rest.X, rest.V), soft_bounds)
+                    target_status, settled = rest.improve(d, goals, soft_bounds, rest_m)
+                result = planner.improve(
+                    x, d, last, (rest.X, rest.V), soft_bounds, plan_m
+                )
                 solutions.append(result.solution)
                 if result.solution.x is None:
                     break
@@ -296,7 +306,23 @@ class LinearizingMPC:
             self.info_ = self._report(
                 x, d, result, last, solutions, target_status, references[-1], start
             )
+        self._d = measured[0]
         return self._u.copy()
+
+    def _measured(self, d):
+        """Return measured disturbances, a row for now or for the horizon."""
+        nd = self._plant.nd
+        if d is None:
+            self._plant.check_disturbances(None)
+            return np.empty((1, 0))
+        return check_ahead("d", d, self.horizon, nd, self._d)
+
+    def _along(self, measured, n):
+        """Return measured disturbances along the plan, and of n states of rest."""
+        if not self._plant.nd:
+            return None, None
+        plan = np.broadcast_to(measured, (self.horizon, measured.shape[1]))
+        return plan, plan[-n:]  # v_i rests for d_i, whatever x is to be behind it
 
     def _report(self, x, d, result, last, solutions, target_status, reference, start):
         """Return what happened in a step that began at `start`."""
@@ -333,6 +359,7 @@ class LinearizingMPC:
         preview=False,
         input_disturbance=None,
         output_noise=None,
+        d=None,
     ):
         """Control a plant from a reset on, and return what happened.
 
@@ -347,12 +374,14 @@ class LinearizingMPC:
             Initial state of the plant, which the controller does not know; None means
             zero.
         preview : bool, default=False
-            Whether the controller knows the reference of the next samples; else it
-            takes the present one to last.
+            Whether the controller knows the reference, and measured disturbances, of
+            the next samples; else it takes the present ones to last.
         input_disturbance : array_like of shape (N, nu) or None, default=None
             Added to u behind the controller, in the units of u.
         output_noise : array_like of shape (N, ny) or None, default=None
             Added to the measured output.
+        d : array_like of shape (N, nd) or None, default=None
+            Measured disturbances, in the units of u; None means the operating point.
 
         Returns
         -------
@@ -382,12 +411,20 @@ class LinearizingMPC:
         self.reset()
         t, u = self._model.dt * np.arange(n), np.zeros((n, self._nu))
         y, steps = np.zeros((n, self._ny)), []
+        own = self._plant
+        d = (
+            np.tile(own.d_offset, (n, 1))
+            if d is None
+            else check_signal("d", d, n, own.nd)
+        )
         held = self._model.u_offset  # until this sample's input is known
         for k in range(n):
-            y[k] = plant.output(t[k], x, held) + noise[k]
+            y[k] = plant.output(t[k], x, own.every_input(held, d[k])) + noise[k]
             ahead = np.minimum(np.arange(k + 1, k + 1 + self.horizon), n - 1)
-            u[k] = self.step(reference[ahead] if preview else reference[k], y[k])
+            known = reference[ahead] if preview else reference[k]
+            measured = d[np.maximum(ahead - 1, k)] if preview else d[k]
+            u[k] = self.step(known, y[k], d=measured if own.nd else None)
             steps.append(self.info_)
             held = u[k] + push[k]
-            x = np.asarray(plant.dynamics(t[k], x, held))
+            x = np.asarray(plant.dynamics(t[k], x, own.every_input(held, d[k])))
         return MpcRecord(t, y, u, reference, steps)

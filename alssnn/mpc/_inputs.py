@@ -9,7 +9,8 @@ for the map increases.  Those of several inputs and of rates become rows of
 along the plan (x_k, u_k) (eq. rows).  A plan within its limits meets these rows,
 whatever the map: no program is without a solution because it was linearized.
 
-v counts in standard deviations of u, u and s have the units of the user.
+v counts in standard deviations of u, u and s have the units of the user.  Inputs u are
+those that are moved; the map sees measured disturbances m beside s.
 """
 
 from dataclasses import dataclass
@@ -58,6 +59,8 @@ class Added:
         States.
     U : ndarray of shape (N, nu)
         Inputs.
+    m : ndarray of shape (N, nm) or None, default=None
+        Measured disturbances, if there are any.
 
     Attributes
     ----------
@@ -65,13 +68,13 @@ class Added:
         Inputs of the linear model.
     """
 
-    def __init__(self, plant, X, U):
-        self._plant = plant
-        self._h = plant.cancelled(_seen(plant, X), U)
+    def __init__(self, plant, X, U, m=None):
+        self._plant, self._m = plant, m
+        self._h = plant.cancelled(_seen(plant, X), U, m)
         self.V = self._v(U)
 
     def _v(self, U):
-        return (U + self._h - self._plant.u_offset) / self._plant.u_scale
+        return (U + self._h - self._plant.v_offset) / self._plant.v_scale
 
     def rows(self, limits, u_last):
         """Return the rows that limit u.
@@ -88,7 +91,7 @@ class Added:
         rows : InputRows
             The rows.
         """
-        scale, change = self._plant.u_scale, None
+        scale, change = self._plant.v_scale, None
         if limits.rated:
             first = _first(self._plant, limits, u_last)
             change = np.diff(self._h / scale, axis=0, prepend=-first[None])
@@ -111,7 +114,7 @@ class Added:
             Inputs, by the law.
         """
         plant = self._plant
-        return plant.law(plant.u_offset + V * plant.u_scale, _seen(plant, X))
+        return plant.law(plant.v_offset + V * plant.v_scale, _seen(plant, X), self._m)
 
     def now(self, u):
         """Return the virtual input that an input of the first sample makes.
@@ -144,24 +147,28 @@ class InputMap:
     """
 
     def __init__(self, plant):
-        self.plant, scale, nu = plant, plant.u_scale, plant.nu
+        self.plant, scale, nu = plant, plant.v_scale, plant.nv
         before, behind = plant.law_map.parts()
         self._D = behind.M[:, -nu:] * scale / scale[:, None]
         self._W = behind.W / scale[:, None]
         self._P = behind.V[:, -nu:] * scale
         self._layers = [(part, behind.sigma[part.start]) for part in behind.layers]
         C = np.eye(plant.nx) if plant.feedback == "state" else plant.linear()[2]
-        ns, nx = before.nu, plant.nx  # no network sees past inputs
-        Theta = np.hstack([before.Theta[:, :ns] @ C[:ns], before.Theta[:, ns:]])
-        self._before = Lure(Theta, 0, nx, before.nw, before.sigma)
+        nd = plant.nd
+        ns = before.nu - nd  # no network sees past inputs
+        of_s, rest = np.split(before.Theta, [ns], axis=1)
+        Theta = np.hstack([of_s @ C[:ns], rest])  # of [x; m]
+        self._before = Lure(Theta, 0, plant.nx + nd, before.nw, before.sigma)
 
-    def of_states(self, X):
-        """Return what the map has of the states alone.
+    def of_states(self, X, m=None):
+        """Return what the map has of the states and of measured disturbances alone.
 
         Parameters
         ----------
         X : ndarray of shape (N, nx)
             States.
+        m : ndarray of shape (N, nm) or None, default=None
+            Measured disturbances, if there are any.
 
         Returns
         -------
@@ -172,9 +179,11 @@ class InputMap:
         Phi : ndarray of shape (N, n)
             Regressors, for `slopes`.
         """
+        if m is not None:
+            X = np.hstack([X, m - self.plant.d_offset])
         Phi = regressors(self._before, X[:, :0], X)
         z, a = np.split(Phi @ self._before.rows_z.T, [len(self._D)], axis=1)
-        return z / self.plant.u_scale, a, Phi
+        return z / self.plant.v_scale, a, Phi
 
     def __call__(self, z, a, dU):
         """Return v, and what the neurons see and say.
@@ -237,7 +246,8 @@ class InputMap:
         """
         form, nu = self._before, len(self._D)
         by_x = form.M + neuron_gains(form, form.W, Phi) @ form.V
-        return by_x[:, :nu] / self.plant.u_scale[:, None] + gains @ by_x[:, nu:]
+        by_x = by_x[..., : self.plant.nx]
+        return by_x[:, :nu] / self.plant.v_scale[:, None] + gains @ by_x[:, nu:]
 
 
 class Mapped:
@@ -251,6 +261,8 @@ class Mapped:
         States.
     U : ndarray of shape (N, nu)
         Inputs.
+    m : ndarray of shape (N, nm) or None, default=None
+        Measured disturbances, if there are any.
 
     Attributes
     ----------
@@ -258,10 +270,10 @@ class Mapped:
         Inputs of the linear model.
     """
 
-    def __init__(self, phi, X, U):
-        self._phi, self._X = phi, X
-        self._dU = (U - phi.plant.u_offset) / phi.plant.u_scale
-        self._z, self._a, self._Phi = phi.of_states(X)
+    def __init__(self, phi, X, U, m=None):
+        self._phi, self._X, self._m = phi, X, m
+        self._dU = (U - phi.plant.v_offset) / phi.plant.v_scale
+        self._z, self._a, self._Phi = phi.of_states(X, m)
         self.V, self._neurons = phi(self._z, self._a, self._dU)
         self._slopes = None
 
@@ -282,7 +294,7 @@ class Mapped:
         """
         phi, dU, change = self._phi, self._dU, None
         N, nu = dU.shape
-        offset, scale = phi.plant.u_offset, phi.plant.u_scale
+        offset, scale = phi.plant.v_offset, phi.plant.v_scale
         du = limits.du_max / scale
         low, high = (
             np.tile((bound - offset) / scale, (N, 1))
@@ -331,7 +343,7 @@ class Mapped:
             Inputs, by the law; nan where there is none.
         """
         phi, plant, dU = self._phi, self._phi.plant, self._dU
-        z, a, _ = phi.of_states(X)
+        z, a, _ = phi.of_states(X, self._m)
         if self._slopes is not None:
             K, F = self._slopes
             dU = dU + _times(K, V - self.V - _times(F, X - self._X))
@@ -343,8 +355,8 @@ class Mapped:
             step = step[..., 0]
             dU = dU - step
             if np.abs(step).max() <= FOUND:
-                return plant.u_offset + dU * plant.u_scale
-        return plant.law(plant.u_offset + V * plant.u_scale, _seen(plant, X))
+                return plant.v_offset + dU * plant.v_scale
+        return plant.law(plant.v_offset + V * plant.v_scale, _seen(plant, X), self._m)
 
     def now(self, u):
         """Return the virtual input that an input of the first sample makes.
@@ -359,7 +371,7 @@ class Mapped:
         v : ndarray of shape (nu,)
             Virtual input, in the units of u.
         """
-        offset, scale = self._phi.plant.u_offset, self._phi.plant.u_scale
+        offset, scale = self._phi.plant.v_offset, self._phi.plant.v_scale
         V, _ = self._phi(self._z[:1], self._a[:1], ((u - offset) / scale)[None])
         return offset + scale * V[0]
 
@@ -371,7 +383,7 @@ def _seen(plant, X):
 
 def _first(plant, limits, u_last):
     """Return the last input as one that the limits allow: else they would cross."""
-    return (limits.clip(u_last) - plant.u_offset) / plant.u_scale
+    return (limits.clip(u_last) - plant.v_offset) / plant.v_scale
 
 
 def _times(M, x):

@@ -5,6 +5,9 @@
 omega is what the linear model lacks.  v counts in standard deviations of u and C x in
 those of y; u and d have the units of the user.  phi sees the output or the state of
 the model, without d.
+
+Measured disturbances m are given, as far ahead as they are known: the trajectory has
+them, and with it omega, which is then G dm, too.
 """
 
 import numpy as np
@@ -28,7 +31,7 @@ class DisturbedModel:
     A, B, C : ndarray
         Linear part, v and y scaled.
     u_offset, u_scale : ndarray of shape (nu,)
-        Operating point and standard deviation of u.
+        Operating point and standard deviation of the inputs that are moved.
     y_scale : ndarray of shape (ny,)
         Standard deviation of y.
     dt : float
@@ -39,12 +42,12 @@ class DisturbedModel:
         self._own, self._disturbed = plant, disturbed
         self._stepper = Stepper(disturbed.lure)
         self._map = None if plant.is_explicit else InputMap(plant)
-        self.u_offset, self.dt = plant.u_offset, plant.dt
-        self.u_scale, self.y_scale = plant.u_scale, plant.y_scale
+        self.u_offset, self.dt = plant.v_offset, plant.dt
+        self.u_scale, self.y_scale = plant.v_scale, plant.y_scale
         self.A, B, C, _ = plant.linear()
         self.B, self.C = B * self.u_scale, C / self.y_scale[:, None]
 
-    def trajectory(self, x, d, U):
+    def trajectory(self, x, d, U, m=None):
         """Return the states under given inputs, by the whole model.
 
         Parameters
@@ -55,6 +58,8 @@ class DisturbedModel:
             Disturbance, which stays.
         U : ndarray of shape (N, nu)
             Inputs.
+        m : ndarray of shape (N, nm) or None, default=None
+            Measured disturbances, if there are any.
 
         Returns
         -------
@@ -63,7 +68,8 @@ class DisturbedModel:
         """
         X = np.empty((len(U) + 1, len(x) + len(d)))
         X[0, : len(x)], X[0, len(x) :] = x, d
-        self._stepper(U - self.u_offset, X[0], X[1:])
+        own = self._own
+        self._stepper(own.every_input(U, m) - own.u_offset, X[0], X[1:])
         return X[:, : len(x)]
 
     def omega(self, X, V):
@@ -83,7 +89,7 @@ class DisturbedModel:
         """
         return X[1:] - X[:-1] @ self.A.T - V @ self.B.T
 
-    def tangent(self, X, U, d):
+    def tangent(self, X, U, d, m=None):
         """Return the linearization of f at states and inputs.
 
         Parameters
@@ -94,6 +100,8 @@ class DisturbedModel:
             Inputs.
         d : ndarray of shape (nd,)
             Disturbance.
+        m : ndarray of shape (N, nm) or None, default=None
+            Measured disturbances, if there are any.
 
         Returns
         -------
@@ -105,8 +113,9 @@ class DisturbedModel:
             Rest: f = A x + B (u - u_offset) / u_scale + w there.
         """
         nx = X.shape[1]
-        plus, A, B = self._disturbed.tangent(self._with(X, d), U)
-        A, B = A[:, :nx, :nx], B[:, :nx] * self.u_scale
+        own = self._own
+        plus, A, B = self._disturbed.tangent(self._with(X, d), own.every_input(U, m))
+        A, B = A[:, :nx, :nx], B[:, :nx, own.moved] * self.u_scale
         du = (U - self.u_offset) / self.u_scale
         linear = np.einsum("nij,nj->ni", A, X) + np.einsum("nij,nj->ni", B, du)
         return A, B, plus[:, :nx] - linear
@@ -128,7 +137,7 @@ class DisturbedModel:
         """
         return self._disturbed.output(self._with(X, d))
 
-    def inputs(self, X, U):
+    def inputs(self, X, U, m=None):
         """Return what lies between u and the linear model along states and inputs.
 
         Parameters
@@ -137,6 +146,8 @@ class DisturbedModel:
             States.
         U : ndarray of shape (N, nu)
             Inputs of the plant.
+        m : ndarray of shape (N, nm) or None, default=None
+            Measured disturbances, if there are any.
 
         Returns
         -------
@@ -144,8 +155,27 @@ class DisturbedModel:
             The inputs V of the linear model, and what limits them.
         """
         if self._map is None:
-            return Added(self._own, X, U)
-        return Mapped(self._map, X, U)
+            return Added(self._own, X, U, m)
+        return Mapped(self._map, X, U, m)
+
+    def ahead(self, m, n):
+        """Return measured disturbances of samples, at the operating point if unknown.
+
+        Parameters
+        ----------
+        m : ndarray of shape (n, nm) or None
+            Measured disturbances; None if they are not known.
+        n : int
+            Number of samples.
+
+        Returns
+        -------
+        m : ndarray of shape (n, nm) or None
+            The same, or those of rest; None for a model without any.
+        """
+        if m is not None or not self._own.nd:
+            return m
+        return np.tile(self._own.d_offset, (n, 1))
 
     def _with(self, X, d):
         """Return the states with the disturbance behind them."""

@@ -78,7 +78,7 @@ class Planner:
         U[:-1], U[-1] = self.U[1:], u_s
         self.U = U
 
-    def improve(self, x, d, u_last, rest, soft_bounds):
+    def improve(self, x, d, u_last, rest, soft_bounds, m=None):
         """Pose and solve the program along the last plan, and take its solution.
 
         Parameters
@@ -93,6 +93,8 @@ class Planner:
             States of rest and their scaled v.
         soft_bounds : tuple of two ndarray of shape (n_soft,)
             Bounds of the soft rows.
+        m : ndarray of shape (N, nm) or None, default=None
+            Measured disturbances, now and ahead, if there are any.
 
         Returns
         -------
@@ -101,8 +103,8 @@ class Planner:
         """
         model, limits = self.model, self.limits
         self.U = limits.held(u_last, self.U)
-        X = model.trajectory(x, d, self.U)  # (N + 1, nx)
-        inputs = model.inputs(X[:-1], self.U)
+        X = model.trajectory(x, d, self.U, m)  # (N + 1, nx)
+        inputs = model.inputs(X[:-1], self.U, m)
         solution, plan = self.program.solve(
             x,
             model.omega(X, inputs.V),

@@ -59,9 +59,9 @@ class StatesOfRest:
         )
         self.target.reset()
 
-    def _keep(self, X, U):
+    def _keep(self, X, U, m=None):
         self.X, self.U = X, U
-        self.V = self.model.inputs(X, U).V
+        self.V = self.model.inputs(X, U, self.model.ahead(m, len(X))).V
 
     def resize(self, n):
         """Let the number of references be another one.
@@ -74,7 +74,7 @@ class StatesOfRest:
         if len(self.X) != n:
             self._keep(np.tile(self.X[-1], (n, 1)), np.tile(self.U[-1], (n, 1)))
 
-    def improve(self, d, goals, soft_bounds):
+    def improve(self, d, goals, soft_bounds, m=None):
         """Take one step of Newton's method for every reference (eq. target).
 
         Parameters
@@ -85,6 +85,8 @@ class StatesOfRest:
             Desired values of C x_s, scaled.
         soft_bounds : tuple of two ndarray of shape (n_soft,)
             Bounds of the soft rows.
+        m : ndarray of shape (n, nm) or None, default=None
+            Measured disturbances there, if there are any.
 
         Returns
         -------
@@ -93,7 +95,7 @@ class StatesOfRest:
         settled : bool
             Whether none has moved any more.
         """
-        A, B, W = self.model.tangent(self.X, self.U, d)
+        A, B, W = self.model.tangent(self.X, self.U, d, m)
         u_e, su = self.model.u_offset, self.model.u_scale
         X, U, statuses = self.X.copy(), (self.U - u_e) / su, []
         for i, goal in enumerate(goals):
@@ -103,7 +105,7 @@ class StatesOfRest:
             )
             statuses.append(status)
         moved = np.abs(X - self.X).max()
-        self._keep(X, self.limits.clip(u_e + U * su))
+        self._keep(X, self.limits.clip(u_e + U * su), m)
         failed = [s for s in statuses if s not in ("closed form", "solved")]
         return (failed or statuses)[-1], not moved > SETTLED
 
