@@ -244,6 +244,7 @@ def test_an_output_of_rounding_beside_one_of_noise():
     [
         ({"level": 0}, "`level` must be between 0 and 1, got 0. It is"),
         ({"n_lags": 0}, "`n_lags` must be a positive integer or 'auto', got 0. Give"),
+        ({"n_lags": "all"}, "`n_lags` must be a positive integer or 'auto', got 'all'"),
         ({"n_lags": np.nan}, "`n_lags` must be a positive integer or 'auto', got nan"),
         ({"output_names": ["a", "b"]}, "`output_names` must have one name per signal"),
         ({"n_lags": 60}, "`y` must have at least 212 measured samples behind the"),
