@@ -56,6 +56,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "stride, start, gain = (first[-1] @ A, first[1], 1.0)": (
             "the power zero has the norm that `gain` starts with"
         ),
+        "gain = np.where(spread > 0, every_v.std(axis=0) / np.maximum(spread, TINY), "
+        "1.0)  ->  gain = np.where(spread > 0, every_v.std(axis=0) / "
+        "np.maximum(spread, TINY), 2.0)": "what rests is multiplied as a deviation: 0",
         "POWERS = 256  ->  POWERS = 512": "the size of a block, not what it finds",
     },
     "validation/_loops": {

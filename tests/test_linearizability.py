@@ -162,8 +162,9 @@ def test_what_the_law_carries_against_a_plain_loop(rng, name):
     """The law sees what was measured, C x + r; what acts in the plant sees C x."""
     model = make_model(rng, **VARIANTS[name])
     p, off, y_linear = model.p, [], []
+    model.experiments[1][1][5] = np.nan  # what was not measured is off by nothing
     for u, y, x0 in model.experiments:
-        r = y - replay(p, u, x0, closed=False)["y"]
+        r = np.nan_to_num(y - replay(p, u, x0, closed=False)["y"])
         x = x_linear = x0
         for v, r_k in zip(u, r, strict=True):
             h = now(p, x, v)["h"]
@@ -180,6 +181,23 @@ def test_what_the_law_carries_against_a_plain_loop(rng, name):
     at_zero = replace(model.own, u_offset=np.zeros(2), y_offset=np.zeros(2))
     record = measure(at_zero, as_records(model.experiments))
     np.testing.assert_allclose(record.carried, expected)
+
+
+def test_what_a_nonlinear_output_adds_is_an_error(rng):
+    structure = state_space(
+        3, 2, 2, n_g=3, n_k=2, feedthrough=True, C=rng.standard_normal((2, 3))
+    )
+    plant = plant_of_structure(structure, random_theta(structure, rng), rng)
+    plant = replace(plant, u_offset=np.zeros(2), y_offset=np.zeros(2))
+    A, B, C, D = plant.linear()
+    u, e, x = rng.standard_normal((50, 2)), [], np.zeros(3)
+    x_linear = x
+    for u_k in u:
+        e.append(plant.output(x, u_k) - C @ x_linear - D @ u_k)
+        x, x_linear = plant.step(x, u_k), A @ x_linear + B @ u_k
+    record = measure(plant, as_records([(u, u, np.zeros(3))]))
+    np.testing.assert_allclose(record.e, e, atol=1e-12)
+    assert np.all(rms(record.e) > 0.1)
 
 
 def now(p, x, u):

@@ -244,6 +244,7 @@ def test_an_output_of_rounding_beside_one_of_noise():
     [
         ({"level": 0}, "`level` must be between 0 and 1, got 0. It is"),
         ({"n_lags": 0}, "`n_lags` must be a positive integer or 'auto', got 0. Give"),
+        ({"n_lags": "all"}, "`n_lags` must be a positive integer or 'auto', got 'all'"),
         ({"n_lags": np.nan}, "`n_lags` must be a positive integer or 'auto', got nan"),
         ({"output_names": ["a", "b"]}, "`output_names` must have one name per signal"),
         ({"n_lags": 60}, "`y` must have at least 212 measured samples behind the"),
@@ -735,6 +736,17 @@ def test_a_frequency_response_has_what_feeds_through():
     G = frequency_response(sys, [0.7, 2.0])
     for G_f, frequency in zip(G, (0.7, 2.0), strict=True):
         np.testing.assert_allclose(G_f, sys(np.exp(0.2j * np.pi * frequency)))
+
+
+@pytest.mark.parametrize(
+    ("period", "n", "harmonics"),
+    [(8, 40, [1, 2, 3]), (9, 40, [1, 2, 3, 4]), (64, 1, [1]), (64, 3, [1, 6, 31])],
+)
+def test_sines_are_harmonics_below_the_nyquist_frequency(period, n, harmonics):
+    plant_ = linear_plant([[0.5]], [[1.0]])
+    f, G = sine_response(plant_, 1.0, n_frequencies=n, period=period)
+    np.testing.assert_allclose(f * period * plant_.dt, harmonics)
+    assert np.isfinite(G).all()
 
 
 @pytest.mark.parametrize(
