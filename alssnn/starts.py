@@ -17,8 +17,8 @@ from .structures import ONE, Diagonal
 # INITIAL_SLOPE`): of 8 fits of 4 plants, the test errors relative to those with this
 # one have the median 0.97 and the worst 1.21 with 0.5, and 0.97 and 1.84 with 2.
 INITIAL_SLOPE = 1.0  # standard deviation of a pre-activation over the record
-# Range of squared weights. With all at 0.1, 5 of 6 fits of plants with a valve, a fan, an
-# exchanger and a magnet ended at 1.2 to 11 times the test error, the other one at 0.7.
+# Range of squared weights. With all at 0.1, 5 of 6 fits of plants with a valve, a fan,
+# an exchanger and a magnet ended at 1.2 to 11 times the test error, one at 0.7.
 INITIAL_ROOTS = 0.1, 0.6
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 

@@ -453,6 +453,7 @@ def test_a_law_without_a_solution_says_so(fan, monkeypatch):
     assert low <= u <= high
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_the_center_of_the_decay_has_the_size_of_v():
     """A fit that goes on begins at its own optimum: the decay knows the new phi."""
     record = alssnn.datasets.make_fan_arm(400, noise=0.01, random_state=0)
