@@ -262,10 +262,13 @@ def _columns(which):
 
 
 def _operating_value(value, size, name):
-    value = np.asarray(value, dtype=float)
-    if value.ndim > 1 or value.size not in (1, size) or not np.isfinite(value).all():
+    try:
+        values = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):  # no numbers, or rows of unequal length
+        values = np.array(np.nan)
+    if values.ndim > 1 or values.size not in (1, size) or not np.isfinite(values).all():
         raise ValueError(
             f"`operating_point` must give one finite value per column of `{name}` "
             f"({size}), got {value!r}."
         )
-    return np.broadcast_to(value, (size,)).copy()
+    return np.broadcast_to(values, (size,)).copy()

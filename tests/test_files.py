@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import textwrap
+import zipfile
 from pathlib import Path
 
 import control
@@ -219,6 +220,18 @@ def test_older_files_have_no_training_samples(fitted, path):
     del arrays["region.low"]
     np.savez(path, **arrays)
     with pytest.raises(ValueError, match=r"no region\.low"):
+        alssnn.load(path)
+
+
+def test_types_that_numpy_forgets_are_refused(fitted, path):
+    fitted["al"].save(path)
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members["x0.npy"] = members["x0.npy"].replace(b"'<f8'", b"'<a8'")
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    with pytest.raises(ValueError, match=r"a damaged file .*Copy or save it again"):
         alssnn.load(path)
 
 

@@ -23,7 +23,10 @@ def test_operating_points(rng):
     np.testing.assert_allclose(given.u_scale, u.std(axis=0))
 
 
-@pytest.mark.parametrize("bad", [([1.0, 2.0, 3.0], 0.0), (np.nan, 0.0)])
+@pytest.mark.parametrize(
+    "bad",
+    [([1.0, 2.0, 3.0], 0.0), (np.nan, 0.0), ("a", "b"), ([[1.0], [2.0, 3.0]], 0.0)],
+)
 def test_operating_point_of_wrong_size(rng, bad):
     u, y = rng.standard_normal((9, 2)), rng.standard_normal((9, 1))
     with pytest.raises(ValueError, match="one finite value per column of `u`"):

@@ -35,6 +35,7 @@ DAMAGED = (
     tokenize.TokenError,
     OverflowError,  # a shape that no machine can count
     UserWarning,  # the header of an array is one of Python 2
+    DeprecationWarning,  # or has a type that NumPy is about to forget
 )
 LONGEST_RANGE = 100_000  # items, of states or signals
 VERSION = 1  # the newest schema, the one that is written
@@ -104,7 +105,8 @@ def read(path):
         raise ValueError(_refusal(path, "another type of file"))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)
+            for category in (UserWarning, DeprecationWarning):
+                warnings.simplefilter("error", category)
             _check_sizes(data)
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = dict(file)
