@@ -456,11 +456,11 @@ def test_a_law_without_a_solution_says_so(fan, monkeypatch):
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_the_center_of_the_decay_has_the_size_of_v():
     """A fit that goes on begins at its own optimum: the decay knows the new phi."""
-    record = alssnn.datasets.make_fan_arm(400, noise=0.01, random_state=0)
+    record = alssnn.datasets.make_fan_arm(600, noise=0.01, random_state=0)
     model = alssnn.FlSsnn(
         nx=2,
-        n_h=3,
-        n_init=1,
+        n_h=5,
+        n_init=2,
         dt=record.dt,
         input_map="monotone",
         random_state=0,
