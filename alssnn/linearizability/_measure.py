@@ -179,7 +179,9 @@ def _virtual_inputs(plant, u, opened):
     every_u = np.vstack(u)[:, moved]
     every_v = every_u + np.vstack([run.h for run in opened])
     spread = every_u.std(axis=0)
-    gain = np.where(spread > 0, every_v.std(axis=0) / np.maximum(spread, TINY), 1.0)
+    # what only rounding moves is at rest
+    moves = spread > CONSTANT * np.abs(every_u + plant.v_offset).max(axis=0)
+    gain = np.where(moves, every_v.std(axis=0) / np.maximum(spread, TINY), 1.0)
     mean_u, mean_v = every_u.mean(axis=0), every_v.mean(axis=0)
     made = [du.copy() for du in u]  # disturbances are what they were
     for dv in made:
