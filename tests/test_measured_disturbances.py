@@ -294,6 +294,7 @@ def test_disturbances_go_by_name(record):
         ([0, 1, 2], "leave a column of u that a controller can move"),
         ([3], "numbers of the inputs, 0 to 2"),
         (["u"], "Names need data frames"),
+        (range(10**18), "got more than 10000 of them"),
     ],
 )
 def test_wrong_disturbances_are_refused(record, disturbances, words):

@@ -20,7 +20,7 @@ from ..optimizers import single_threaded
 from ..plant import Plant
 from ..scaling import Scaling
 from ..structures import Structure
-from ..subspace import TRIAL_SAMPLES
+from ..subspace import SUBSPACE_SAMPLES
 from ..watch import BY_OBSERVER, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._checks import input_delays, order_choices, output_weights
@@ -389,7 +389,7 @@ class StateSpaceModel(
         if experiments.is_here:
             return list(experiments)
         wanted = getattr(self, "coarse_samples", None) or 0
-        return experiments.stretch(max(wanted, TRIAL_SAMPLES))
+        return experiments.stretch(max(wanted, SUBSPACE_SAMPLES))
 
     def _linear_start(self, experiments, watch):
         """Return the linear model from which the fit starts, and keep its scales."""

@@ -5,7 +5,7 @@ from numbers import Integral
 import numpy as np
 
 from ..inputs import split_inputs
-from ._inputs import seen_columns
+from ._inputs import listed, seen_columns
 
 
 def check_disturbances(estimator, nu):
@@ -32,7 +32,8 @@ def check_disturbances(estimator, nu):
     items = estimator.disturbances
     if items is None:
         return np.empty(0, dtype=int)
-    items = [items] if isinstance(items, str | Integral) else list(items)
+    is_one = isinstance(items, str | Integral)
+    items = [items] if is_one else listed("disturbances", items)
     names = getattr(estimator, "feature_names_in_", None)
     chosen = seen_columns("disturbances", "u", items, nu, names)
     return split_inputs(nu, np.flatnonzero(chosen))[1]

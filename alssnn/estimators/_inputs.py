@@ -5,6 +5,7 @@ first layers that belong to signals they do not see are held at zero
 (`limits.Limits`), and everything made of the parameters is right without knowing.
 """
 
+from itertools import islice
 from numbers import Integral
 
 import numpy as np
@@ -13,6 +14,7 @@ from ._input_map import check_map
 from ._integrators import keeps_start
 
 ALL = "all"
+MOST_COLUMNS = 10_000  # of a list: a range may be endless
 SIGNALS = {"x": "state", "u": "input", "y": "output", "d": "disturbance"}
 
 
@@ -67,13 +69,42 @@ def _as_list(argument, items):
         return ALL
     if isinstance(items, str | Integral):
         items = [items]
-    items = list(items)
+    items = listed(argument, items)
     if not items:
         letter = argument[0]
         raise ValueError(
             f"`{argument}` must list something to see, got an empty list. Leave "
             f"the network out with n_{letter}=0, or the letter of a signal that it "
             "is not to see."
+        )
+    return items
+
+
+def listed(argument, items):
+    """Return numbers or names of columns as a list.
+
+    Parameters
+    ----------
+    argument : str
+        Name of the parameter, for messages.
+    items : iterable
+        Numbers or names.
+
+    Returns
+    -------
+    items : list
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If there are more than any record has columns.
+    """
+    items = list(islice(items, MOST_COLUMNS + 1))
+    if len(items) > MOST_COLUMNS:
+        raise ValueError(
+            f"`{argument}` must list columns of the record, got more than "
+            f"{MOST_COLUMNS} of them. Name those that count."
         )
     return items
 
