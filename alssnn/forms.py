@@ -172,7 +172,7 @@ def closed_beside(form, law, moved):
     Parameters
     ----------
     form : Lure
-        Form of a plant with linear output, y = C x.
+        Form of a plant with linear output, y = C x + H d.
     law : Lure
         Its v as a static map of [y; d; u], u the inputs that are moved.
     moved : ndarray of int
@@ -190,8 +190,10 @@ def closed_beside(form, law, moved):
     ends = np.cumsum([nx, nu, ny, nh, nw])
     x, u, r, w_h, w = (slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
     every = np.eye(ends[-1] + 1)  # regressors [x; v; r; w_h; w; 1]
-    y_seen = form.M[nx : v.start, :nx] @ every[x] + every[r]
-    seen = np.vstack([y_seen, every[u][given]])
+    d = every[u][given]
+    of_y = form.M[nx : v.start]
+    y_seen = of_y[:, :nx] @ every[x] + of_y[:, nx + given] @ d + every[r]
+    seen = np.vstack([y_seen, d])
     ns = len(seen)
 
     def of_law(rows):  # without what u makes

@@ -76,7 +76,8 @@ class Plant(Signals):
         """Say why the law is none, where it is none."""
         if self.cancels and not self.no_law:
             is_algebraic = self.feedback == "output" and self.feeds_through
-            reason = self.law_map.no_law(is_algebraic, self.delay)
+            delays = np.delete(self.delay, self.given), self.delay[list(self.given)]
+            reason = self.law_map.no_law(is_algebraic, *delays)
             object.__setattr__(self, "no_law", reason)
 
     # -- sizes and rows --------------------------------------------------------------
@@ -218,10 +219,9 @@ class Plant(Signals):
         rows = self.nx + self.ny + np.asarray(self.given, dtype=int)
         Theta = np.delete(loop.Theta, rows, axis=0)  # its u are only those that move
         form = Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma)
+        form = forms.with_virtual(form, forms.only_input(form, self.moved))
         return replace(
-            self,
-            form=forms.with_virtual(form, forms.only_input(form, self.moved)),
-            law_form=Lure(np.eye(nv, n + 1, n - nv), 0, n, 0),
+            self, form=form, law_form=Lure(np.eye(nv, n + 1, n - nv), 0, n, 0)
         )
 
     # -- numbers ---------------------------------------------------------------------

@@ -15,6 +15,10 @@ NEEDS_S_AHEAD = (
     "The law u = v - h(s) of this model would need s {} samples ahead, for u arrives "
     "late. Fit with input_delay=0 and more states."
 )
+NEEDS_OLD_D = (
+    "The law of this model would need a measured disturbance of {} samples ago, for it "
+    "arrives late. Shift its column in the record, and take input_delay=0 for it."
+)
 NOT_MONOTONE = (
     "v = phi(u, s) of this model is not known to have one u for every v: neurons of h "
     "that see u must be those of `Equations.monotone`."
@@ -101,7 +105,7 @@ class VirtualMap:
         sigma = tuple(form.sigma[i] for i in np.flatnonzero(sees))
         return before, Lure(Theta, 0, 2 * nu + m, m, sigma)
 
-    def no_law(self, is_algebraic, delay):
+    def no_law(self, is_algebraic, delay, late=()):
         """Return why no law solves v = phi(u, s), if none does.
 
         Parameters
@@ -110,6 +114,8 @@ class VirtualMap:
             Whether s depends on u of the same sample.
         delay : ndarray of int of shape (nu,)
             Samples by which the inputs arrive late.
+        late : sequence of int, default=()
+            The same of measured disturbances, the last of what the law measures.
 
         Returns
         -------
@@ -120,7 +126,12 @@ class VirtualMap:
             return NOT_MONOTONE
         if is_algebraic:
             return ALGEBRAIC
-        return NEEDS_S_AHEAD.format(delay.max()) if np.any(delay) else ""
+        if np.any(delay):
+            return NEEDS_S_AHEAD.format(delay.max())
+        n = self.form.nu - self.nu
+        columns = np.arange(n - len(late), n)[np.asarray(late, dtype=int) > 0]
+        sees = np.any(self.form.Theta[:, columns])
+        return NEEDS_OLD_D.format(max(late)) if sees else ""
 
     def cancelled(self, s, u=None):
         """Return h = phi(u, s) - u.

@@ -148,6 +148,7 @@ def test_the_demo_in_c_runs(tmp_path):
     to_c(plant, tmp_path, gain=lqi(plant, np.eye(3), np.eye(1)))
     header = (tmp_path / "plant.h").read_text()
     assert "#define PLANT_ND 2" in header
+    assert "plant_control(&c, r, y, d, u)" in (tmp_path / "README.md").read_text()
     files = [tmp_path / name for name in ("plant.c", "plant_demo.c")]
     subprocess.run(
         ["gcc", *STRICT.split(), "-o", tmp_path / "demo", *files, "-lm"],

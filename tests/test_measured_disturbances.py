@@ -362,3 +362,74 @@ def test_late_inputs_leave_no_law_but_a_loop_of_the_linear_model(record):
     gain = lqi(model, np.eye(8), np.eye(1))
     loop = closed_loop(model, model, gain)
     assert loop.ninputs == 3
+
+
+def test_a_law_needs_no_late_disturbance_that_h_does_not_see(record):
+    u, y = record
+    options = {"disturbances": [0, 2], "input_delay": [2, 0, 0]}
+    model = MODELS["FL of x"](**options).fit(u, y)
+    reason = model.plant_.no_law
+    assert "measured disturbance of 2 samples ago" in reason
+    sees = MODELS["FL of x"](h_inputs={"x": "all", "d": [1]}, **options).fit(u, y)
+    assert sees.plant_.no_law == ""
+    plant = sees.plant_.late()
+    law = sees.linearizing_law()
+    x = np.random.default_rng(0).standard_normal((20, plant.nx))
+    v = plant.virtual(x, u[:20])
+    np.testing.assert_allclose(law(v, x[:, :1], u[:20, [0, 2]]), u[:20, [1]])
+
+
+def test_a_part_of_another_model_is_refused(models, record):
+    model = models("FL of x")
+    other = MODELS["FL of x"](disturbances=[0]).fit(*record)
+    K = lqi(model, np.eye(2), np.eye(1))
+    with pytest.raises(ValueError, match="`observer` must have the measured"):
+        closed_loop(model, model, K, observer=other.observer())
+    with pytest.raises(ValueError, match="`law` must have the measured"):
+        closed_loop(model, model, K, law=other.linearizing_law())
+    with pytest.raises(ValueError, match="`observer` must have the measured"):
+        model.mpc(observer=alssnn.feedback.DisturbanceObserver(other))
+
+
+def test_a_structure_that_moves_disturbances_is_refused(record):
+    class Own(alssnn.GrSsnn):
+        def _declare(self, nx, nu, ny, *, C, **networks):
+            return state_space(nx, nu, ny, C=C, **networks)
+
+    with pytest.raises(ValueError, match="known to the structure that `_declare`"):
+        Own(nx=1, n_f=2, disturbances=[0], alpha=1e-3).fit(*record)
+
+
+def test_names_of_disturbances_may_be_those_of_the_loop(record):
+    pd = pytest.importorskip("pandas")
+    u = pd.DataFrame(record[0], columns=["r[0]", "valve", "v[0]"])
+    model = alssnn.LinearStateSpace(nx=1, disturbances=["r[0]", "v[0]"])
+    model.fit(u, record[1])
+    loop = closed_loop(model, model, lqi(model, np.eye(2), np.eye(1)))
+    assert len(set(loop.input_labels)) == 3
+    rest = np.concatenate([model.y_offset_, model.plant_.d_offset])[:, None]
+    y = control.input_output_response(loop, np.arange(5), np.tile(rest, 5)).outputs[0]
+    np.testing.assert_allclose(y, model.y_offset_[0])
+    assert len(set(model.linearizing_law().to_nlsys().input_labels)) == 4
+
+
+def test_carried_knows_what_disturbances_do_to_the_output(record):
+    """On its own output a model without g is in the loop what was designed."""
+    u, y = record
+    y = y + 0.8 * (u[:, 0] - u[:, 0].mean())
+    model = alssnn.AlSsnn(
+        nx=1,
+        n_h=3,
+        n_g=0,
+        n_init=1,
+        feedback="output",
+        feedthrough=True,
+        bounds={"D": (0.0, 0.0)},
+        random_state=0,
+        alpha=1e-5,
+        disturbances=[0, 2],
+    ).fit(u, y)
+    assert abs(model.H_[0, 0] - 0.8) < 0.05
+    assert model.plant_.no_law == ""
+    own = model.predict(u)
+    assert model.linearizability(u, own).carried.max() < 1e-4

@@ -1,5 +1,7 @@
 """Predictive control knows measured disturbances, now and ahead."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_disturbances_exported import make_plant
@@ -92,3 +94,19 @@ def test_a_step_needs_them_and_keeps_the_last_ones(plant):
         mpc.step(y, y, d=moved)
         found.append(mpc.step(y, y, d=second))
     np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize("preview", [True, False])
+def test_what_enters_with_u_is_fed_forward_at_once(preview):
+    """A disturbance of the same place as u, two standard deviations large."""
+    plant = make_plant("identity", "state", (0, 2), n_g=0)
+    B, G = plant.linear()[1], plant.disturbed_by()[0]
+    Theta = plant.form.Theta.copy()  # with G in the range of B
+    Theta[: plant.nx, plant.nx + np.array([0, 2])] += B @ [[0.7, -0.4]] - G
+    form = type(plant.form)(Theta, plant.nx, plant.nu, plant.form.nw, plant.form.sigma)
+    plant = replace(plant, form=form)
+    d = np.tile(plant.d_offset, (40, 1))
+    d[20:] += 2.0
+    mpc = LinearizingMPC(plant, horizon=8)
+    record = mpc.simulate(plant, np.tile(plant.y_offset, (40, 1)), d=d, preview=preview)
+    assert np.abs(record.y - record.reference)[15:].max() < 1e-4

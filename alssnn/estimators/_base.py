@@ -64,8 +64,8 @@ class StateSpaceModel(
         Linear model to start from instead of N4SID, (A, B, C) or (A, B, C, D) in the
         units of the data. It sets `nx` and the basis of the states.
     bounds : dict of str to tuple or None, default=None
-        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
-        and C, in the units of the data; equal ones hold an entry.
+        Bounds ``{"D": (low, high)}`` of entries of D and H, and with `linear_start` of
+        A, B, C and G, in the units of the data; equal ones hold an entry.
     integrators : int or "auto", default="auto"
         Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
         as positions and levels. No network sees their states. "auto" finds them. The
@@ -78,7 +78,8 @@ class StateSpaceModel(
     disturbances : array_like of int or str, or None, default=None
         Inputs that are measured but not moved by a controller, by number from 0 or by
         name: loads, ambient temperatures, flows (eq. disturbance). B and the law leave
-        them to G, and h sees them. None means that all inputs are moved.
+        them to G, and h sees them. None means that all inputs are moved. Wherever d is
+        given, its columns are in the order of the record.
     dt : float, default=1.0
         Sampling time, in seconds.
     max_iter : int, default=100

@@ -21,7 +21,8 @@ def to_statespace(model, which="linear", x=None, u=None, *, disturbances=False):
         Its input as a deviation from `u_offset_`, for "local"; None means zero.
     disturbances : bool, default=False
         Whether the linear part has measured disturbances as further inputs, behind
-        those of v; "local" always has all inputs of the record.
+        those of v; "local" always has all inputs of the record, in its order, as a
+        `linear_start` must.
 
     Returns
     -------

@@ -37,3 +37,32 @@ def check_disturbances(estimator, nu):
     names = getattr(estimator, "feature_names_in_", None)
     chosen = seen_columns("disturbances", "u", items, nu, names)
     return split_inputs(nu, np.flatnonzero(chosen))[1]
+
+
+def checked(structure, given):
+    """Return a structure, or refuse one that moves measured disturbances.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure that a model declares.
+    given : ndarray of int of shape (nd,)
+        Columns that no controller moves.
+
+    Returns
+    -------
+    structure : Structure
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If the structure takes other columns for measured disturbances.
+    """
+    if not np.array_equal(structure.given, given):
+        raise ValueError(
+            f"`disturbances` must be known to the structure that `_declare` returns, "
+            f"got columns {given.tolist()} where it leaves {structure.given.tolist()} "
+            "unmoved. Hand `self.disturbances_` on to it."
+        )
+    return structure

@@ -27,6 +27,7 @@ from ..training import train
 from ..watch import INTERRUPTED
 from ._base import POSITIVE, WEIGHT, StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
+from ._disturbances import checked
 from ._held_out import hold_out
 from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
@@ -179,7 +180,8 @@ class Ssnn(StateSpaceModel):
             The structure.
         """
         networks = {**self._networks(), "feedthrough": self.feedthrough}
-        return self._declare(nx, nu, ny, C=C, **networks)
+        structure = self._declare(nx, nu, ny, C=C, **networks)
+        return checked(structure, self.disturbances_)
 
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks

@@ -248,3 +248,28 @@ def seen_inputs(plant):
     """
     low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
     return low + plant.v_offset, high + plant.v_offset
+
+
+def check_disturbances(name, part, plant):
+    """Refuse a part of a loop that takes other inputs for measured disturbances.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    part : object
+        Law or observer, whose `plant` tells; anything else is left to other checks.
+    plant : Plant
+        Model of the loop.
+
+    Raises
+    ------
+    ValueError
+        If their measured disturbances differ.
+    """
+    own = getattr(getattr(part, "plant", None), "given", plant.given)
+    if own != plant.given:
+        raise ValueError(
+            f"`{name}` must have the measured disturbances of the model, the columns "
+            f"{list(plant.given)}, got {list(own)}. Make it from the same model."
+        )

@@ -105,7 +105,8 @@ class LinearizingLaw:
         s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
         d : array_like of shape (nd,) or (N, nd) or None, default=None
-            Measured disturbances, in the units of u; needed if the model has any.
+            Measured disturbances, in the order and units of the record; needed if the
+            model has any.
 
         Returns
         -------
@@ -130,7 +131,8 @@ class LinearizingLaw:
         s : array_like of shape (ns,) or (N, ns)
             Measured output, in the units of y, or estimated state.
         d : array_like of shape (nd,) or (N, nd) or None, default=None
-            Measured disturbances, in the units of u; needed if the model has any.
+            Measured disturbances, in the order and units of the record; needed if the
+            model has any.
 
         Returns
         -------
@@ -201,7 +203,8 @@ class LinearizingLaw:
             Input of the plant, in the units of u; needed for a model with
             ``input_map="monotone"``, whose h depends on it.
         d : array_like of shape (nd,) or (N, nd) or None, default=None
-            Measured disturbances, in the units of u; needed if the model has any.
+            Measured disturbances, in the order and units of the record; needed if the
+            model has any.
 
         Returns
         -------
@@ -286,14 +289,12 @@ class LinearizingLaw:
         measured = plant.outputs
         if self.feedback == "state":
             measured = signal_names(None, "x_hat", self._size)
+        seen = [*signal_names(None, "v", nv), *measured]
+        seen += [plant.inputs[i] for i in plant.given]
         return control.nlsys(
             None,
             self.output_and_cut if with_cut else self.output,
-            inputs=[
-                *signal_names(None, "v", nv),
-                *measured,
-                *(plant.inputs[i] for i in plant.given),
-            ],
+            inputs=signal_names(seen, "", len(seen)),  # unique
             outputs=[*(plant.inputs[i] for i in plant.moved), *cut],
             dt=plant.dt,
             name="law",

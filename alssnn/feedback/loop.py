@@ -11,7 +11,7 @@ import numpy as np
 
 from ..plant import as_plant, is_model
 from .algebraic import AlgebraicLoop, feeds_through
-from .checks import check_dt
+from .checks import check_disturbances, check_dt
 from .controller import from_gain, from_system
 from .export import Block, signal_names, to_nlsys, to_statespace
 from .law import LinearizingLaw
@@ -93,6 +93,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
             f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
             "`model.linearizing_law`."
         )
+    for name, part in (("law", law), ("observer", observer)):
+        check_disturbances(name, part, own)
     if (gain is None) == (controller is None):
         raise ValueError(
             "Exactly one of `gain` and `controller` must be given, got "
@@ -269,7 +271,8 @@ class _Names:
         return signal_names(outputs, "", len(outputs))  # makes them unique
 
     def _external(self):
-        return [*self.r, *(self.own.inputs[i] for i in self.own.given)]
+        names = [*self.r, *(self.own.inputs[i] for i in self.own.given)]
+        return signal_names(names, "", len(names))  # makes them unique
 
     def solve(self, blocks):
         own, shown = self.own, [*self.y, *self.u, *self.v]

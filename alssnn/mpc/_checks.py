@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..feedback import DisturbanceObserver, Observer
-from ..feedback.checks import as_numbers, check_limits
+from ..feedback.checks import as_numbers, check_disturbances, check_limits
 
 
 def check_ahead(name, value, horizon, n, last):
@@ -84,6 +84,7 @@ def check_observer(observer, plant):
             f"`observer` must be an Observer, got {type(observer).__name__}. Use "
             "`DisturbanceObserver`."
         )
+    check_disturbances("observer", observer, plant)
     given, own = observer.plant.lure, plant.lure
     nx = own.nx
     fits = given.nx >= nx and given.nu == own.nu and given.nz == own.nz

@@ -29,6 +29,8 @@ from ._record import MpcRecord, MpcStep
 from ._soft import SoftBounds
 from ._target import StatesOfRest, Target
 
+RESTS = 5  # steps of Newton's method for states of rest, before every program
+
 
 class LinearizingMPC:
     """Control a plant by predictive control of its linearized model (eq. mpc).
@@ -251,8 +253,8 @@ class LinearizingMPC:
             that is nan or infinite, means what the last step returned.
         d : array_like of shape (nd,) or (horizon, nd) or None, default=None
             Measured disturbances of this sample, which are taken to last, or of this
-            and the next ones; needed if the model has any. One that is nan or infinite
-            is that of the sample before.
+            and the next ones, in the order of the record; needed if the model has any.
+            One that is nan or infinite is that of the sample before.
 
         Returns
         -------
@@ -285,7 +287,7 @@ class LinearizingMPC:
         plan_m, rest_m = self._along(measured, len(references))
         rest, planner, last = self._rest, self._planner, self._u
         planner.shift(rest.U[-1])
-        rest.resize(len(references))
+        rest.advance(len(references))
         solutions, settled = [], False
         with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
             y0 = self._model.output(np.zeros((1, self._nx)), d)[0]
@@ -294,8 +296,12 @@ class LinearizingMPC:
                 self._soft.around(y0),
             )
             for _ in range(self.n_passes):
-                if not settled:
-                    target_status, settled = rest.improve(d, goals, soft_bounds, rest_m)
+                # a step of a measured disturbance moves its states of rest at once
+                for _ in range(RESTS if measured.size else 1):
+                    if not settled:
+                        target_status, settled = rest.improve(
+                            d, goals, soft_bounds, rest_m
+                        )
                 result = planner.improve(
                     x, d, last, (rest.X, rest.V), soft_bounds, plan_m
                 )

@@ -63,15 +63,17 @@ class StatesOfRest:
         self.X, self.U = X, U
         self.V = self.model.inputs(X, U, self.model.ahead(m, len(X))).V
 
-    def resize(self, n):
-        """Let the number of references be another one.
+    def advance(self, n):
+        """Move on by one sample; let the number of references be another one.
 
         Parameters
         ----------
         n : int
             Number of references.
         """
-        if len(self.X) != n:
+        if len(self.X) == n > 1:  # known ahead: that of a sample comes one nearer
+            self._keep(*(np.vstack([z[1:], z[-1:]]) for z in (self.X, self.U)))
+        elif len(self.X) != n:
             self._keep(np.tile(self.X[-1], (n, 1)), np.tile(self.U[-1], (n, 1)))
 
     def improve(self, d, goals, soft_bounds, m=None):
@@ -104,7 +106,8 @@ class StatesOfRest:
                 last, linear, goal, self._u_bounds, soft_bounds
             )
             statuses.append(status)
-        moved = np.abs(X - self.X).max()
+        # a measured disturbance that moves may move the input of rest alone
+        moved = max(np.abs(X - self.X).max(), np.abs(U - (self.U - u_e) / su).max())
         self._keep(X, self.limits.clip(u_e + U * su), m)
         failed = [s for s in statuses if s not in ("closed form", "solved")]
         return (failed or statuses)[-1], not moved > SETTLED

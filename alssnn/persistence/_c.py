@@ -172,6 +172,7 @@ def _values(export, inverse, flags, numbers):
         "v_offset": "v_offset" if plant.nd else "u_offset",
         "v_scale": "v_scale" if plant.nd else "u_scale",
         "d": "c->d, " if plant.nd else "",
+        "law_d": "d, " if plant.nd else "",
         "seen": "set(PLANT_NS, s, seen);"
         if by_state
         else "subtract(NY, s, y_offset, seen);",

@@ -167,7 +167,8 @@ def _law_words(plant):
         return []
     s = "x" if plant.feedback == "state" else "y"
     s += ", d" if plant.nd else ""
-    left = "The law leaves (A, B, C) from v, as far as the model is the plant."
+    of_d = " and G dd" if plant.nd else ""
+    left = f"The law leaves (A, B, C) from v{of_d}, as far as the model is the plant."
     if not plant.no_law and np.any(plant.observed.rows_z[plant.ny + plant.nv :]):
         left = "The law leaves (A, B, C) from v, and what it does not cancel."
     return [
