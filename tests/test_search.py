@@ -12,6 +12,8 @@ import alssnn
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn import search as searching
 from alssnn.criterion import Criterion
+from alssnn.datasets import make_pendulum
+from alssnn.estimators import _ssnn
 from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
@@ -664,3 +666,27 @@ def test_what_was_chosen_survives_a_file(tmp_path, data):
 def test_what_was_chosen_survives_a_pickle(fitted):
     again = pickle.loads(pickle.dumps(fitted))
     assert again.alpha_ == fitted.alpha_ and again.orders_ == fitted.orders_
+
+
+def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch):
+    """The model of the search is returned, not the linear one."""
+    record = make_pendulum(800, amplitude=4.0, noise=0.01, random_state=0)
+    real = _ssnn.train
+
+    def spoiled(penalized, experiments, starts, **options):
+        result = real(penalized, experiments, starts, **options)
+        result.theta = result.theta.copy()
+        result.theta[penalized.slices["W_h"]] *= -3
+        return result
+
+    monkeypatch.setattr(_ssnn, "train", spoiled)
+    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=record.dt, random_state=0)
+    model.fit(record.u, record.y)
+    assert model.message_.startswith("the model of the search")
+    assert model.converged_
+    linear = LinearStateSpace(nx=2, dt=record.dt).fit(record.u, record.y)
+    error = np.sqrt(1 - np.array([model.train_score_, linear.train_score_]))
+    assert error[0] < 0.7 * error[1]
+    np.testing.assert_allclose(
+        model.train_score_, model.score(record.u, record.y), rtol=1e-4
+    )

@@ -3,16 +3,20 @@
 from functools import partial
 
 import numpy as np
+from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
+from ..initial_states import WINDOW, estimate_x0
 from ..linear_model import simulation_error
 from ..stability import hold_off
 from ..training import Validation
 from ..watch import OUT_OF_TIME, late_fall
+from ._checks import output_weights
 from ._integrators import regular
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
+SEARCHED = "the model of the search: trained on, it hung on its initial states"
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 
 
@@ -144,8 +148,8 @@ def warn_if_unsettled(estimator, watch):
     )
 
 
-def loses(estimator, plain, result, linear, experiments):
-    """Tell whether a fit simulates its own record worse than the linear model.
+def not_worse(estimator, plain, result, theta, linear, experiments):
+    """Return what simulates its own record no worse than the linear model, if any does.
 
     Parameters
     ----------
@@ -154,7 +158,9 @@ def loses(estimator, plain, result, linear, experiments):
     plain : Structure
         Structure of the model.
     result : OptimizeResult
-        Outcome of its training.
+        Outcome of its training on all samples.
+    theta : ndarray of shape (n_params,)
+        Where that began: what a search had found.
     linear : LinearModel
         Linear model.
     experiments : Held or Remote
@@ -162,9 +168,26 @@ def loses(estimator, plain, result, linear, experiments):
 
     Returns
     -------
-    loses : bool
-        Whether its error is larger by more than 2 %.
+    result : OptimizeResult or None
+        The outcome of the training; that of the search if the former depends on its
+        initial states too much to be worth anything; None if both do.
     """
+    if not _loses(estimator, plain, result, linear, experiments):
+        return result
+    x0 = np.zeros_like(result.x0)
+    if not estimator._at_rest:
+        noise = min(result.cost, 1.0)
+        x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
+    weight = output_weights(estimator.output_weight, plain.sizes["y"])
+    criterion = Criterion(plain, experiments, weights={"y": weight})
+    cost = criterion.norm(criterion.join(theta, x0)) ** 2
+    found = OptimizeResult({**result, "theta": theta, "x0": x0, "cost": cost})
+    found.update(success=True, message=SEARCHED)
+    return None if _loses(estimator, plain, found, linear, experiments) else found
+
+
+def _loses(estimator, plain, result, linear, experiments):
+    """Tell whether the error of a fit exceeds that of the linear model by 2 %."""
     if not experiments.is_here:
         return False
     judge = own_judge(estimator, experiments)

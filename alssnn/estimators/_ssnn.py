@@ -32,7 +32,7 @@ from ._held_out import hold_out
 from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular, with_integrators
-from ._judge import loses
+from ._judge import not_worse
 from ._options import estimator, option
 from ._warn import warn_of_training
 
@@ -306,12 +306,10 @@ class Ssnn(StateSpaceModel):
             self._x_scale = np.ones(plain.sizes["x"])
         if max_iter < self.max_iter and result.status == 0:
             result.update(success=True, message=SETTLED)
-        if (
-            not continues
-            and is_auto
-            and loses(self, plain, result, linear, experiments)
-        ):
-            return self._left_linear(linear, near, experiments, watch)
+        if not continues and is_auto:
+            result = not_worse(self, plain, result, starts[0], linear, experiments)
+            if result is None:
+                return self._left_linear(linear, near, experiments, watch)
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
 
