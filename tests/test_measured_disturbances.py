@@ -1,5 +1,7 @@
 """Inputs that are measured but not moved: models, laws, loops, certificates."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -433,3 +435,21 @@ def test_carried_knows_what_disturbances_do_to_the_output(record):
     assert model.plant_.no_law == ""
     own = model.predict(u)
     assert model.linearizability(u, own).carried.max() < 1e-4
+
+
+class OwnSsnn(alssnn.GrSsnn):
+    """A model that declares its own structure and knows disturbances."""
+
+    def _declare(self, nx, nu, ny, *, C, **_):
+        given = self.disturbances_
+        structure = state_space(nx, nu, ny, C=C, n_g=2, disturbances=given)
+        return replace(structure, options={"disturbances": tuple(map(int, given))})
+
+
+def test_a_declared_structure_with_disturbances_is_saved(record, tmp_path):
+    model = OwnSsnn(nx=1, n_f=2, alpha=1e-3, max_iter=3, disturbances=[0, 2])
+    model.fit(*record)
+    model.save(tmp_path / "own")
+    again = alssnn.load(tmp_path / "own", classes=[OwnSsnn])
+    np.testing.assert_array_equal(again.predict(record[0]), model.predict(record[0]))
+    np.testing.assert_array_equal(again.disturbances_, [0, 2])

@@ -23,6 +23,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..activations import shipped_name
 from ..containers import Container
 from ..given_system import GivenSystem
+from ..inputs import split_inputs
 from ..models import state_space
 from ..region import Region
 from ..scaling import Scaling
@@ -88,6 +89,7 @@ def save(model, path):
         "structure": {
             "sizes": [int(structure.sizes[axis]) for axis in "xuy"],
             "constants": list(structure.constants),
+            "given": [int(i) for i in structure.given],
             "options": {k: _encode_param(k, v) for k, v in structure.options.items()},
         },
         "fit": {
@@ -178,9 +180,11 @@ def _restore(cls, document, arrays):
         options.pop(penalty, None)
     is_fixed = "C" in document["structure"]["constants"]
     C = arrays[PARAMETER + "C"] if is_fixed else None
-    if options:
+    if options.keys() - {"disturbances"}:
         structure = state_space(nx, nu, ny, C=C, **options)
     else:  # of a class that declares its own
+        given = document["structure"].get("given", ())
+        model.disturbances_ = split_inputs(nu, given)[1]
         structure = model.declare(nx, nu, ny, C)
     fit = document["fit"]
     n_experiments = len(fit["experiments"])

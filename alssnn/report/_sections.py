@@ -125,7 +125,7 @@ def equations(model):
 def _in_words(model):
     """Return the equations of a model of the family; others have their steps."""
     options = model.fitted_.structure.options
-    if not options:
+    if "n_h" not in options:
         return []
     h, g, k = (any(options[f"n_{net}"]) for net in "hgk")
     nd = len(model.disturbances_)
