@@ -1,4 +1,4 @@
-"""Two views of one model with innovations: its predictor, and its free run.
+"""Three views of one model with innovations: predictor, free run, and record.
 
 With process noise, or feedback in the record, a model is fitted by its errors one
 sample ahead (eq. innovations),
@@ -6,9 +6,9 @@ sample ahead (eq. innovations),
     x+ = A x + B v + g(x, u) + K eps,    eps = y_m - y,    v = u + h(y_m)  or  u + h(y)
 
 where y_m is what was measured.  The *predictor* has y_m as a further input.  In *free
-run* nothing is measured: y takes the place of y_m, and eps vanishes.  Both are the
-same equations with the same parameters; the second is the model without noise, for
-simulation, laws and certificates.
+run* nothing is measured: y takes the place of y_m, and eps vanishes.  For a *record*
+eps is drawn, and y_m = y + eps.  All are the same equations with the same parameters;
+the free run is the model without noise, for simulation, laws and certificates.
 """
 
 from dataclasses import replace
@@ -81,6 +81,28 @@ def free_run(structure):
     nothing = Signal(y.axes, y.shape)
     signals = {**structure.signals, MEASURED: told, INNOVATION: nothing}
     inputs = tuple(axis for axis in structure.inputs if axis != MEASURED)
+    return replace(structure, inputs=inputs, signals=signals)
+
+
+def recording(structure):
+    """Return the view of a structure whose innovations are given.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model with innovations.
+
+    Returns
+    -------
+    structure : Structure
+        The same equations with eps as last inputs, and y_m = y + eps.
+    """
+    structure = free_run(structure)
+    y = structure.signals[structure.measured]
+    told = Signal(y.axes, y.shape, (Term(structure.measured), Term(INNOVATION)))
+    signals = {**structure.signals, MEASURED: told}
+    del signals[INNOVATION]
+    inputs = (*structure.inputs, INNOVATION)
     return replace(structure, inputs=inputs, signals=signals)
 
 

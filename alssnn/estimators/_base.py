@@ -203,6 +203,7 @@ class StateSpaceModel(
     # what others do with a model, and describe
     restore = deferred("estimators._fitted", "restore")
     predict = deferred("estimators._simulation", "predict")
+    simulate = deferred("estimators._simulation", "simulate")
     estimate_x0 = deferred("estimators._simulation", "estimate_x0")
     prepare_records = deferred("estimators._simulation", "prepare_records")
     score = deferred("estimators._simulation", "score")

@@ -5,6 +5,7 @@ from numbers import Integral
 
 import numpy as np
 from sklearn.metrics import r2_score
+from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ..containers import as_columns, index_of, part_of
@@ -15,6 +16,7 @@ from ..experiments import (
     stack_experiments,
 )
 from ..initial_states import estimate_x0 as least_squares_x0
+from ..innovations import has_innovations, recording
 from ..records import PreparedRecord
 from ..simulation import outputs
 from ._data import check_u
@@ -48,6 +50,11 @@ def predict(model, u, experiment=None, x0="rest"):
     ValueError
         If `u` or `x0` has the wrong size or is not finite.
     """
+    return _simulation(model, u, experiment, x0)
+
+
+def _simulation(model, u, experiment, x0, draw=None):
+    """Return what `predict` does, with innovations that are drawn."""
     check_is_fitted(model)
     as_list = is_list_of_records(u)
     u = as_columns(u) if model.n_features_in_ == 1 else u
@@ -58,14 +65,18 @@ def predict(model, u, experiment=None, x0="rest"):
     parts, labels = split_experiments(len(u), experiment)
     y = np.empty((len(u), len(model.C_)))
     for part, start in zip(parts, start_states(model, x0, labels), strict=True):
-        y[part] = simulated(model, u[part], start)
+        eps = None
+        if draw is not None:
+            Lambda = model.noise_covariance_
+            eps = draw(np.zeros(len(Lambda)), Lambda, len(u[part]))
+        y[part] = simulated(model, u[part], start, eps)
     if not np.isfinite(y).all():
         bad = int(np.argmin(np.isfinite(y).all(axis=1)))
         warnings.warn(
             f"The simulation diverges before sample {bad + 1}. Keep `u` in the "
             "range of the training data or fit a more strongly penalized model.",
             RuntimeWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     y = y[:, 0] if model._y_ndim == 1 else y
     wrap = model._container.wrap
@@ -74,7 +85,49 @@ def predict(model, u, experiment=None, x0="rest"):
     return wrap(y, index)
 
 
-def simulated(model, u, x0):
+def simulate(model, u, experiment=None, x0="rest", *, noise=False, random_state=None):
+    """Simulate the output, with noise as in the training record if wanted.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs. A list has one array per experiment.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+    x0 : {"rest", "training"} or array_like, default="rest"
+        Initial states, as for `predict`.
+    noise : bool, default=False
+        Whether noise of the covariance `noise_covariance_` is drawn: innovations,
+        which go through the plant, of ``noise="innovations"``; else white noise of
+        the sensors. Without, the result is that of `predict`.
+    random_state : int, RandomState instance or None, default=None
+        Source of the noise.
+
+    Returns
+    -------
+    y : ndarray of shape (N,) or (N, ny), DataFrame or Series, or list of them
+        Outputs, in the form of `predict`.
+
+    Raises
+    ------
+    ValueError
+        If `u` or `x0` has the wrong size or is not finite.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, noise="innovations").fit(*record)
+    >>> y = model.simulate(record.u, noise=True, random_state=0)
+    >>> bool(y.std() > model.predict(record.u).std())
+    True
+    """
+    draw = check_random_state(random_state).multivariate_normal if noise else None
+    return _simulation(model, u, experiment, x0, draw)
+
+
+def simulated(model, u, x0, eps=None):
     """Return the outputs of one experiment, all in the user's units.
 
     Parameters
@@ -85,16 +138,21 @@ def simulated(model, u, x0):
         Inputs.
     x0 : ndarray of shape (nx,)
         Initial state.
+    eps : ndarray of shape (N, ny) or None, default=None
+        Noise; None means none.
 
     Returns
     -------
     y : ndarray of shape (N, ny)
         Outputs; not finite where the simulation diverges.
     """
-    scaling, lure = model._scaling, model._structure.lure(model._theta)
-    u_s = scaling.scale_u(u, model.input_delay_)
-    y_s = outputs(lure, u_s, x0 / model._x_scale)
-    return y_s * scaling.y_scale + scaling.y_offset
+    scaling, structure = model._scaling, model._structure
+    z = scaling.scale_u(u, model.input_delay_)
+    if eps is not None and has_innovations(structure):
+        structure, z = recording(structure), np.hstack([z, eps / scaling.y_scale])
+    lure = structure.observe(structure.measured).lure(model._theta)
+    y = outputs(lure, z, x0 / model._x_scale) * scaling.y_scale + scaling.y_offset
+    return y if eps is None else y + eps
 
 
 def start_states(model, x0, labels):

@@ -1,0 +1,473 @@
+"""Models that are fitted by their errors one sample ahead: noise="innovations"."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+import alssnn
+from alssnn.criterion import Criterion
+from alssnn.innovations import (
+    free_run,
+    has_innovations,
+    predictor,
+    recording,
+    with_outputs,
+)
+from alssnn.models import state_space
+from alssnn.simulation import outputs, simulate
+from alssnn.stability import Contractive, Schur
+from alssnn.subspace import identify_linear, predictor_space, shift_structure
+from helpers import assert_direct
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sklearn.exceptions.ConvergenceWarning"  # short fits are enough
+)
+
+A = np.array([[1.6, -0.8], [1.0, 0.0]])
+B = np.array([1.0, 0.0])
+C = np.array([0.15, 0.1])
+OPTIONS = {
+    "linear": {},
+    "FL, measured": {"n_h": 3, "feedback": "output", "h_sees": "measured"},
+    "FL, predicted": {"n_h": 3, "feedback": "output"},
+    "FL of x": {"n_h": 3, "feedback": "state"},
+    "AL": {"n_h": 3, "n_g": (2, 3), "n_k": 2, "feedthrough": True},
+    "AL, given": {
+        "n_h": 2,
+        "n_g": 2,
+        "feedback": "output",
+        "h_sees": "measured",
+        "feedthrough": True,
+        "disturbances": (1,),
+    },
+    "monotone": {
+        "n_h": 3,
+        "feedback": "output",
+        "h_sees": "measured",
+        "input_map": "monotone",
+    },
+}
+
+
+def h(y):
+    return -0.8 * np.tanh(2 * y) + 0.4 * y
+
+
+def make_record(n=1200, *, gain=0.4, process=0.5, noise=0.01, h=h, seed=0):
+    """Return a record of x+ = A x + B (u + h(y) + w), y = C x, u = r - gain y."""
+    rng = np.random.default_rng(seed)
+    r = np.repeat(rng.uniform(-1.5, 1.5, n // 8 + 1), 8)[:n]
+    x, u, y = np.zeros(2), np.empty(n), np.empty(n)
+    for k in range(n):
+        y[k] = C @ x + noise * rng.standard_normal()
+        u[k] = r[k] - gain * y[k]
+        x = A @ x + B * (u[k] + h(C @ x) + process * rng.standard_normal())
+    return u, y
+
+
+def nothing(y):
+    return 0.0 * y
+
+
+def true_loop(model, n=1000):
+    """Return the deviation of the loop with the true plant, without noise."""
+    rng = np.random.default_rng(99)
+    v = np.repeat(rng.uniform(-1.5, 1.5, n // 8 + 1), 8)[:n, None]
+    plant = model.plant_
+    A_m, B_m, C_m, _ = plant.linear()
+    x, x_m, y, y_m = np.zeros(2), np.zeros(len(A_m)), np.empty(n), np.empty(n)
+    for k in range(n):
+        y[k], y_m[k] = C @ x, (C_m @ x_m)[0] + plant.y_offset[0]
+        u = plant.law(v[k], y[k : k + 1])[0]
+        x, x_m = A @ x + B * (u + h(y[k])), A_m @ x_m + B_m @ (v[k] - plant.v_offset)
+    return np.std(y - y_m) / np.std(y)
+
+
+def declared(name, nx=3, nu=2, ny=2):
+    """Return the free run of a model with random parameters."""
+    rng = np.random.default_rng(0)
+    options = OPTIONS[name]
+    C_m = rng.standard_normal((ny, nx)) if options else None
+    structure = state_space(nx, nu, ny, C=C_m, noise="innovations", **options)
+    theta = 0.3 * rng.standard_normal(structure.n_params)
+    return structure, theta, C_m
+
+
+@pytest.fixture(scope="module")
+def loop_record():
+    return make_record()
+
+
+@pytest.fixture(scope="module")
+def linear(loop_record):
+    return alssnn.LinearStateSpace(nx=2, noise="innovations").fit(*loop_record)
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_free_run_is_the_model_without_noise(name):
+    structure, theta, C_m = declared(name)
+    options = {k: v for k, v in OPTIONS[name].items() if k != "h_sees"}
+    plain = state_space(3, 2, 2, C=C_m, **options)
+    assert has_innovations(structure) and not has_innovations(plain)
+    expected = plain.lure(plain.join(structure.split(theta))).Theta
+    np.testing.assert_array_equal(structure.lure(theta).Theta, expected)
+    seen = predictor(structure)
+    assert seen.inputs == ("u", "y_m") and structure.inputs == ("u",)
+    np.testing.assert_array_equal(free_run(seen).lure(theta).Theta, expected)
+    assert predictor(seen) is seen and free_run(structure) is structure
+    assert predictor(plain) is plain and free_run(plain) is plain
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_predictor_is_the_free_run_corrected_by_K_eps(name):
+    structure, theta, _ = declared(name)
+    seen = predictor(structure).observe("y")
+    rng = np.random.default_rng(1)
+    x, u, y_m = rng.standard_normal(3), rng.standard_normal(2), rng.standard_normal(2)
+    p, lure = structure.split(theta), seen.lure(theta)
+    plain = structure.observe("y").lure(theta)
+    y = outputs(plain, u[None], x)[0]
+    # told what it predicts, a predictor is the free run
+    told = simulate(lure, np.r_[u, y][None], x)[1]
+    np.testing.assert_allclose(told, simulate(plain, u[None], x)[1], atol=1e-13)
+    moved = simulate(lure, np.r_[u, y_m][None], x)[1] - told
+    if OPTIONS[name].get("h_sees") != "measured":
+        np.testing.assert_allclose(moved, p["K"] @ (y_m - y), atol=1e-13)
+    else:
+        assert np.linalg.norm(moved - p["K"] @ (y_m - y)) > 1e-3
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_derivative_of_a_predictor(name, rng):
+    structure, theta, _ = declared(name)
+    assert_direct(predictor(structure), theta, rng)
+    if "e" in structure.signals:
+        assert_direct(predictor(structure).observe("y", "e"), theta, rng)
+
+
+@pytest.mark.parametrize("kind", ["contractive", "schur"])
+def test_stability_is_that_of_the_predictor(kind):
+    structure, theta, _ = declared("AL")
+    seen = predictor(structure)
+    rng = np.random.default_rng(0)
+    pairs = [(rng.standard_normal((30, 2)), rng.standard_normal((30, 2)))]
+    criterion = Criterion(seen, with_outputs(pairs))
+    p = dict(structure.split(theta))
+    C_m = structure.constants["C"]
+    p["A"] = 0.3 * np.eye(3) + 2.0 * C_m.T @ C_m  # the plant may be unstable
+    p["K"] = 2.0 * C_m.T
+    assert np.abs(np.linalg.eigvals(p["A"])).max() > 1
+    free = criterion.join(structure.join(p), np.zeros((1, 3)))
+    assert np.linalg.norm(p["A"] - p["K"] @ C_m, 2) < 1
+    if kind == "schur":
+        assert Schur(criterion, 1.0).norm(free) == criterion.norm(free)
+        p["K"] = 0.0 * p["K"]
+        outside = criterion.join(structure.join(p), np.zeros((1, 3)))
+        assert Schur(criterion, 1.0).norm(outside) > 1e6
+        return
+    problem = Contractive(criterion, 1e-5)
+    Q = problem.from_free(free)
+    np.testing.assert_allclose(problem.to_free(Q), free, atol=1e-10)
+    moved = problem.to_free(Q + 0.3 * rng.standard_normal(len(Q)))
+    q = structure.split(moved[: structure.n_params])
+    assert np.linalg.norm(q["A"] - q["K"] @ C_m, 2) < 1
+    JJ, Jr, _ = problem.normal_equations(Q)
+    gradient = np.empty(len(Q))
+    for i, one in enumerate(np.eye(len(Q))):
+        up, down = (problem.norm(Q + s * 1e-6 * one) ** 2 for s in (1, -1))
+        gradient[i] = (up - down) / 4e-6
+    np.testing.assert_allclose(Jr, gradient, atol=1e-6 * np.abs(gradient).max())
+    np.testing.assert_allclose(JJ, JJ.T, atol=1e-12 * np.abs(JJ).max())
+
+
+def test_linear_start_is_exact_for_a_noisy_predictor_without_error():
+    rng = np.random.default_rng(0)
+    K = np.array([0.5, 0.2])
+    u, eps = rng.standard_normal((2, 4000))
+    x, y = np.zeros(2), np.empty(4000)
+    for k in range(4000):  # an innovation of one in a million
+        y[k] = C @ x + 1e-6 * eps[k]
+        x = A @ x + B * u[k] + K * 1e-6 * eps[k]
+    pairs = with_outputs([(u[:, None], y[:, None])])
+    U, s = predictor_space(pairs, 40, n_measured=1)
+    A_K, _ = shift_structure(U, s, 2, 1)
+    poles = np.sort_complex(np.linalg.eigvals(A_K))
+    expected = np.sort_complex(np.linalg.eigvals(A - np.outer(K, C)))
+    np.testing.assert_allclose(poles, expected, atol=0.02)
+    model = identify_linear(pairs, 2, n_measured=1)
+    p = model.by_name()
+    assert model.nu == 1
+    np.testing.assert_allclose(np.linalg.eigvals(p["A"]), np.linalg.eigvals(A), 1e-5)
+    again = model.with_matrices(p, ())
+    np.testing.assert_allclose(again.B, model.B)
+    np.testing.assert_allclose(again.A, model.A)
+
+
+def test_feedback_and_process_noise_do_not_bias_a_linear_model():
+    poles = np.sort_complex(np.linalg.eigvals(A))
+    errors = {"output": [], "innovations": []}
+    for seed in range(6):
+        u, y = make_record(1500, gain=0.8, h=nothing, seed=seed)
+        for noise, found in errors.items():
+            model = alssnn.LinearStateSpace(nx=2, noise=noise).fit(u, y)
+            found.append(np.sort_complex(np.linalg.eigvals(model.A_)) - poles)
+    bias = {noise: np.abs(np.mean(found, axis=0)[0]) for noise, found in errors.items()}
+    assert bias["innovations"] < bias["output"] / 3
+    assert not np.any(model.D_)
+
+
+def test_law_of_a_nonlinear_plant_in_a_loop_with_process_noise(loop_record):
+    options = {"nx": 2, "n_h": 4, "feedback": "output", "n_init": 1, "random_state": 0}
+    models = {
+        noise: alssnn.FlSsnn(alpha=1e-5, noise=noise, **options).fit(*loop_record)
+        for noise in ("output", "innovations")
+    }
+    errors = {noise: true_loop(model) for noise, model in models.items()}
+    assert errors["innovations"] < 0.12
+    assert errors["innovations"] < errors["output"] / 2
+    assert models["innovations"].h_sees_ == "measured"
+    fitted = models["innovations"]
+    eps = loop_record[1] - fitted.predict_ahead(*loop_record)
+    assert abs(np.corrcoef(eps[1:], eps[:-1])[0, 1]) < 0.06
+    np.testing.assert_allclose(fitted.noise_covariance_, eps[50:].var(), rtol=0.05)
+
+
+def test_noise_of_the_sensor_alone_leaves_h_to_the_prediction():
+    u, y = make_record(gain=0.0, process=0.0, noise=0.1)
+    options = {"nx": 2, "n_h": 4, "feedback": "output", "n_init": 1, "random_state": 0}
+    model = alssnn.FlSsnn(alpha=1e-6, noise="innovations", **options).fit(u, y)
+    assert model.h_sees_ == "predicted"
+    assert np.abs(model.K_).max() < 0.15
+    assert true_loop(model) < 0.03
+
+
+@pytest.mark.parametrize("cls", [alssnn.AlSsnn, alssnn.GrSsnn, alssnn.FlSsnn])
+def test_networks_on_linear_models(cls, loop_record, linear):
+    sizes = {"n_g": 3} if cls is alssnn.AlSsnn else {}
+    model = cls(
+        nx=2, n_init=1, alpha=1e-5, random_state=0, noise="innovations", **sizes
+    ).fit(*loop_record)
+    ahead = {
+        m: np.std(loop_record[1] - m.predict_ahead(*loop_record))
+        for m in (model, linear)
+    }
+    assert ahead[model] < 0.97 * ahead[linear]
+    A_K = model.A_ - model.K_ @ model.C_
+    assert np.abs(np.linalg.eigvals(A_K)).max() < 1
+
+
+def test_several_records_two_inputs_a_late_one_and_a_disturbance():
+    rng = np.random.default_rng(0)
+    us, ys = [], []
+    for n in (700, 500):
+        u, x, y = rng.standard_normal((n, 2)), np.zeros(2), np.empty((n, 2))
+        for k in range(n):
+            y[k] = x + 0.01 * rng.standard_normal(2)
+            late = u[k - 2, 0] if k > 1 else 0.0
+            w = 0.2 * rng.standard_normal(2)
+            x = np.array([[0.7, 0.2], [0.0, 0.5]]) @ x + np.array([late, u[k, 1]]) + w
+        us.append(u)
+        ys.append(y + np.array([5.0, 0.0]))
+    model = alssnn.LinearStateSpace(
+        nx=2, noise="innovations", input_delay=[2, 0], disturbances=[1]
+    ).fit(us, ys)
+    poles = np.sort(np.linalg.eigvals(model.A_).real)
+    np.testing.assert_allclose(poles, [0.5, 0.7], atol=0.03)
+    assert model.K_.shape == (2, 2) and model.G_.shape == (2, 1)
+    assert model.x0_.shape == (2, 2)
+    np.testing.assert_allclose(model.noise_covariance_, 0.04 * np.eye(2), atol=0.01)
+    ahead = np.vstack(model.predict_ahead(us, ys)) - np.vstack(ys)
+    np.testing.assert_allclose(np.std(ahead[10:], axis=0), 0.2, rtol=0.1)
+    two = np.vstack(model.predict_ahead(us, ys, 2)) - np.vstack(ys)
+    assert np.all(np.std(two, axis=0) > 1.05 * np.std(ahead, axis=0))
+
+
+def test_feedthrough_is_not_told_to_itself():
+    u, y = make_record(h=nothing)
+    u, y = u[:-1], y[:-1] + 0.5 * u[:-1]
+    model = alssnn.LinearStateSpace(nx=2, noise="innovations", feedthrough=True)
+    model.fit(u, y)
+    np.testing.assert_allclose(model.D_, 0.5, atol=0.02)
+    poles = np.sort_complex(np.linalg.eigvals(model.A_))
+    np.testing.assert_allclose(poles, np.sort_complex(np.linalg.eigvals(A)), atol=0.03)
+
+
+def test_orders_are_compared_one_sample_ahead(loop_record):
+    model = alssnn.LinearStateSpace(noise="innovations").fit(*loop_record)
+    errors = model.orders_["linear"]
+    assert errors[2] < 0.9 * errors[1] and max(errors) > 2
+    assert model.nx_ in (2, 3)
+
+
+def test_gaps_are_bridged_by_what_is_predicted(loop_record, linear):
+    u, y = loop_record
+    rng = np.random.default_rng(0)
+    lost = np.where(rng.random(len(y)) < 0.2, np.nan, y)
+    model = alssnn.LinearStateSpace(nx=2, noise="innovations").fit(u, lost)
+    poles = [np.sort_complex(np.linalg.eigvals(m.A_)) for m in (model, linear)]
+    np.testing.assert_allclose(*poles, atol=0.05)
+    # a prediction uses nothing of later samples
+    ahead = linear.predict_ahead(u, lost)
+    changed = lost.copy()
+    changed[601:] += 1.0
+    np.testing.assert_array_equal(linear.predict_ahead(u, changed)[:602], ahead[:602])
+    k = int(np.flatnonzero(np.isnan(lost))[5])
+    told = lost[: k + 2].copy()
+    told[k] = ahead[k]
+    again = linear.predict_ahead(u[: k + 2], told)
+    np.testing.assert_allclose(again[k + 1], ahead[k + 1], rtol=1e-10)
+
+
+def test_observer_predicts_as_the_fit_did(loop_record, linear):
+    u, y = loop_record
+    observer, plant = linear.observer(), linear.plant_
+    np.testing.assert_allclose(linear.A_ @ observer.gain, linear.K_, atol=1e-9)
+    np.testing.assert_allclose(plant.K, linear.K_)
+    X = observer.filter(u[:, None], y[:, None])
+    ahead = plant.output(plant.step(X[:-1], u[:-1, None]))[:, 0]
+    np.testing.assert_allclose(ahead, linear.predict_ahead(u, y)[1:], atol=1e-9)
+    other = linear.observer(R=np.eye(1))
+    assert np.abs(other.gain - observer.gain).max() > 1e-3
+    assert plant.with_disturbance("output").K is None
+
+
+def test_late_inputs_and_the_identified_gain(loop_record):
+    u, y = loop_record
+    model = alssnn.LinearStateSpace(nx=2, noise="innovations", input_delay=1)
+    model.fit(u[:-1], y[1:])
+    gain = model.observer().gain
+    assert gain.shape == (3, 1) and not gain[2:].any()
+
+
+def test_files_keep_the_predictor(loop_record, tmp_path):
+    model = alssnn.FlSsnn(
+        nx=2,
+        n_h=3,
+        feedback="output",
+        n_init=1,
+        alpha=1e-4,
+        max_iter=30,
+        random_state=0,
+        noise="innovations",
+    ).fit(*loop_record)
+    model.save(tmp_path / "model")
+    again = alssnn.load(tmp_path / "model")
+    assert again.h_sees_ == model.h_sees_
+    np.testing.assert_array_equal(again.K_, model.K_)
+    np.testing.assert_array_equal(again.noise_covariance_, model.noise_covariance_)
+    ahead = (m.predict_ahead(*loop_record, 3) for m in (again, model))
+    np.testing.assert_array_equal(*ahead)
+    np.testing.assert_array_equal(again.observer().gain, model.observer().gain)
+
+
+def test_warm_start_goes_on_from_the_predictor(loop_record):
+    model = alssnn.AlSsnn(
+        nx=2,
+        n_h=3,
+        n_g=2,
+        n_init=1,
+        alpha=1e-4,
+        max_iter=5,
+        random_state=0,
+        noise="innovations",
+        warm_start=True,
+    )
+    first = model.fit(*loop_record).cost_
+    assert model.set_params(max_iter=20).fit(*loop_record).cost_ <= first
+    assert model.history_[0].cost == pytest.approx(first, rel=0.05)
+
+
+def test_predictor_of_an_unstable_plant():
+    rng = np.random.default_rng(0)
+    n, x = 1500, np.zeros(2)
+    u, y = np.empty(n), np.empty(n)
+    r = np.repeat(rng.uniform(-1, 1, n // 10), 10)
+    for k in range(n):
+        y[k] = x[0] + 0.01 * rng.standard_normal()
+        u[k] = r[k] - 6.0 * x[0] - 3.0 * x[1]
+        w = 0.05 * rng.standard_normal()
+        x = x + 0.1 * np.array([x[1], 2.0 * np.sin(x[0]) + u[k] + w])
+    with pytest.warns(UserWarning, match="unstable"):
+        model = alssnn.FlSsnn(
+            nx=2, n_h=4, n_init=1, alpha=1e-5, random_state=0, noise="innovations"
+        ).fit(u, y)
+    radius = np.abs(
+        np.linalg.eigvals(model.plant_.jacobian(np.zeros(2), model.u_offset_)[0])
+    ).max()
+    assert radius == pytest.approx(np.exp(0.1 * np.sqrt(2.0)), rel=0.03)
+    ahead = y - model.predict_ahead(u, y)
+    assert np.std(ahead) < 0.03 * np.std(y) + 0.02
+    assert np.isfinite(model.train_score_) or model.train_score_ == -np.inf
+
+
+def test_covariance_holds_where_that_of_a_simulation_does_not():
+    u, y = make_record(1000, h=nothing)
+    model = alssnn.LinearStateSpace(nx=2, noise="innovations").fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    assert covariance.holds
+    regions = covariance.poles()
+    assert np.isfinite(regions.covariance).all()
+    shorter = alssnn.LinearStateSpace(nx=1, noise="innovations").fit(u, y)
+    assert model.bic(u, y) < shorter.bic(u, y)
+    drawn = model.sample_models(covariance, 3, random_state=0, data=(u, y))
+    assert all(not np.array_equal(one.A_, model.A_) for one in drawn)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"integrators": 1}, "`integrators` must be 'auto' or 0"),
+        ({"linear_start": (A, B[:, None], C[None])}, "`linear_start` must be None"),
+        ({"noise": "white"}, "noise"),
+    ],
+)
+def test_refused_options(options, match, loop_record):
+    model = alssnn.LinearStateSpace(**{"noise": "innovations", **options})
+    with pytest.raises(ValueError, match=match):
+        model.fit(*loop_record)
+    assert not hasattr(model, "A_")
+
+
+def test_structures_without_innovations_are_refused(loop_record):
+    class Plain(alssnn.FlSsnn):
+        def _declare(self, nx, nu, ny, **networks):
+            return state_space(nx, nu, ny, **networks)
+
+    with pytest.raises(ValueError, match="without the signal 'eps'"):
+        Plain(nx=1, noise="innovations").fit(*loop_record)
+
+
+def test_parameters_survive_a_clone():
+    model = alssnn.FlSsnn(noise="innovations", h_sees="measured")
+    assert clone(model).get_params() == model.get_params()
+
+
+def test_records_drawn_from_a_model_are_as_its_own(loop_record, linear):
+    u = loop_record[0]
+    assert np.array_equal(linear.simulate(u), linear.predict(u))
+    drawn = linear.simulate(u, noise=True, random_state=0)
+    assert np.array_equal(drawn, linear.simulate(u, noise=True, random_state=0))
+    # what was drawn is what its predictor does not predict
+    eps = np.random.RandomState(0).multivariate_normal(
+        np.zeros(1), linear.noise_covariance_, len(u)
+    )
+    left = drawn - linear.predict_ahead(u, drawn)
+    np.testing.assert_allclose(left, eps[:, 0], atol=1e-9)
+    again = alssnn.LinearStateSpace(nx=2, noise="innovations").fit(u, drawn)
+    np.testing.assert_allclose(again.noise_covariance_, linear.noise_covariance_, 0.1)
+    plain = alssnn.LinearStateSpace(nx=2).fit(*loop_record)
+    white = plain.simulate(u, noise=True, random_state=0) - plain.predict(u)
+    np.testing.assert_allclose(white.var(), plain.noise_covariance_[0, 0], rtol=0.1)
+    pair = linear.simulate([u[:50, None], u[:70, None]], noise=True, random_state=0)
+    assert [len(one) for one in pair] == [50, 70]
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_record_and_predictor_are_inverse_to_each_other(name):
+    structure, theta, _ = declared(name)
+    rng = np.random.default_rng(0)
+    u, eps, x0 = rng.standard_normal((9, 2)), rng.standard_normal((9, 2)), np.ones(3)
+    drawn = recording(structure).observe("y").lure(theta)
+    y_m = outputs(drawn, np.hstack([u, eps]), x0) + eps
+    seen = predictor(structure).observe("y").lure(theta)
+    np.testing.assert_allclose(y_m - outputs(seen, np.hstack([u, y_m]), x0), eps)
