@@ -168,7 +168,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
     options = ["--experiment", "run", "--test-size", "0.25", "--models", "al", "lti"]
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
     options += ["--gamma-h", "0.001", "--alpha", "0.1", "--stability", "none"]
-    options += ["--feedback", "output", "--input-map", "monotone"]
+    options += ["--feedback", "output", "--input-map", "monotone", "--innovations"]
     assert run_fit(plant, *options, "--quiet") == 0
     np.testing.assert_allclose(seen.pop("u"), RECORD.u, rtol=1e-8)
     np.testing.assert_allclose(seen.pop("y"), RECORD.y, rtol=1e-8)
@@ -188,6 +188,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "feedback": "output",
         "input_map": "monotone",
         "disturbances": None,
+        "noise": "innovations",
         "n_init": 2,
         "random_state": 5,
         "dt": 0.1,

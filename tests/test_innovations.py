@@ -1,11 +1,14 @@
 """Models that are fitted by their errors one sample ahead: noise="innovations"."""
 
+import control
 import numpy as np
 import pytest
 from sklearn.base import clone
 
 import alssnn
 from alssnn.criterion import Criterion
+from alssnn.datasets import make_inverted_pendulum
+from alssnn.feedback import closed_loop, lqi
 from alssnn.innovations import (
     free_run,
     has_innovations,
@@ -377,27 +380,48 @@ def test_warm_start_goes_on_from_the_predictor(loop_record):
     assert model.history_[0].cost == pytest.approx(first, rel=0.05)
 
 
-def test_predictor_of_an_unstable_plant():
-    rng = np.random.default_rng(0)
-    n, x = 1500, np.zeros(2)
-    u, y = np.empty(n), np.empty(n)
-    r = np.repeat(rng.uniform(-1, 1, n // 10), 10)
-    for k in range(n):
-        y[k] = x[0] + 0.01 * rng.standard_normal()
-        u[k] = r[k] - 6.0 * x[0] - 3.0 * x[1]
-        w = 0.05 * rng.standard_normal()
-        x = x + 0.1 * np.array([x[1], 2.0 * np.sin(x[0]) + u[k] + w])
+def test_an_unstable_plant_from_its_loop():
+    record = make_inverted_pendulum(2000, random_state=0)
+    options = {"nx": 2, "dt": record.dt, "noise": "innovations"}
     with pytest.warns(UserWarning, match="unstable"):
+        linear = alssnn.LinearStateSpace(**options).fit(record.u, record.y)
         model = alssnn.FlSsnn(
-            nx=2, n_h=4, n_init=1, alpha=1e-5, random_state=0, noise="innovations"
-        ).fit(u, y)
-    radius = np.abs(
-        np.linalg.eigvals(model.plant_.jacobian(np.zeros(2), model.u_offset_)[0])
-    ).max()
-    assert radius == pytest.approx(np.exp(0.1 * np.sqrt(2.0)), rel=0.03)
-    ahead = y - model.predict_ahead(u, y)
-    assert np.std(ahead) < 0.03 * np.std(y) + 0.02
-    assert np.isfinite(model.train_score_) or model.train_score_ == -np.inf
+            n_h=4, n_init=1, alpha=1e-6, feedback="output", random_state=0, **options
+        ).fit(record.u, record.y)
+    true = record.plant.linearize([0.0, 0.0], [0.0]).A
+    A_0 = model.plant_.jacobian(np.zeros(2), model.u_offset_)[0]
+    poles = (np.sort(np.linalg.eigvals(M).real) for M in (A_0, true))
+    np.testing.assert_allclose(*poles, atol=0.01)
+    left = [np.std(record.y - m.predict_ahead(*record)) for m in (model, linear)]
+    assert left[0] < 0.99 * left[1]
+    K = lqi(model, np.eye(3), 0.01 * np.eye(1))
+    loop = closed_loop(record.plant, model, K, law=model.linearizing_law(-20, 20))
+    start = np.zeros(loop.nstates)
+    start[next(i for i, name in enumerate(loop.state_labels) if "angle" in name)] = 0.5
+    t = record.dt * np.arange(150)
+    response = control.input_output_response(loop, t, np.zeros(150), start)
+    assert np.abs(response.outputs[0][-20:]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"angle": 0.0}, "`angle` must be"),
+        ({"angle": 3.0}, "hold the pendulum"),
+        ({"torque_noise": -1.0}, "must be"),
+        ({"hold": (1.0, 0.5)}, "`hold` must be"),
+    ],
+)
+def test_pendulums_that_fall_are_refused(options, match):
+    with pytest.raises(ValueError, match=match):
+        make_inverted_pendulum(500, random_state=0, **options)
+
+
+def test_pendulum_without_noise_is_its_plant():
+    quiet = make_inverted_pendulum(300, noise=0.0, torque_noise=0.0, random_state=0)
+    t = quiet.dt * np.arange(20)
+    response = control.input_output_response(quiet.plant, t, quiet.u[:20, 0], quiet.x0)
+    np.testing.assert_allclose(response.outputs, quiet.y[:20, 0], atol=1e-9)
 
 
 def test_covariance_holds_where_that_of_a_simulation_does_not():

@@ -207,6 +207,12 @@ def _add_models(model):
         "(default: %(default)s)",
     )
     model.add_argument(
+        "--innovations",
+        action="store_true",
+        help="fit the errors one sample ahead instead of a simulation: for a record of "
+        "a loop, and for noise that goes through the plant",
+    )
+    model.add_argument(
         "--max-iter",
         type=count,
         metavar="N",
@@ -272,6 +278,7 @@ def run(args):
         feedback=args.feedback,
         input_map=args.input_map,
         disturbances=list(range(len(args.input), len(inputs))) or None,
+        noise="innovations" if args.innovations else "output",
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,

@@ -4,6 +4,7 @@ from ._arms import make_fan_arm, make_two_input_arm
 from ._benchmarks import fetch_cascaded_tanks, fetch_coupled_drives, fetch_silverbox
 from ._classics import fetch_classics
 from ._drone import fetch_quarter_drone
+from ._inverted_pendulum import make_inverted_pendulum
 from ._levitation import make_magnetic_levitation
 from ._measured import fetch_wiener_hammerstein
 from ._mirror import fetch_fine_steering_mirror
@@ -25,6 +26,7 @@ __all__ = [
     "make_duffing",
     "make_fan_arm",
     "make_heat_exchanger",
+    "make_inverted_pendulum",
     "make_magnetic_levitation",
     "make_pendulum",
     "make_prey_predator",

@@ -47,6 +47,7 @@ def model_ladder(
     feedback=None,
     input_map="identity",
     disturbances=None,
+    noise="output",
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -96,6 +97,9 @@ def model_ladder(
         monotone map v = phi(u, s).
     disturbances : array_like of int or str, or None, default=None
         Columns of u that are measured but not moved, in all models.
+    noise : {"output", "innovations"}, default="output"
+        Whether all models are fitted by the error of a simulation, or by the error one
+        sample ahead, for noise of the process and records of a loop.
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -155,6 +159,7 @@ def model_ladder(
         "random_state": random_state,
         "input_map": input_map,
         "disturbances": disturbances,
+        "noise": noise,
         "verbose": verbose,
     }
     choices = {
