@@ -25,7 +25,7 @@ def of_structure(structure, theta, units):
     theta : ndarray of shape (n_params,)
         Its parameters.
     units : dict of str to ndarray
-        The user's units over those of theta, by axis.
+        The user's units over those of theta, of u, x and y.
 
     Returns
     -------
@@ -34,8 +34,8 @@ def of_structure(structure, theta, units):
     """
     moved, given = split_inputs(structure.nu, structure.given)
     told = {"given": tuple(map(int, given))}
-    of_u = np.broadcast_to(units["u"], structure.nu)
-    units = {**units, "v": of_u[moved], "moved": of_u[moved], "d": of_u[given]}
+    units = structure.by_axis(units)
+    units["v"] = units["moved"]
     if "v" not in structure.signals:  # nothing that a law could cancel
         lure = _in_units(structure.observe("y"), theta, units)
         nx, ny, nd, nm = lure.nx, structure.sizes["y"], len(given), len(moved)

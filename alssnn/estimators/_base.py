@@ -14,7 +14,6 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
 from ..experiments import check_inputs, split_experiments
-from ..inputs import split_inputs
 from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
@@ -464,11 +463,9 @@ class StateSpaceModel(
         self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
 
     def _units(self):
-        """Return the user's units over those of the fit, by axis."""
+        """Return the user's units over those of the fit, of u, y and x."""
         scaling = self._scaling
-        moved, given = split_inputs(len(scaling.u_scale), self.disturbances_)
-        units = {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
-        return {**units, "moved": units["u"][moved], "d": units["u"][given]}
+        return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
 
     def _validate(self, u, y, reset):
         check_rows(u, y)
