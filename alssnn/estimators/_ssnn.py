@@ -463,7 +463,7 @@ class Ssnn(StateSpaceModel):
         """Tell whether a fitted model is one that the parameters ask for."""
         structure, theta = previous
         phi = self._phi
-        nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
+        nx, nu, ny = structure.sizes["x"], structure.nu, structure.sizes["y"]
         if not self._allows(nx):
             return False
         A = structure.split(theta)["A"]
