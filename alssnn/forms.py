@@ -261,6 +261,28 @@ def input_gain(form, moved):
     return form.Theta[virtual(form, moved)][:, form.nx + moved].diagonal()
 
 
+def at_once(form, moved):
+    """Return the names of what brings inputs to y within a sample.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+    moved : ndarray of int
+        Inputs that v makes.
+
+    Returns
+    -------
+    names : str
+        Those of D, H and k that are not zero, such as "D and k".
+    """
+    rows = form.Theta[form.nx : virtual(form, moved).start, form.nx :]
+    by_u, rest = np.split(rows, [form.nu], axis=1)
+    by_d = np.delete(by_u, moved, axis=1)
+    parts = {"D": by_u[:, moved], "H": by_d, "k": rest}
+    return " and ".join(name for name, part in parts.items() if np.any(part))
+
+
 def virtual(form, moved):
     """Return the rows of Theta that make v.
 
