@@ -298,9 +298,8 @@ class StateSpaceModel(
         with self._undone_unless(watch):
             u, y = self._validate(u, y, reset=True)
             self.disturbances_ = check_disturbances(self, u.shape[1])
-            with (
-                single_threaded()
-            ):  # more threads only get in the way of small matrices
+            # more threads only get in the way of small matrices
+            with single_threaded():
                 self._fit_checked(u, y, experiment, validation, container, watch)
         return self
 
