@@ -62,8 +62,8 @@ class Ssnn(StateSpaceModel):
     tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     bounds : dict of str to tuple or None, default=None
-        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
-        B, in the units of the data; equal ones hold an entry.
+        Bounds ``{"D": (low, high)}`` of entries of D and H, and with `linear_start` of
+        A, B and G, in the units of the data; equal ones hold an entry.
     stability : {"auto", "contractive", "schur"} or None, default="auto"
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
         of tanh or sigmoid then have bounded simulations for every bounded input, as
