@@ -22,6 +22,7 @@ before it.  In deviation variables the operating point is (x, u) = (0, 0), and a
 bias b_g makes g vanish there: minus what the net would give (`structures.AtRest`).
 """
 
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -81,7 +82,7 @@ class Equations:
         self._states.append(self._new(axis))
         return self._column(axis)
 
-    def input(self, axis):
+    def input(self, axis, like=None):
         """Return an input.
 
         Parameters
@@ -89,14 +90,16 @@ class Equations:
         axis : str
             Axis. The columns of u are those of all inputs in order; the first one is
             what a controller moves, the others are measured.
+        like : str or None, default=None
+            Axis whose units it has; None means units of its own.
 
         Returns
         -------
         u : Signal
             The input.
         """
-        self._inputs.append(self._new(axis))
-        return self._column(axis)
+        self._inputs.append(self._new(axis, like and self._size(like)))
+        return replace(self._column(axis), axes=(like or axis,))
 
     def parameter(self, name, *axes):
         """Return a free parameter.

@@ -305,3 +305,33 @@ def _names(record):
         return tuple(str(name) for name in record.columns)
     name = getattr(record, "name", None)
     return () if name is None else (str(name),)
+
+
+class Filled:
+    """Fill outputs that were not measured: a start, which a fit corrects.
+
+    Gaps are bridged by straight lines within the slice that is asked for.
+
+    Parameters
+    ----------
+    y : array of shape (N, ny)
+        Outputs; nan where they were not measured.
+    """
+
+    def __init__(self, y):
+        self.y, self.shape = y, y.shape
+
+    def __len__(self):
+        """Return the number of samples."""
+        return len(self.y)
+
+    def __getitem__(self, part):
+        """Return the samples of a slice, shape (L, ny)."""
+        y = np.array(self.y[part])
+        k = np.arange(len(y))
+        for i in np.flatnonzero(np.isnan(y).any(axis=0)):
+            measured = ~np.isnan(y[:, i])
+            known = y[measured, i] if measured.any() else np.zeros(1)
+            at = k[measured] if measured.any() else k[:1]
+            y[:, i] = np.interp(k, at, known)
+        return y

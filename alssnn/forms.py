@@ -9,8 +9,10 @@ disturbance).
 
 import numpy as np
 
+from .innovations import MEASURED, has_innovations, predictor
 from .inputs import split_inputs
 from .lure import Lure
+from .simulation import neuron_gains, regressors
 
 ROUNDING = 64 * np.finfo(float).eps  # relative: a sum below it is zero
 
@@ -30,12 +32,14 @@ def of_structure(structure, theta, units):
     Returns
     -------
     forms : dict
-        `form`, `law_form`, `feedback` and `given` of a `Plant`.
+        `form`, `law_form`, `feedback`, `given` and `K` of a `Plant`.
     """
     moved, given = split_inputs(structure.nu, structure.given)
     told = {"given": tuple(map(int, given))}
     units = structure.by_axis(units)
     units["v"] = units["moved"]
+    if has_innovations(structure):
+        told["K"] = _innovation_gain(structure, theta, units)
     if "v" not in structure.signals:  # nothing that a law could cancel
         lure = _in_units(structure.observe("y"), theta, units)
         nx, ny, nd, nm = lure.nx, structure.sizes["y"], len(given), len(moved)
@@ -57,6 +61,15 @@ def of_structure(structure, theta, units):
         "law_form": static,
         "feedback": "state" if law.inputs[0] == "x" else "output",
     }
+
+
+def _innovation_gain(structure, theta, units):
+    """Return what a measured output does to the next state, at the operating point."""
+    seen = predictor(structure.observe(structure.measured))
+    lure = _in_units(seen, theta, {**units, MEASURED: units["y"]})
+    at_rest = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))
+    J = lure.M[: lure.nx] + neuron_gains(lure, lure.W[: lure.nx], at_rest)[0] @ lure.V
+    return J[:, lure.nx + seen.nu - units["y"].size :]
 
 
 def _in_units(structure, theta, units):

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import block_diag, lstsq, schur, solve_sylvester
 
 from .criterion import Criterion, Restricted
-from .experiments import stretch
+from .experiments import Filled, stretch
 from .linear_model import LinearModel, normalize, stabilize
 from .optimizers import minimize, single_threaded
 from .subspace import (
@@ -30,7 +30,6 @@ from .subspace import (
     POLISH_STEPS,
     REFINED_MARGIN,
     TRIAL_SAMPLES,
-    Filled,
     fit_input,
     hankel_triangle,
     identify_linear,

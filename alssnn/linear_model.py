@@ -1,4 +1,9 @@
-"""Linear models in scaled deviations: their error, their stability, their basis."""
+"""Linear models in scaled deviations: their error, their stability, their basis.
+
+A predictor is a linear model, too: with the measured outputs as further inputs it is
+x+ = (A - K C) x + (B - K D) u + K y_m, y = C x + D u, stable whatever A is (eq.
+innovations).  Only by its names, for structures, it becomes A, B, C, D and K.
+"""
 
 import warnings
 from dataclasses import dataclass, field, replace
@@ -8,6 +13,7 @@ from scipy.linalg import LinAlgWarning, eigh, lstsq, solve_discrete_lyapunov
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
+from .innovations import predictor
 from .inputs import join_inputs, split_inputs
 from .models import state_space
 from .simulation import trajectory
@@ -38,6 +44,8 @@ class LinearModel:
         Singular values behind the choice of the order, descending.
     result : OptimizeResult or None
         Outcome of the refinement.
+    n_measured : int
+        Number of last inputs that are the measured outputs of a predictor.
     """
 
     A: np.ndarray
@@ -48,11 +56,18 @@ class LinearModel:
     feedthrough: bool = False
     singular_values: np.ndarray = field(default_factory=lambda: np.empty(0))
     result: OptimizeResult | None = None
+    n_measured: int = 0
+
+    @property
+    def nu(self):
+        """Return the number of inputs, without measured outputs."""
+        return self.B.shape[1] - self.n_measured
 
     @property
     def structure(self):
         """Return the linear structure with free C, which moves all inputs alike."""
-        return self._structure(())
+        (nx, nu), ny = self.B.shape, len(self.C)
+        return state_space(nx, nu, ny, feedthrough=self.feedthrough)
 
     def by_name(self, given=()):
         """Return the matrices by the names that they have in `models.state_space`.
@@ -65,14 +80,17 @@ class LinearModel:
         Returns
         -------
         matrices : dict of str to ndarray
-            A, B, C, D, and G and H for the columns that are given.
+            A, B, C, D, G and H for the columns that are given, and K of a predictor.
         """
-        moved, given = split_inputs(self.B.shape[1], given)
-        matrices = {"A": self.A, "B": self.B[:, moved], "C": self.C}
-        matrices["D"] = self.D[:, moved]
+        nu = self.nu
+        moved, given = split_inputs(nu, [i for i in given if i < nu])
+        A, (B, K), D = self.A, np.split(self.B, [nu], axis=1), self.D[:, :nu]
+        matrices = {"C": self.C, "D": D[:, moved]}
+        if self.n_measured:
+            matrices["K"], A, B = K, A + K @ self.C, B + K @ D
         if len(given):
-            matrices |= {"G": self.B[:, given], "H": self.D[:, given]}
-        return matrices
+            matrices |= {"G": B[:, given], "H": D[:, given]}
+        return {**matrices, "A": A, "B": B[:, moved]}
 
     def with_matrices(self, p, given, **changes):
         """Return the model with other matrices.
@@ -80,7 +98,7 @@ class LinearModel:
         Parameters
         ----------
         p : dict of str to ndarray
-            Matrices A, B, C, D, G and H, as of `by_name`; D and H may be missing.
+            Matrices A, B, C, D, G, H and K, as of `by_name`; D and H may be missing.
         given : sequence of int
             Columns of u that are measured disturbances.
         **changes : dict
@@ -91,11 +109,16 @@ class LinearModel:
         model : LinearModel
             The model.
         """
+        given = [i for i in given if i < self.nu]
         (nx, nv), ny, nd = p["B"].shape, len(p["C"]), len(given)
         D, H = p.get("D", np.zeros((ny, nv))), p.get("H", np.zeros((ny, nd)))
-        B = join_inputs(p["B"], p.get("G", np.zeros((nx, nd))), given)
+        A, B = p["A"], join_inputs(p["B"], p.get("G", np.zeros((nx, nd))), given)
         D = join_inputs(D, H, given)
-        return replace(self, A=p["A"], B=B, C=p["C"], D=D, **changes)
+        if self.n_measured:
+            K = p["K"]
+            A, B = A - K @ p["C"], np.hstack([B - K @ D, K])
+            D = np.hstack([D, np.zeros((ny, self.n_measured))])
+        return replace(self, A=A, B=B, C=p["C"], D=D, **changes)
 
     def as_fit(self, given=()):
         """Return the model as a fitted structure.
@@ -108,20 +131,25 @@ class LinearModel:
         Returns
         -------
         structure : Structure
-            Linear structure with free C.
+            Linear structure with free C, that of its predictor if it is one.
         theta : ndarray of shape (n_params,)
             Its parameters.
         result : OptimizeResult
             Outcome of the refinement, with `x0` in the basis of this model.
         """
-        structure = self._structure(given)
+        noise = "innovations" if self.n_measured else "output"
+        structure = predictor(
+            state_space(
+                len(self.A),
+                self.nu,
+                len(self.C),
+                feedthrough=self.feedthrough,
+                disturbances=given,
+                noise=noise,
+            )
+        )
         result = OptimizeResult({**(self.result or {}), "x0": self.x0})
         return structure, structure.join(self.by_name(given)), result
-
-    def _structure(self, given):
-        nx, nu, ny = len(self.A), self.B.shape[1], len(self.C)
-        options = {"feedthrough": self.feedthrough, "disturbances": given}
-        return state_space(nx, nu, ny, **options)
 
 
 class AllEntries(Criterion):
@@ -146,6 +174,32 @@ class AllEntries(Criterion):
         structure = model.structure
         super().__init__(structure, experiments, n_jobs=n_jobs)
         self.start = self.join(structure.join(vars(model)), model.x0)
+        self.held = np.zeros(self.n, dtype=bool)
+        if model.feedthrough and model.n_measured:  # no output is told to itself
+            shape = structure.shapes["D"]
+            place = np.arange(model.D.size).reshape(shape)[:, model.nu :]
+            self.held[structure.slices["D"].start + place.ravel()] = True
+
+    def normal_equations(self, free):
+        """Return J'J, J'r and |r|, where nothing moves what is held.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector.
+
+        Returns
+        -------
+        JJ : ndarray of shape (n, n)
+            Gauss-Newton matrix.
+        Jr : ndarray of shape (n,)
+            Half the gradient of |r|^2.
+        norm : float
+            Norm of the residual.
+        """
+        JJ, Jr, norm = super().normal_equations(free)
+        JJ[self.held], JJ[:, self.held], Jr[self.held] = 0.0, 0.0, 0.0
+        return JJ, Jr, norm
 
     def matrices(self, free):
         """Return the model of a free vector.
@@ -171,7 +225,7 @@ class AllEntries(Criterion):
         matrices : dict of str to ndarray
             A, B, C, D (if it is free) and x0.
         """
-        is_linear = np.ones(self.n, dtype=bool)
+        is_linear = ~self.held
         for name in ("A", "C"):
             is_linear[self.structure.slices[name]] = False
         part = Restricted(self, self.start, is_linear)

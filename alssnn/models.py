@@ -8,12 +8,16 @@ GR-SSNN g, and AL-SSNN both.
 
 Columns of u that are measured disturbances d are none that a controller moves: v has
 only the others, G d and H d are linear, and h sees d beside s (eq. disturbance).
+
+With process noise, or feedback in the record, K eps adds what the errors one sample
+ahead say of the states (eq. innovations).
 """
 
 import numpy as np
 
 from .activations import as_activation
 from .equations import Equations, hidden_sizes
+from .innovations import INNOVATION, MEASURED, free_run
 from .inputs import split_inputs
 
 NETWORKS = ("h", "g", "k")
@@ -35,6 +39,8 @@ def state_space(
     activation="tanh",
     input_map="identity",
     disturbances=(),
+    noise="output",
+    h_sees="predicted",
 ):
     """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x + D u + k(x, u).
 
@@ -68,11 +74,17 @@ def state_space(
     disturbances : tuple of int, default=()
         Columns of u that are measured but not moved: parameters G and, beside D, H,
         and weights of h named ``W_d`` and, of a monotone map, ``V_phid``.
+    noise : {"output", "innovations"}, default="output"
+        Whether y alone is noisy, or K eps acts on the states (eq. innovations): a
+        parameter K, and a `predictor` beside the free run that is returned.
+    h_sees : {"predicted", "measured"}, default="predicted"
+        Whether the h(y) of a predictor sees y, or y_m.
 
     Returns
     -------
     structure : Structure
-        The map from parameters to the Lur'e form (eq. model), observed by y.
+        The map from parameters to the Lur'e form (eq. model), observed by y, with
+        inputs u alone.
 
     Raises
     ------
@@ -113,7 +125,12 @@ def state_space(
     of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
     y = e.signal("y", y + network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u))
     of_x = feedback == "state"
-    s = {"s" if of_x else "y": x if of_x else y, **of_d}
+    y_m = eps = None
+    if noise == "innovations":
+        y_m = e.input(MEASURED, "y")
+        eps = e.signal(INNOVATION, y_m - y)
+    told = y if y_m is None or h_sees == "predicted" else y_m
+    s = {"s" if of_x else "y": x if of_x else told, **of_d}
     seen = {f"W_{letter}": signal for letter, signal in s.items()}
     h = network("h", of_m, of_h, "b_s" if of_x else "b_y", **seen)
     if n["h"] and input_map == "monotone":  # behind h(s), which does not see u
@@ -124,11 +141,16 @@ def state_space(
     g = network("g", "x", of_g, "b_x", W_x=x, W_u=u)
     driven = (e.parameter("G", "x", "d") @ d for d in of_d.values())
     updates = {"x": sum(driven, start=A @ x + B @ v) + g}
-    if n["g"]:  # what g adds to the output (eq. penalty)
+    K = None if eps is None else e.parameter("K", "x", "y")
+    if eps is not None:
+        updates["x"] += K @ eps
+    if n["g"]:  # what g adds to the output (eq. penalty), or to what is predicted
         zeta = e.state("zeta")
+        residual = e.signal("e", C @ zeta)
         updates["zeta"] = A @ zeta + g
-        e.signal("e", C @ zeta)
-    return e.structure(
+        if K is not None:
+            updates["zeta"] -= K @ residual
+    structure = e.structure(
         updates,
         ["y"],
         options={
@@ -140,8 +162,10 @@ def state_space(
             "activation": sigma,
             "input_map": input_map,
             **({"disturbances": tuple(map(int, given))} if len(given) else {}),
+            **({} if eps is None else {"noise": noise, "h_sees": h_sees}),
         },
     )
+    return free_run(structure)
 
 
 def _activations(activation, odd):

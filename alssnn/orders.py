@@ -62,6 +62,7 @@ def compare_orders(
     model=None,
     integrators=0,
     watch=None,
+    n_measured=0,
 ):
     """Fit linear models of several orders, and judge them on hidden samples.
 
@@ -79,6 +80,8 @@ def compare_orders(
         Number of its last states that integrate.
     watch : Watch or None, default=None
         May end the comparison, which then leaves the orders so far.
+    n_measured : int, default=0
+        Number of last inputs that are the measured outputs of a predictor.
 
     Returns
     -------
@@ -97,6 +100,7 @@ def compare_orders(
         "max_iter": STEPS,
         "tol": TOL,
         "watch": quiet,
+        "n_measured": n_measured,
     }
     models: dict = {}
     errors: dict = {}

@@ -186,7 +186,7 @@ class Plant(Signals):
                 f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
                 "the model integrates."
             )
-        return replace(self, form=forms.disturbed(self.lure, kind, self.moved))
+        return replace(self, form=forms.disturbed(self.lure, kind, self.moved), K=None)
 
     def close(self):
         """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).

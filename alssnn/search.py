@@ -14,10 +14,16 @@ weights first, and with them every gradient: the linear model is a saddle.)
 Of the alphas that do nearly as well as the best, averaged over the better starts (of a
 long record, along the best one), the largest is taken; of the starts, the best at this
 alpha.  From there it goes on at this alpha as long as the error on the hidden samples
-falls; of a long record, the fit to all its samples does that in one go.  The networks
-are kept if they beat the best linear model on the hidden samples: in the sum over the
-folds, not much worse in any of them, and with an error that is worth
-a prediction.
+falls; of a long record, the fit to all its samples does that in one go.
+
+The networks are kept if they beat the best linear model on the hidden samples: in the
+sum over the folds, not much worse in any of them, and with an error that is worth a
+prediction.
+
+Errors of a predictor are nearly white, and mostly what nobody can predict.  By chance,
+those of two models that predict equally well differ by `CHANCE` over the number of
+hidden samples.  There, a smaller difference counts as none, and a larger one as a gain;
+alphas are relative to the error of the linear model, as the noise is (eq. innovations).
 """
 
 from collections.abc import Callable
@@ -26,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
+from .holdout import SHARE
 from .training import LEAST_MOVE
 from .watch import Watch
 from .workers import finished
@@ -41,6 +48,8 @@ REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
 USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
+CHANCE = 10.0  # over the hidden samples: relative difference of white errors by chance
+NOISE = 0.1  # mean square error of a linear model, for which `ALPHAS` are meant
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,8 @@ class Found:
         Those of the best linear model.
     curve : dict of int to float
         Root mean square error on hidden samples of the networks, by order.
+    gain : float, default=0.96
+        Mean square error over that of the linear model, below which networks help.
     """
 
     structure: object
@@ -97,6 +108,7 @@ class Found:
     errors: np.ndarray
     linear_errors: np.ndarray
     curve: dict
+    gain: float = GAIN
 
     @property
     def helps(self):
@@ -105,7 +117,7 @@ class Found:
         # a part of the record that happens to be linear is no reason against
         bound = WORSE * np.maximum(linear, linear.mean() / 2)
         return bool(
-            self.errors.sum() < GAIN * linear.sum()
+            self.errors.sum() < self.gain * linear.sum()
             and np.all(self.errors < bound)
             and np.sqrt(self.errors.max()) < USEFUL
         )
@@ -195,6 +207,7 @@ def search(
     n_jobs=None,
     output_weight=None,
     watch=None,
+    is_predictor=False,
 ):
     """Choose order, start and decay of networks.
 
@@ -218,6 +231,8 @@ def search(
         Weight of the error of every output.
     watch : Watch
         May end the search; it is not told of its steps.
+    is_predictor : bool, default=False
+        Whether errors are those one sample ahead, nearly white.
 
     Returns
     -------
@@ -234,6 +249,14 @@ def search(
         "label": "search",
     }
 
+    scale, nearly, gain = 1.0, NEARLY, GAIN
+    if is_predictor:
+        n_hidden = sum(len(u) * SHARE for fold in folds for u, _ in fold.hidden)
+        nearly = min(nearly, 1.0 + CHANCE / n_hidden)
+        gain = max(gain, 1.0 - CHANCE / n_hidden)
+        scale = float(np.mean(orders.errors[orders.nx])) / NOISE
+    descent = scale * ALPHAS
+
     def start(nx, seed):
         return _Path(recipe, folds, orders.models[nx], seed, output_weight)
 
@@ -241,7 +264,7 @@ def search(
     if len(candidates) > 1:
         for nx in candidates:
             errors = (
-                start(nx, seeds[0]).descend(ALPHAS[SCREEN], quiet, **options).errors
+                start(nx, seeds[0]).descend(descent[SCREEN], quiet, **options).errors
             )
             curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
         nx = min(curve, key=lambda n: curve[n])
@@ -252,8 +275,9 @@ def search(
     paths = [start(nx, seed) for seed in seeds]
     # of a long record one start counts: the others stop where a path may end
     is_long = len(folds) == 1 and len(paths) > 1
-    first, rest = np.split(ALPHAS, [np.count_nonzero(ALPHAS >= ENOUGH)])
-    alphas = first if is_long else ALPHAS
+    first, rest = np.split(descent, [np.count_nonzero(ALPHAS >= ENOUGH)])
+    alphas = first if is_long else descent
+    options["enough"] = scale * ENOUGH
     if n_jobs in (None, 1) or len(paths) == 1:
         paths = [path.descend(alphas, quiet, **options) for path in paths]
     else:
@@ -263,11 +287,12 @@ def search(
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
         best.descend(rest, quiet, **options)
-    walk, stage = _choose(paths)
-    alpha = ALPHAS[stage - 1]
+    walk, stage = _choose(paths, nearly)
+    alpha = descent[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
     if len(folds) > 1:  # else the fit that follows goes on, without a break
         more = max_iter // options["max_iter"]
+        options.pop("enough")
         stage = walk.go_on(stage, alpha, more, quiet, **options)
     curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
     structure = walk.problems[0][0]
@@ -280,10 +305,11 @@ def search(
         judged,
         orders.errors[orders.nx],
         curve,
+        gain,
     )
 
 
-def _choose(paths):
+def _choose(paths, nearly):
     """Return the path that goes on, and the stage from which it does."""
     length = max(len(walk.errors) for walk in paths)
     table = np.full((len(paths), length), np.inf)
@@ -292,5 +318,5 @@ def _choose(paths):
     typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
     if len(paths[0].folds) == 1:  # a long record: enough is hidden to trust one start
         typical = table[np.argmin(table.min(axis=1))]
-    stage = 1 + int(np.argmax(typical[1:] <= NEARLY * typical[1:].min()))
+    stage = 1 + int(np.argmax(typical[1:] <= nearly * typical[1:].min()))
     return paths[int(np.argmin(table[:, stage]))], stage

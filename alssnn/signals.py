@@ -1,4 +1,4 @@
-"""Signals of a plant: their units, names and places, and who moves them.
+"""Signals of a plant: their units, names, places and noise, and who moves them.
 
 Inputs u are those of a record, in its order.  A controller moves some of them, which
 are as many as the virtual inputs v; the others are measured disturbances d, inputs that
@@ -36,6 +36,12 @@ class Signals:
         Samples by which every input arrives late; zero where its past is a state.
     given : tuple of int, default=()
         Inputs that are measured disturbances: nobody moves them.
+    K : ndarray of shape (nx, ny) or None, default=None
+        What measured outputs do to the next state at the operating point, in the
+        user's units: the gain of innovations (eq. innovations), and h where it sees
+        what was measured. None where no gain was identified.
+    noise_covariance : ndarray of shape (ny, ny) or None, default=None
+        Covariance of what the fit left of y, one sample ahead with K.
     """
 
     u_offset: np.ndarray
@@ -49,6 +55,8 @@ class Signals:
     name: str
     delay: np.ndarray
     given: tuple = ()
+    K: np.ndarray | None = None
+    noise_covariance: np.ndarray | None = None
 
     @property
     def nu(self):

@@ -15,6 +15,9 @@ r between rho(A) and (1 - phi)^(1/2), the solution P of  (A/r)' P (A/r) - P = -S
 |P^(1/2) A P^(-1/2)| <= r.  S is the positive part of I - (A/r)'(A/r), so that P = I
 where A/r is a contraction already: the basis, in which the states have unit variance
 and are uncorrelated, changes no more than it must.
+
+Of a predictor (eq. innovations) the contraction is A - K C: it is stable for every
+plant, and a plant that is not may be one.
 """
 
 import warnings
@@ -32,6 +35,7 @@ from scipy.linalg import (
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, LeastSquares
+from .innovations import state_matrix
 from .linear_model import decorrelate, simulation_error, stabilize
 from .subspace import fit_input
 
@@ -236,12 +240,12 @@ def hold_off(model, experiments, error):
 
 
 class Contractive(LeastSquares):
-    """Replace A by Q in the free vector of a criterion.
+    """Replace A, or A - K C, by Q in the free vector of a criterion.
 
     Parameters
     ----------
     criterion : Criterion
-        Criterion whose structure has a parameter A.
+        Criterion whose structure has a parameter A, and K if it is a predictor.
     phi : float
         Rate, 0 <= phi < 1.
     integrators : int, default=0
@@ -256,6 +260,9 @@ class Contractive(LeastSquares):
         place = np.arange(nx * nx).reshape(nx, nx)[:n, :n].ravel()
         self.where = criterion.structure.slices["A"].start + place
         self.shape = n, n
+        self.K, self.C = criterion.structure.slices.get("K"), None
+        if self.K is not None:
+            self.C = criterion.structure.constants["C"]
 
     def to_free(self, free):
         """Return the free vector with A in place of Q.
@@ -272,7 +279,7 @@ class Contractive(LeastSquares):
         """
         free = np.array(free)
         Q = free[self.where].reshape(self.shape)
-        free[self.where] = self.scale * contraction(Q).ravel()
+        free[self.where] = self.scale * contraction(Q).ravel() + self._corrected(free)
         return free
 
     def from_free(self, free):
@@ -289,9 +296,15 @@ class Contractive(LeastSquares):
             Free vector with Q.
         """
         free = np.array(free)
-        A = free[self.where].reshape(self.shape)
+        A = (free[self.where] - self._corrected(free)).reshape(self.shape)
         free[self.where] = contraction_inverse(A / self.scale).ravel()
         return free
+
+    def _corrected(self, free):
+        """Return K C, flat."""
+        if self.C is None:
+            return 0.0
+        return (free[self.K].reshape(self.C.T.shape) @ self.C).ravel()
 
     def norm(self, free):
         """Return |r|.
@@ -327,6 +340,11 @@ class Contractive(LeastSquares):
         """
         JJ, Jr, norm = self.criterion.normal_equations(self.to_free(free))
         Q = free[self.where].reshape(self.shape)
+        if self.C is not None:  # A follows K
+            by_K = np.kron(np.eye(len(Q)), self.C)
+            Jr[self.K] += by_K @ Jr[self.where]
+            JJ[self.K] += by_K @ JJ[self.where]
+            JJ[:, self.K] += JJ[:, self.where] @ by_K.T
         T = self.scale * contraction_derivative(Q)
         JJ[self.where] = T.T @ JJ[self.where]
         JJ[:, self.where] = JJ[:, self.where] @ T
@@ -349,9 +367,8 @@ class Schur(LeastSquares):
 
     def __init__(self, criterion, radius, integrators=0):
         self.criterion, self.radius = criterion, radius
-        self.where = criterion.structure.slices["A"]
-        self.nx = criterion.structure.sizes["x"]
-        self.regular = slice(0, self.nx - integrators)
+        self.structure = criterion.structure
+        self.regular = slice(0, self.structure.sizes["x"] - integrators)
 
     def norm(self, free):
         """Return |r|, or `DIVERGED_NORM` where a pole is outside.
@@ -366,7 +383,8 @@ class Schur(LeastSquares):
         norm : float
             Norm of the residual.
         """
-        A = free[self.where].reshape(self.nx, self.nx)[self.regular, self.regular]
+        p = self.structure.split(free[: self.structure.n_params])
+        A = state_matrix(self.structure, p)[self.regular, self.regular]
         if not np.isfinite(A).all():
             return DIVERGED_NORM
         if np.abs(np.linalg.eigvals(A)).max(initial=0.0) > self.radius:

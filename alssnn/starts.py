@@ -50,8 +50,7 @@ def initial_theta(
     theta : ndarray of shape (n_params,)
         Flat parameters.
     """
-    nu = linear.B.shape[1]  # of records; an input of the structure may be none of them
-    p = linear.by_name([i for i in structure.given if i < nu])
+    p = linear.by_name(structure.given)  # an input may be none of the records
     for name, missing in _squared(structure).items():  # before u is to act on x
         shape = structure.shapes[name]
         is_free = missing is None

@@ -10,6 +10,12 @@ shift structure gives A and whose top gives C (Van Overschee and De Moor, 1994, 
 the weighting that makes it MOESP).  The simulated output is then linear in (B, x0),
 so that one Gauss-Newton step of the criterion solves for them.
 
+A predictor, whose inputs are u and the measured outputs (`n_measured`), would explain
+Y_f by itself.  There, a regression of y on the inputs of i samples before gives the
+Markov parameters Phi_j = C (A - K C)^(j-1) [B K], consistent with feedback in the
+record, too; Gamma is what maps these samples to Y_f without inputs in between
+(eq. predictor; Chiuso and Picci, 2005; Chiuso, 2007).
+
 Subspace estimates minimize no simulation error and may be unstable: eigenvalues of
 A are first reflected into the unit disc, and all matrices are then refined by the
 same Levenberg-Marquardt as every other model: by poles and C alone (`sections`), or
@@ -23,7 +29,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg import LinAlgError, lstsq, qr, svd
 
-from .experiments import chunks, stretch
+from .experiments import Filled, chunks, stretch
 from .linear_model import (
     AllEntries,
     LinearModel,
@@ -117,6 +123,51 @@ def past_to_future(R, experiments, horizon):
     return svd(R_32, full_matrices=False)[:2]
 
 
+def predictor_space(experiments, horizon, feedthrough=False, n_measured=0):
+    """Return the left singular vectors and values of what the past says of y.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y), u without nan; those shorter than the horizon are passed over,
+        and rows where y was not measured.
+    horizon : int
+        Samples of the past, and of the future.
+    feedthrough : bool, default=False
+        Whether y depends on the inputs of the same sample that are not measured
+        outputs.
+    n_measured : int, default=0
+        Number of last inputs that are measured outputs.
+
+    Returns
+    -------
+    U : ndarray of shape (horizon * ny, horizon * ny)
+        Directions of the extended observability matrix.
+    s : ndarray of shape (horizon * ny,)
+        Singular values, descending.
+    """
+    nz, ny = (signal.shape[1] for signal in experiments[0])
+    now = nz - n_measured if feedthrough else 0
+    n_past = horizon * nz
+    R = np.zeros((0, n_past + now + ny))
+    for u, y in experiments:
+        for start in range(0, len(u) - horizon, QR_COLUMNS):
+            stop = min(start + QR_COLUMNS, len(u) - horizon)
+            z, target = u[start : stop + horizon], y[start + horizon : stop + horizon]
+            past = np.lib.stride_tricks.sliding_window_view(z[:-1], horizon, axis=0)
+            # newest first: z_(k-1), z_(k-2), ...
+            past = past[:, :, ::-1].transpose(0, 2, 1).reshape(len(target), -1)
+            rows = np.hstack([past, z[horizon:, :now], target])
+            rows = rows[~np.isnan(target).any(axis=1)]
+            R = qr(np.vstack([R, rows]), mode="r", overwrite_a=True)[0]
+            R = R[: R.shape[1]]
+    n = n_past + now
+    Phi = lstsq(R[:n, :n], R[:n, n:])[0][:n_past].T  # (ny, horizon nz)
+    later = [np.pad(Phi[:, i * nz :], ((0, 0), (0, i * nz))) for i in range(horizon)]
+    U, s, _ = svd(np.vstack(later) @ R[:n_past, :n_past].T)
+    return U, s
+
+
 def shift_structure(U, s, nx, ny):
     """Return A and C from the extended observability matrix.
 
@@ -144,7 +195,7 @@ def shift_structure(U, s, nx, ny):
     return stabilize(lstsq(Gamma[:-ny], Gamma[ny:])[0]), Gamma[:ny]
 
 
-def fit_input(experiments, A, C, feedthrough=False, n_jobs=None):
+def fit_input(experiments, A, C, feedthrough=False, n_jobs=None, n_measured=0):
     """Solve for (B, D, x0) at given (A, C): a linear least-squares problem.
 
     Parameters
@@ -159,6 +210,8 @@ def fit_input(experiments, A, C, feedthrough=False, n_jobs=None):
         Whether D is free; else it is zero.
     n_jobs : int or None, default=None
         Experiments summed in parallel threads, as in joblib.
+    n_measured : int, default=0
+        Number of last inputs that are the measured outputs of a predictor.
 
     Returns
     -------
@@ -167,7 +220,7 @@ def fit_input(experiments, A, C, feedthrough=False, n_jobs=None):
     """
     nx, (nu, ny) = len(A), (signal.shape[1] for signal in experiments[0])
     B, D, x0 = np.zeros((nx, nu)), np.zeros((ny, nu)), np.zeros((len(experiments), nx))
-    model = LinearModel(A, B, C, D, x0, feedthrough)
+    model = LinearModel(A, B, C, D, x0, feedthrough, n_measured=n_measured)
     with single_threaded():
         found = _search(experiments, model, n_jobs).solved()
     return replace(model, **{**found, "A": A, "C": C})
@@ -175,6 +228,8 @@ def fit_input(experiments, A, C, feedthrough=False, n_jobs=None):
 
 def _search(experiments, model, n_jobs):
     """Return the criterion of a search from a linear model."""
+    if model.feedthrough and model.n_measured:  # D has entries that are held
+        return AllEntries(experiments, model, n_jobs)
     try:
         return Sections(experiments, model, n_jobs)
     except LinAlgError:  # such as a chain of delays: several poles at one place
@@ -285,7 +340,8 @@ def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
     # A finite record may prefer a slowly growing mode, which no simulation of
     # another record survives: reflect it, and keep the better of two stable models.
     A = stabilize(refined.A, limit=1.0 - REFINED_MARGIN)
-    reflected = fit_input(experiments, A, refined.C, model.feedthrough, n_jobs)
+    kind = model.feedthrough, n_jobs, model.n_measured
+    reflected = fit_input(experiments, A, refined.C, *kind)
     best = min(model, reflected, key=partial(simulation_error, experiments))
     return replace(best, result=result)
 
@@ -299,6 +355,7 @@ def identify_linear(
     tol=1e-8,
     watch=None,
     n_jobs=None,
+    n_measured=0,
 ):
     """Identify a linear model: subspace start, then simulation-error refinement.
 
@@ -319,6 +376,9 @@ def identify_linear(
     n_jobs : int or None, default=None
         Experiments summed in parallel threads, as in joblib. The result does not
         depend on it.
+    n_measured : int, default=0
+        Number of last inputs that are the measured outputs of a predictor, whose
+        simulation error is the error one sample ahead.
 
     Returns
     -------
@@ -336,54 +396,28 @@ def identify_linear(
         near = experiments
     pieces = without_gaps(near)
     horizons = _candidate_horizons(pieces, nx)
-    filled = [(u, Filled(y)) for u, y in pieces]
+    kind = feedthrough, n_jobs, n_measured
+
+    def space(horizon):
+        if n_measured:
+            return predictor_space(pieces, horizon, feedthrough, n_measured)
+        filled = [(u, Filled(y)) for u, y in pieces]
+        return past_to_future(hankel_triangle(filled, horizon), filled, horizon)
+
     with single_threaded():
-        spaces = [
-            past_to_future(hankel_triangle(filled, i), filled, i) for i in horizons
-        ]
+        spaces = [space(horizon) for horizon in horizons]
     # the longest horizon sees the slowest dynamics
     singular_values = spaces[-1][1]
     trial = stretch(experiments, TRIAL_SAMPLES)
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
     options = {"watch": watch, "n_jobs": n_jobs}
-    starts = [fit_input(trial, A, C, feedthrough, n_jobs) for A, C in pairs]
+    starts = [fit_input(trial, A, C, *kind) for A, C in pairs]
     model = min(starts, key=partial(simulation_error, trial))
     is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
     trial_tol = max(tol, TRIAL_TOLERANCE) if is_trial else tol
     model = refine(trial, model, max_iter=max_iter, tol=trial_tol, **options)
     if is_trial:
-        model = fit_input(experiments, model.A, model.C, feedthrough, n_jobs)
+        model = fit_input(experiments, model.A, model.C, *kind)
         model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, **options)
     model = decorrelate(model, experiments)
     return replace(model, singular_values=singular_values)
-
-
-class Filled:
-    """Fill outputs that were not measured, for the subspace step alone.
-
-    Gaps are bridged by straight lines within the slice that is asked for: a start,
-    which the refinement on what was measured corrects.
-
-    Parameters
-    ----------
-    y : array of shape (N, ny)
-        Outputs; nan where they were not measured.
-    """
-
-    def __init__(self, y):
-        self.y, self.shape = y, y.shape
-
-    def __len__(self):
-        """Return the number of samples."""
-        return len(self.y)
-
-    def __getitem__(self, part):
-        """Return the samples of a slice, shape (L, ny)."""
-        y = np.array(self.y[part])
-        k = np.arange(len(y))
-        for i in np.flatnonzero(np.isnan(y).any(axis=0)):
-            measured = ~np.isnan(y[:, i])
-            known = y[measured, i] if measured.any() else np.zeros(1)
-            at = k[measured] if measured.any() else k[:1]
-            y[:, i] = np.interp(k, at, known)
-        return y

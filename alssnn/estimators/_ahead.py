@@ -4,14 +4,18 @@ An observer follows the record; from each of its estimates the model runs on alo
 
     x_{k-n|k-n} -> ... -> x_{k|k-n},      y_hat_k = c(x_{k|k-n}, u_k),
 
-for all starting points at once.  One step is the error that a filter sees, infinitely
-many are a simulation.
+where a model with innovations is its own predictor (eq. innovations), which gives
+x_{k-n+1|k-n}: for all starting points at once.  One step is the error that a filter
+sees, infinitely many are a simulation.
 """
 
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..experiments import is_list_of_records
+from ..innovations import predictor
+from ..simulation import simulate
+from ._noise import bridged, is_predicting, told
 from ._simulation import labeled_data, simulated, start_states
 
 CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
@@ -37,7 +41,8 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
     x0 : {"rest", "training"} or array_like, default="rest"
         Initial states of the observer, as for `predict`.
     observer : Observer or None, default=None
-        Observer of this model; None takes `observer` with its defaults.
+        Observer of this model; None takes the predictor of ``noise="innovations"``,
+        else `observer` with its defaults.
 
     Returns
     -------
@@ -68,6 +73,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
         )
     as_list = is_list_of_records(u)
     u, y, parts, labels = labeled_data(model, u, y, experiment)
+    predicts = observer is None and is_predicting(model)
     observer = Observer(model) if observer is None else observer
     n_late = observer.plant.n_late
     y_hat = np.empty((len(u), len(model.C_)))
@@ -76,11 +82,45 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
         y_i = np.asarray(y[part], dtype=float).reshape(len(u_i), -1)
         n = int(min(steps, len(u_i)))
         y_hat[part][:n] = simulated(model, u_i[:n], start)
-        if n < len(u_i):
+        if predicts and n <= len(u_i):
+            X_hat, u_i = predicted(model, u_i, y_i, start)
+            plant = model.plant_.arrived()
+            y_hat[part][n - 1 :] = run_on(plant, X_hat[: len(u_i) - n + 1], u_i, n - 1)
+        elif n < len(u_i):
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
     y_hat = y_hat[:, 0] if y.ndim == 1 else y_hat
     return [y_hat[part] for part in parts] if as_list else y_hat
+
+
+def predicted(model, u, y, x0):
+    """Return the states that the predictor of a model with innovations says.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : ndarray of shape (N, nu)
+        Inputs of one experiment, in the user's units.
+    y : ndarray of shape (N, ny)
+        Outputs; nan where not measured.
+    x0 : ndarray of shape (nx,)
+        Initial state.
+
+    Returns
+    -------
+    X : ndarray of shape (N, nx)
+        States; row k uses inputs and outputs up to k - 1.
+    u : ndarray of shape (N, nu)
+        Inputs that have arrived.
+    """
+    structure, scaling = predictor(model._structure), model._scaling
+    pairs, start = model._experiments(u, y, [slice(None)]), x0 / model._x_scale
+    pairs = bridged(structure, model._theta, [start], told(model, pairs))
+    lure = structure.observe(structure.measured).lure(model._theta)
+    X = simulate(lure, pairs[0][0], start)[:-1]
+    u = pairs[0][0][:, : len(scaling.u_scale)] * scaling.u_scale + scaling.u_offset
+    return X * model._x_scale, u
 
 
 def run_on(plant, X, u, steps):

@@ -63,6 +63,7 @@ class AlSsnn(Ssnn):
     gamma_k: float = take(Networks, "gamma_k")
     gamma_h: Any = take(Networks, "gamma_h")
     feedback: str = take(Networks, "feedback")
+    h_sees: str = take(Networks, "h_sees")
     penalty: str = take(Networks, "penalty")
     input_map: str = take(Networks, "input_map")
     feedthrough: bool = take(Networks, "feedthrough")

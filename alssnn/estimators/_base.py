@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
-from sklearn.utils import Bunch
 from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils.metadata_routing import UNUSED
 from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
 from ..experiments import check_inputs, split_experiments
+from ..innovations import free_run, predictor
 from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
@@ -26,9 +26,10 @@ from ._checks import input_delays, order_choices, output_weights
 from ._data import check_lengths, check_rows, check_u, check_y
 from ._deferred import deferred
 from ._disturbances import check_disturbances
-from ._fitted import fitted_model
+from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
+from ._noise import INNOVATIONS, check_noise, identified, noise_covariance
 from ._options import estimator, option
 from ._plant import make_plant
 from ._progress import Progress
@@ -79,6 +80,11 @@ class StateSpaceModel(
         name: loads, ambient temperatures, flows (eq. disturbance). B and the law leave
         them to G, and h sees them. None means that all inputs are moved. Wherever d is
         given, its columns are in the order of the record.
+    noise : {"output", "innovations"}, default="output"
+        What the model leaves unexplained: noise of the sensors alone, by the error of a
+        simulation; or noise of the process, too, by the error one sample ahead with a
+        gain K (eq. innovations): for records with disturbances that nobody measured,
+        of a loop that was closed, or of an unstable plant.
     dt : float, default=1.0
         Sampling time, in seconds.
     max_iter : int, default=100
@@ -103,6 +109,10 @@ class StateSpaceModel(
         What measured disturbances add to the states and to the outputs.
     disturbances_ : ndarray of int of shape (nd,)
         Columns of u that are measured disturbances.
+    K_ : ndarray of shape (nx, ny)
+        Gain of the innovations; zero for ``noise="output"``.
+    noise_covariance_ : ndarray of shape (ny, ny)
+        Covariance of the training errors, one sample ahead or of the simulation.
     x0_ : ndarray of shape (n_experiments, nx)
         Initial states of the training experiments.
     params_ : Bunch
@@ -160,6 +170,7 @@ class StateSpaceModel(
     operating_point: Any = option("mean", [StrOptions({"mean", "zero"}), tuple])
     initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
     disturbances: Any = option(None, ["array-like", str, Integral, None])
+    noise: str = option("output", [StrOptions({"output", INNOVATIONS})])
     dt: float = option(1.0, [Interval(Real, 0, None, closed="neither")])
     max_iter: int = option(100, [POSITIVE])
     tol: float = option(1e-8, [Interval(Real, 0, None, closed="neither")])
@@ -288,6 +299,7 @@ class StateSpaceModel(
         """Check and scale the data, then fit."""
         watch = self._watch()
         order_choices(self.nx)
+        check_noise(self)
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -352,19 +364,18 @@ class StateSpaceModel(
 
     def _complete(self, experiments, watch, held_out, warm):
         """Identify a model from scaled experiments and set what a fit sets."""
-        experiments = Held.of(experiments)
-        previous = (self._structure, self._theta) if warm else None
-        self._structure, self._theta, result = self._identify(
-            experiments, previous, watch, held_out
+        previous = (predictor(self._structure), self._theta) if warm else None
+        seen, fitted, self._theta, result = identified(
+            self, experiments, previous, watch, held_out
         )
+        self._structure = free_run(fitted)
         self._publish(result, watch)
         watch.has_result = True
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
-        self._region, self._made = training_region(self, experiments), None
-        x0 = self.x0_ / self._x_scale
-        fit = self._structure, self._theta, x0
-        self.train_score_ = training_score(self, experiments, *fit)
+        self.noise_covariance_ = noise_covariance(self, fitted, result.x0, seen)
+        self._region, self._made = training_region(self, fitted, result.x0, seen), None
+        self.train_score_ = training_score(self, Held.of(experiments), result.x0)
         if watch.interrupt is not None:
             raise watch.interrupt
         if self._for_control:
@@ -445,21 +456,7 @@ class StateSpaceModel(
 
     def _publish_parameters(self):
         """Set the attributes that follow from structure, theta and scales."""
-        self._made = None
-        scaling, structure = self._scaling, self._structure
-        self.disturbances_ = structure.given
-        p = {**structure.constants, **structure.split(self._theta)}
-        p = structure.rescale(p, self._units())
-        for name, (low, high) in (self.bounds or {}).items():
-            p[name] = np.clip(p[name], low, high)  # units round, bounds do not
-        self.params_ = Bunch(**p)
-        self.A_, self.B_, self.C_ = p["A"], p["B"], p["C"]
-        (nx, nv), ny, nd = self.B_.shape, len(self.C_), len(structure.given)
-        self.D_ = p.get("D", np.zeros((ny, nv)))
-        self.G_ = p.get("G", np.zeros((nx, nd)))
-        self.H_ = p.get("H", np.zeros((ny, nd)))
-        self.nx_ = nx
-        self.u_offset_, self.y_offset_ = scaling.u_offset, scaling.y_offset
+        publish_parameters(self)
 
     def _units(self):
         """Return the user's units over those of the fit, of u, y and x."""

@@ -12,6 +12,7 @@ Older versions have no callbacks: `set_callbacks` does not exist there.
 import numpy as np
 from scipy.optimize import OptimizeResult
 
+from ..innovations import free_run
 from ..watch import Watch
 
 try:
@@ -51,7 +52,7 @@ def snapshot(model, structure, step, point):
     shown = object.__new__(type(model))
     shown.__dict__.update(vars(model))
     theta, x0 = np.split(point, [structure.n_params])
-    shown._structure, shown._theta = structure, theta
+    shown._structure, shown._theta = free_run(structure), theta
     result = OptimizeResult(
         x0=x0.reshape(-1, structure.n_x0),
         cost=step.cost,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from sklearn.utils import Bunch
 
 from ..containers import Container
 from ..region import Region
@@ -126,3 +127,31 @@ def restore(model, fitted, published):
         setattr(model, name, value)
     model._publish_parameters()
     return model
+
+
+def publish_parameters(model):
+    """Set the attributes that follow from structure, theta and scales.
+
+    Parameters
+    ----------
+    model : estimator
+        Model in its fit, or one that is restored.
+    """
+    model._made = None
+    scaling, structure = model._scaling, model._structure
+    model.disturbances_ = structure.given
+    p = {**structure.constants, **structure.split(model._theta)}
+    p = structure.rescale(p, model._units())
+    for name, (low, high) in (model.bounds or {}).items():
+        p[name] = np.clip(p[name], low, high)  # units round, bounds do not
+    model.params_ = Bunch(**p)
+    model.A_, model.B_, model.C_ = p["A"], p["B"], p["C"]
+    (nx, nv), ny, nd = model.B_.shape, len(model.C_), len(structure.given)
+    model.D_ = p.get("D", np.zeros((ny, nv)))
+    model.G_ = p.get("G", np.zeros((nx, nd)))
+    model.H_ = p.get("H", np.zeros((ny, nd)))
+    model.K_ = p.get("K", np.zeros((nx, ny)))
+    model.nx_ = nx
+    if "h_sees" in structure.options:
+        model.h_sees_ = structure.options["h_sees"]
+    model.u_offset_, model.y_offset_ = scaling.u_offset, scaling.y_offset

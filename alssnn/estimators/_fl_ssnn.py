@@ -46,6 +46,7 @@ class FlSsnn(Ssnn):
 
     n_h: Any = take(Networks, "n_h", kw_only=False)
     feedback: str = take(Networks, "feedback")
+    h_sees: str = take(Networks, "h_sees")
     gamma_h: Any = take(Networks, "gamma_h")
     input_map: str = take(Networks, "input_map")
     h_inputs: Any = take(Networks, "h_inputs")

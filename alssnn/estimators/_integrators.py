@@ -17,6 +17,7 @@ from ..orders import SAMPLES as ORDER_SAMPLES
 from ..orders import compare_orders
 from ..subspace import identify_linear
 from ._checks import order_choices
+from ._noise import is_predicting, n_measured
 
 AUTO = "auto"
 
@@ -43,7 +44,8 @@ def find_integrators(estimator, experiments, watch):
     is_auto = estimator.integrators == AUTO
     estimator.integrators_ = 0 if is_auto else int(estimator.integrators)
     # the states of a linear start are the user's: nothing to find, or to move
-    if estimator.integrators == 0 or estimator.linear_start is not None:
+    known = estimator.linear_start is not None or is_predicting(estimator)
+    if estimator.integrators == 0 or known:
         return False
     near = estimator._near(Held.of(experiments))
     model = plain_linear(estimator, near, estimator.nx, watch)
@@ -99,6 +101,7 @@ def plain_linear(estimator, experiments, nx, watch):
             order_choices(nx),
             feedthrough=getattr(estimator, "feedthrough", False),
             watch=watch,
+            n_measured=n_measured(estimator, experiments),
         )
         nx = estimator._orders.nx
     return identify_linear(
@@ -106,6 +109,7 @@ def plain_linear(estimator, experiments, nx, watch):
         nx,
         feedthrough=getattr(estimator, "feedthrough", False),
         watch=watch,
+        n_measured=n_measured(estimator, experiments),
         **estimator._refinement(),
     )
 

@@ -13,6 +13,7 @@ from ..training import Validation
 from ..watch import OUT_OF_TIME, late_fall
 from ._checks import output_weights
 from ._integrators import regular
+from ._noise import is_predicting
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
@@ -65,19 +66,15 @@ def reproducing(estimator, model, experiments):
     return hold_off(model, experiments, partial(judge.rmse, noise=noise))
 
 
-def training_score(estimator, experiments, structure, theta, x0):
+def training_score(estimator, experiments, x0):
     """Return the score on the training record; warn if it needs an exact start.
 
     Parameters
     ----------
     estimator : StateSpaceModel
-        Estimator, with `cost_`.
+        Fitted estimator.
     experiments : Held or Remote
         Scaled experiments.
-    structure : Structure
-        Structure of the model.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
     x0 : ndarray of shape (n_experiments, nx)
         Scaled initial states of the training.
 
@@ -88,10 +85,11 @@ def training_score(estimator, experiments, structure, theta, x0):
     """
     if not experiments.is_here:
         return float("nan")
-    noise = min(estimator.cost_, 1.0)
-    rmse = own_judge(estimator, experiments).rmse(structure, theta, noise)
+    structure, theta = estimator._structure, estimator._theta
     criterion = Criterion(structure, experiments)
     fitted = criterion.norm(criterion.join(theta, x0)) / np.sqrt(structure.sizes["y"])
+    noise = min(fitted**2 if is_predicting(estimator) else estimator.cost_, 1.0)
+    rmse = own_judge(estimator, experiments).rmse(structure, theta, noise)
     if rmse > TOO_FAR * fitted and rmse > NOTABLE:
         warn_of_training(
             f"{type(estimator).__name__} simulates its own training record with a "

@@ -7,6 +7,7 @@ from sklearn.utils._param_validation import StrOptions
 
 from ..activations import ACTIVATIONS, Activation
 from ._base import COUNT, WEIGHT
+from ._noise import MEASURED, PREDICTED
 from ._options import option
 
 SIZES = [COUNT, tuple]
@@ -49,6 +50,11 @@ class Networks:
         with phi increasing in u (eq. monotone), for actuators and gains that are not
         linear, such as valves, fans and magnets. The law then solves v = phi(u, s) for
         u. The activation of h must not decrease.
+    h_sees : {"auto", "measured", "predicted"}, default="auto"
+        Of ``noise="innovations"`` with ``feedback="output"``: whether the h of the
+        predictor sees the outputs as measured, as they act through noise of the
+        process, or as predicted, as without it. "auto" fits both and keeps the more
+        likely one.
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     h_inputs : array_like of int or str, or None, default=None
@@ -80,6 +86,7 @@ class Networks:
     feedback: str = option("state", [FEEDBACK])
     input_map: str = option("identity", [StrOptions({"identity", "monotone"})])
     penalty: str = option("output", [StrOptions({"state", "output"})])
+    h_sees: str = option("auto", [StrOptions({"auto", PREDICTED, MEASURED})])
     feedthrough: bool = option(False, ["boolean"])
     h_inputs: Any = option(None, H_INPUTS)
     g_inputs: Any = option(None, G_INPUTS)

@@ -67,5 +67,6 @@ def make_plant(model):
         name=type(model).__name__,
         delay=model.input_delay_,
         noise=model.cost_,
+        noise_covariance=model.noise_covariance_,
         region=getattr(model, "_region", None),
     )

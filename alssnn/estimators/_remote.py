@@ -63,13 +63,17 @@ def _fit_checked(model, experiments, watch):
     model._complete(scaled, watch, None, warm)
 
 
-def training_region(model, experiments):
+def training_region(model, structure, x0, experiments):
     """Return the region that simulations of scaled experiments cover.
 
     Parameters
     ----------
     model : estimator
         Fitted model.
+    structure : Structure
+        What was fitted: a predictor, of a model with innovations.
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states.
     experiments : Held or Remote
         Experiments of the fit.
 
@@ -78,9 +82,8 @@ def training_region(model, experiments):
     region : Region
         The region, in the user's units.
     """
-    lure = model._structure.lure(model._theta)
+    lure = structure.lure(model._theta)
     scales = model._x_scale, model._scaling.u_scale, model._scaling.y_scale
-    x0 = model.x0_ / model._x_scale
     return Region.of_parts(
         lambda function: experiments.map(_Visit(lure, scales, function), x0)
     )
@@ -97,6 +100,7 @@ class _Visit:
 
     def _chunks(self, x0, u_s, y_s):
         lure, (x_scale, u_scale, y_scale) = self.lure, self.scales
+        nu = len(u_scale)  # behind them, a predictor is told the outputs
         for part, u, X, y_hat in runs(lure, u_s, x0):
             y = np.where(np.isnan(y_s[part]), y_hat, y_s[part])
-            yield X * x_scale, u * u_scale, y_hat * y_scale, y * y_scale
+            yield X * x_scale, u[:, :nu] * u_scale, y_hat * y_scale, y * y_scale

@@ -28,9 +28,11 @@ from ._disturbances import checked
 from ._held_out import hold_out
 from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
-from ._integrators import regular, with_integrators
+from ._integrators import regular
 from ._judge import as_found, not_worse
+from ._noise import fitted_view, forms, is_predicting, n_measured
 from ._options import estimator, option
+from ._warm_start import fits
 from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -114,6 +116,8 @@ class Ssnn(StateSpaceModel):
         How orders compare: root mean square error on hidden samples by `nx`, outputs of
         unit variance, under "linear" (if `nx` was chosen) and, with ``alpha="auto"``,
         "networks".
+    h_sees_ : {"measured", "predicted"}
+        What h sees in the predictor of ``noise="innovations"``.
     alpha_ : float
         Weight of the squared network parameters that was given or found; inf if
         networks do not help and the linear model was returned.
@@ -162,6 +166,8 @@ class Ssnn(StateSpaceModel):
         """Return the structure; models of another family declare their own."""
         if len(self.disturbances_):
             networks["disturbances"] = tuple(map(int, self.disturbances_))
+        if is_predicting(self):
+            networks |= {"noise": self.noise, "h_sees": self.h_sees_}
         return state_space(nx, nu, ny, **networks)
 
     def declare(self, nx, nu, ny, C):
@@ -177,11 +183,11 @@ class Ssnn(StateSpaceModel):
         Returns
         -------
         structure : Structure
-            The structure.
+            The structure that is fitted: a predictor, of a model with innovations.
         """
         networks = {**self._networks(), "feedthrough": self.feedthrough}
         structure = self._declare(nx, nu, ny, C=C, **networks)
-        return checked(structure, self.disturbances_)
+        return fitted_view(self, checked(structure, self.disturbances_))
 
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks
@@ -237,6 +243,18 @@ class Ssnn(StateSpaceModel):
         return held_columns(structure, seen(self, structure.sizes))
 
     def _identify(self, experiments, previous, watch, held_out):
+        outcomes = []
+        before = dict(vars(self))
+        for form in forms(self):
+            self.h_sees_ = form
+            outcome = self._train(experiments, previous, watch, held_out)
+            outcomes.append((outcome, dict(vars(self))))
+            self.__dict__.update(before)
+        outcome, after = min(outcomes, key=lambda each: each[0][2].cost)
+        self.__dict__.update(after)
+        return outcome
+
+    def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
         max_iter = self.max_iter
         chosen = self._decay or {"alpha": 0.0}
@@ -244,7 +262,7 @@ class Ssnn(StateSpaceModel):
         is_auto = self.alpha == "auto"
         # a search that left the linear model is repeated: there is nothing to go on
         left = is_auto and not np.isfinite(chosen["alpha"])
-        continues = previous is not None and not left and self._fits(previous)
+        continues = previous is not None and not left and fits(self, previous)
         if continues:
             plain, starts, fallback = previous[0], [previous[1]], None
             # "auto" goes on with what the fit that is continued has chosen
@@ -343,8 +361,7 @@ class Ssnn(StateSpaceModel):
             inside = min(self._radius - NEAREST, radius)
             regular(self, A)[:] = stabilize(regular(self, A), inside)
             linear = replace(linear, A=A)
-        nx, nu, ny = len(linear.A), linear.B.shape[1], len(linear.C)
-        return linear, self.declare(nx, nu, ny, linear.C)
+        return linear, self.declare(len(linear.A), linear.nu, len(linear.C), linear.C)
 
     def _start(self, plain, linear, experiments, seed, **options):
         """Return the linear model with networks of random inner weights."""
@@ -377,7 +394,11 @@ class Ssnn(StateSpaceModel):
             )
         elif orders is None:
             orders = compare_orders(
-                experiments, candidates, feedthrough=self.feedthrough, watch=watch
+                experiments,
+                candidates,
+                feedthrough=self.feedthrough,
+                watch=watch,
+                n_measured=n_measured(self, experiments),
             )
         else:
             candidates = sorted(orders.models)
@@ -396,6 +417,7 @@ class Ssnn(StateSpaceModel):
                 n_jobs=self.n_jobs,
                 output_weight=self._output_weight(experiments[0][1].shape[1]),
                 watch=watch,
+                is_predictor=is_predicting(self),
             )
         except KeyboardInterrupt as interrupt:  # between two stages, or in a worker
             watch.stop(INTERRUPTED, interrupt)
@@ -458,33 +480,3 @@ class Ssnn(StateSpaceModel):
             if gamma > 0 and channel in plain.signals:
                 weights[channel] = gamma
         return plain.observe(*weights), {"weights": weights}
-
-    def _fits(self, previous):
-        """Tell whether a fitted model is one that the parameters ask for."""
-        structure, theta = previous
-        phi = self._phi
-        nx, nu, ny = structure.sizes["x"], structure.nu, structure.sizes["y"]
-        if not self._allows(nx):
-            return False
-        A = structure.split(theta)["A"]
-        A_r = regular(self, A)
-        size = np.linalg.norm(A_r, 2) if A_r.size else 0.0
-        if phi is not None and not size < np.sqrt(1 - phi):
-            return False  # no contraction of this rate
-        poles = np.abs(np.linalg.eigvals(A_r))
-        if self._radius is not None and poles.max(initial=0.0) > self._radius:
-            return False
-        if "C" not in structure.constants:  # the linear model
-            return False
-        C = structure.constants["C"]
-        wanted = self.declare(nx, nu, ny, C)
-        if not np.array_equal(wanted.given, structure.given):
-            return False
-        if wanted.shapes == structure.shapes:
-            held = with_integrators(self, self._held_weights(structure), structure)
-            if np.any(Limits(structure, bounds=held).clip(theta) != theta):
-                return False  # its networks saw more
-        return (
-            wanted.shapes == structure.shapes
-            and wanted.activations == structure.activations
-        )

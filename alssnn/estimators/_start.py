@@ -13,6 +13,7 @@ from ..linear_model import LinearModel, normalize
 from ._checks import order_choices
 from ._integrators import check_given_integrators, identified_linear
 from ._judge import reproducing
+from ._noise import is_predicting
 
 BOUNDED = (*LINEAR, "G", "H")  # what the user may hold
 
@@ -61,7 +62,7 @@ def linear_start(estimator, experiments, watch):
     """
     if estimator.linear_start is None:
         model = identified_linear(estimator, experiments, watch)
-        if estimator.integrators_ == 0:
+        if estimator.integrators_ == 0 and not is_predicting(estimator):
             model = reproducing(estimator, model, experiments)
         return model, np.ones(len(model.A))
     model, x_scale = given_model(

@@ -8,7 +8,8 @@ from sklearn.utils import Bunch, check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ..criterion import Criterion
-from ..initial_states import estimate_x0
+from ..initial_states import WINDOW, estimate_x0
+from ..innovations import predictor
 from ..mapping import count_measured
 from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
@@ -21,6 +22,7 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
+from ._noise import bridged, is_predicting, told
 from ._simulation import labeled_data
 
 
@@ -55,7 +57,7 @@ def parameter_covariance(model, u, y, experiment=None):
         If the fit moves more than the noise allows when its color is weighed
         (eq. weighting): the record of a closed loop, or a model that is too small. The
         simulation error is biased then, no interval covers the truth, and the result
-        has `holds` False and no bands.
+        has `holds` False and no bands. ``noise="innovations"`` takes such records.
 
     Notes
     -----
@@ -78,7 +80,7 @@ def parameter_covariance(model, u, y, experiment=None):
         )
     Lambda = np.where(count > 0, EE / np.maximum(freedom, 1.0), 0.0)
     weight = fit.output_weight / fit.n_measured
-    simulated = model._structure, model._theta, fit.x0, fit.experiments
+    simulated = fit.structure, model._theta, fit.x0, fit.experiments
     noise = fit_noise(fit.moments)
     with single_threaded():
         # what the parameters took out of the residuals (eq. effective)
@@ -258,10 +260,10 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             f"`data` must be the {covariance.n_samples} samples of `covariance`, "
             f"got {len(u)}. Pass the training data."
         )
-    experiments = model._experiments(u, y, parts)
+    experiments = _seen(model, u, y, parts)
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
-    structure, terms = model._criterion_terms(model._structure)
+    structure, terms = model._criterion_terms(predictor(model._structure))
     phi, radius = getattr(model, "_phi", None), getattr(model, "_radius", None)
     random_state = check_random_state(random_state)
     for _ in range(n_models):
@@ -282,12 +284,22 @@ def _refits(model, covariance, n_models, random_state, data, **options):
         yield result.theta, result.x0 * model._x_scale
 
 
+def _seen(model, u, y, parts):
+    """Return scaled experiments as the training saw them."""
+    experiments = told(model, model._experiments(u, y, parts))
+    if not is_predicting(model):
+        return experiments
+    structure, theta = predictor(model._structure), model._theta
+    x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=model.cost_)
+    return bridged(structure, theta, x0, experiments)
+
+
 def _gauss_newton(model, u, y, experiment):
     """Return the Gauss-Newton matrices of the training and its residuals."""
     check_is_fitted(model)
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
-    experiments = model._experiments(u, y, parts)
-    structure, theta = model._structure, model._theta
+    experiments = _seen(model, u, y, parts)
+    structure, theta = predictor(model._structure), model._theta
     penalized, terms = model._criterion_terms(structure)
     weights = {"y": terms["weights"]["y"]}
     longest = max(len(u_s) for u_s, _ in experiments)
@@ -319,6 +331,7 @@ def _gauss_newton(model, u, y, experiment):
     inverse = np.zeros_like(JJ[0])
     inverse[np.ix_(free, free)], _ = pseudo_inverse(H)
     return Bunch(
+        structure=structure,
         experiments=experiments,
         x0=x0,
         inverse=inverse,

@@ -8,6 +8,8 @@ so that x_hat_k uses y up to sample k and u up to sample k - 1 and is there in t
 u_k = v_k - h(x_hat_k); where y depends on u of the same sample, C x_k is c(x_k, u_k)
 and u_k has to be known.  The gain M is constant, from the stationary Riccati equation
 at the operating point ("kalman"), or follows the linearization along the way ("ekf").
+Where the fit has identified a gain K of innovations, M = A^-1 K, which predicts as the
+fit did (eq. innovations).
 
 A y that is not finite was not measured.  With a gate, an innovation y - C x beyond so
 many of its standard deviations counts as one of that size: a spike moves the estimate
@@ -24,6 +26,7 @@ from .checks import as_numbers, check_gate, check_point, check_weight
 from .export import signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
+SAME_GAIN = 1e-6  # relative: of K, that a correction may miss
 FIT_FLOOR = 1e-6  # share of var(y) below which a residual says nothing about noise
 
 
@@ -36,12 +39,14 @@ class Observer:
         Fitted model, or its `plant_`.
     Q : array_like of shape (nx, nx) or None, default=None
         Covariance of the process noise per sample, in the units of the states. None
-        means 1e-4 times the identity: states have about unit variance. The past of
-        inputs that arrive late, further states of x_hat, is known without noise.
+        means 1e-4 times the identity: states have about unit variance; or, where K
+        was identified, that of K eps. The past of inputs that arrive late, further
+        states of x_hat, is known without noise.
     R : array_like of shape (ny, ny) or None, default=None
         Covariance of the measurement noise, in the units of y. None takes the
         variance that the fit leaves, the cost times the variance of each output, at
-        least 1e-6 of the latter.
+        least 1e-6 of the latter; or, where K was identified, that of eps. With `Q`
+        and `R` left out, "kalman" then has the gain that belongs to K.
     kind : {"kalman", "ekf"}, default="kalman"
         Constant gain for the linearization at the operating point, or extended
         Kalman filter with the analytic Jacobian. Both predict by the whole model.
@@ -99,16 +104,23 @@ class Observer:
         ny, n_late = plant.ny, plant.n_late
         nx = plant.nx - n_late
         self._start = np.diag(np.repeat([1.0, 0.0], [nx, n_late]))
+        K, is_free = plant.K, Q is None and R is None
+        least = np.diag(FIT_FLOOR * plant.y_scale**2)
         if Q is None:
             Q = PROCESS_NOISE * np.eye(nx)
+            if K is not None:
+                Q = K @ plant.noise_covariance @ K.T + FIT_FLOOR * Q
         if R is None:
-            variance = max(plant.noise, FIT_FLOOR) * plant.y_scale**2
-            R = np.diag(variance)
+            R = np.diag(max(plant.noise, FIT_FLOOR) * plant.y_scale**2)
+            if K is not None:
+                R = plant.noise_covariance + least
         self.Q = block_diag(check_weight("Q", Q, nx), np.zeros((n_late, n_late)))
         self.R = check_weight("R", R, ny, definite=True)
         A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self._set_gain(C)
+        if K is not None and is_free and kind == "kalman":
+            self._take_gain(A[:nx, :nx], C[:, :nx], K)
         self.reset()
 
     @property
@@ -329,6 +341,15 @@ class Observer:
         """Set the stationary gain, and the innovations that go with it."""
         self.gain, S = self._gain(self._P_inf, C)
         self._deviation = np.sqrt(np.diag(S))
+
+    def _take_gain(self, A, C, K):
+        """Take the gain that predicts as K does, if there is one that is stable."""
+        M = np.linalg.lstsq(A, K, rcond=None)[0]
+        predicts = np.linalg.norm(A @ M - K) <= SAME_GAIN * np.linalg.norm(K)
+        poles = np.linalg.eigvals(A - K @ C)  # at the operating point: h sees y there
+        if predicts and np.abs(poles).max() < 1:
+            self.gain = np.pad(M, ((0, len(self.gain) - len(M)), (0, 0)))
+            self._deviation = np.sqrt(np.diag(self.R))
 
     @np.errstate(over="ignore", invalid="ignore")
     def _correct(self, x, P, y, u=None):

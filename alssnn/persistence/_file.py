@@ -118,6 +118,7 @@ def save(model, path):
     arrays |= {name: getattr(fitted.scaling, name) for name in SCALING}
     arrays["x_scale"] = np.array(fitted.x_scale)
     arrays |= {name.rstrip("_"): getattr(model, name) for name in RESULTS}
+    arrays["noise_covariance"] = model.noise_covariance_
     arrays |= {f"region.{k}": np.asarray(getattr(fitted.region, k)) for k in REGION}
     decay = fitted.decay or {}
     if "center" in decay:
@@ -187,6 +188,8 @@ def _restore(cls, document, arrays):
         model.disturbances_ = split_inputs(nu, given)[1]
         structure = model.declare(nx, nu, ny, C)
     fit = document["fit"]
+    if "noise_covariance" not in arrays:  # of older files
+        arrays["noise_covariance"] = np.diag(fit["cost"] * arrays["y_scale"] ** 2)
     n_experiments = len(fit["experiments"])
     excited = np.shape(arrays["region.whiten"])[-1]
     if not any(f"region.{name}" in arrays for name in NEAREST):
@@ -214,6 +217,7 @@ def _restore(cls, document, arrays):
         "region.points": (n_points, excited),
         "region.reach": (),
         "region.doubt": (),
+        "noise_covariance": (ny, ny),
         "singular_values": np.shape(arrays["singular_values"])[:1],
     }
     centered = any(name.startswith(CENTER) for name in arrays)
@@ -251,6 +255,7 @@ def _results(model, fit, arrays):
         raise ValueError(f"orders {orders} are not integers")
     results = {
         **{name: arrays[name.rstrip("_")] for name in RESULTS},
+        "noise_covariance_": arrays["noise_covariance"],
         "integrators_": int(fit.get("integrators", 0)),
         "cost_": float(_finite("cost", fit["cost"])),
         "n_iter_": int(fit["n_iter"]),

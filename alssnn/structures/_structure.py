@@ -381,7 +381,7 @@ class Structure:
         Parameters
         ----------
         scales : dict of str to ndarray
-            New units over old ones of signals, such as ``{"u": su, "y": sy}``.
+            New units over old ones, such as ``{"u": su, "y": sy}``.
 
         Returns
         -------
@@ -390,10 +390,10 @@ class Structure:
         """
         if "u" not in scales:
             return scales
-        of_u = np.broadcast_to(scales["u"], self.nu)
-        parts = {a: of_u[where] for a, where in self._slices(self.inputs).items()}
-        made = {"moved": np.delete(of_u, self.given), "d": of_u[self.given]}
-        return {**made, **scales, **parts}
+        of_u, parts = scales["u"], self._slices(self.inputs)
+        parts = {a: of_u[w] for a, w in parts.items() if w.stop <= len(of_u)}
+        given = self.given[self.given < len(of_u)]  # a predictor has more inputs
+        return {"moved": np.delete(of_u, given), "d": of_u[given], **scales, **parts}
 
     def rescale(self, p, scales):
         """Change the units of parameters and constants.

@@ -1,0 +1,258 @@
+"""What noise a model is fitted for: the option `noise`."""
+
+import numpy as np
+
+from ..innovations import INNOVATION, has_innovations, predictor, with_outputs
+from ..mapping import Held
+from ..sandwich import residual_moments
+from ..simulation import Stepper, regressors
+
+INNOVATIONS = "innovations"
+PREDICTED, MEASURED = "predicted", "measured"
+
+
+def is_predicting(estimator):
+    """Tell whether an estimator is fitted by its errors one sample ahead.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator.
+
+    Returns
+    -------
+    is_predicting : bool
+        Whether its option `noise` asks for innovations.
+    """
+    return estimator.noise == INNOVATIONS
+
+
+def check_noise(estimator):
+    """Refuse options that have no meaning for a model with innovations.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+
+    Raises
+    ------
+    ValueError
+        If integrators are held, or a linear start is given.
+    """
+    if not is_predicting(estimator):
+        return
+    if estimator.integrators not in ("auto", 0):
+        raise ValueError(
+            "`integrators` must be 'auto' or 0 for noise='innovations', got "
+            f"{estimator.integrators}. K tells states that integrate from the record, "
+            "and their poles are found with the others."
+        )
+    if estimator.linear_start is not None:
+        raise ValueError(
+            "`linear_start` must be None for noise='innovations', for it has no gain "
+            "K. Take noise='output', or leave the start to the fit."
+        )
+
+
+def told(estimator, experiments):
+    """Return the experiments that a fit works on.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    experiments : sequence of tuple of array, Held or Remote
+        Scaled experiments.
+
+    Returns
+    -------
+    experiments : Held or Remote
+        The same; for a predictor, with the measured outputs as further inputs.
+
+    Raises
+    ------
+    ValueError
+        If a predictor's experiments live elsewhere.
+    """
+    experiments = Held.of(experiments)
+    if not is_predicting(estimator):
+        return experiments
+    if not experiments.is_here:
+        raise ValueError(
+            "`noise` must be 'output' for experiments on a cluster, got "
+            f"{estimator.noise!r}. Fit such a model where the record is."
+        )
+    return Held(with_outputs(experiments), experiments.n_jobs)
+
+
+def identified(estimator, experiments, previous, watch, held_out):
+    """Return the outcome of a fit, and the experiments that it has worked on.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    experiments : sequence of tuple of array, Held or Remote
+        Scaled experiments.
+    previous : tuple of (Structure, ndarray) or None
+        Structure and parameters from which a fit goes on.
+    watch : Watch
+        What follows the fit.
+    held_out : Validation or None
+        What judges the fit by other data.
+
+    Returns
+    -------
+    experiments : Held or Remote
+        Of a predictor, what was told to it.
+    structure : Structure
+        What was fitted.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    result : OptimizeResult
+        How the training ended.
+
+    Notes
+    -----
+    Gaps of y are bridged by straight lines first. Where there are any, a second
+    training sees what the first model predicts there.
+    """
+    seen = told(estimator, experiments)
+    fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
+    if is_predicting(estimator) and any(np.isnan(y[:]).any() for _, y in seen):
+        seen, previous = bridged(fitted, theta, result.x0, seen), (fitted, theta)
+        fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
+    return seen, fitted, theta, result
+
+
+def bridged(structure, theta, x0, experiments):
+    """Return the experiments of a predictor, which fills gaps of y by what it predicts.
+
+    Parameters
+    ----------
+    structure : Structure
+        Predictor.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states.
+    experiments : sequence of tuple of ndarray
+        What `told` returned: pairs ([u, y_m], y).
+
+    Returns
+    -------
+    experiments : Held
+        The same pairs, where y_m is what is predicted wherever y is nan.
+    """
+    plain = structure.observe(structure.measured)
+    lure, pairs = plain.lure(theta), []
+    step = Stepper(lure, float)
+    for (z, y), start in zip(experiments, x0, strict=True):
+        z, missing, k = np.array(z), np.isnan(y[:]), np.intp(0)
+        x, y_m = plain.initial_state(start), z[:, -y.shape[1] :]  # a view
+        for row in np.flatnonzero(missing.any(axis=1)):
+            if row > k:
+                X = np.empty((row - k, len(x)))
+                step(z[k:row], x, X)
+                x, k = X[-1], row
+            y_hat = regressors(lure, x[None], z[row : row + 1])[0] @ lure.rows_z.T
+            y_m[row, missing[row]] = y_hat[missing[row]]
+        pairs.append((z, y))
+    return Held(pairs)
+
+
+def n_measured(estimator, experiments):
+    """Return how many inputs of the experiments of a fit are measured outputs.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    experiments : sequence of tuple of array
+        What `told` returned.
+
+    Returns
+    -------
+    n : int
+        Number of last inputs; zero without innovations.
+    """
+    return experiments[0][1].shape[1] if is_predicting(estimator) else 0
+
+
+def fitted_view(estimator, structure):
+    """Return the view of a structure that a fit works on.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    structure : Structure
+        What a model declares.
+
+    Returns
+    -------
+    structure : Structure
+        Its predictor, for a model with innovations.
+
+    Raises
+    ------
+    ValueError
+        If a model that is to have innovations declares none.
+    """
+    if is_predicting(estimator) and not has_innovations(structure):
+        raise ValueError(
+            f"`noise` must be known to the structure that `_declare` returns, got "
+            f"{estimator.noise!r} for one without the signal {INNOVATION!r}. Declare "
+            "its gain K, or take noise='output'."
+        )
+    return predictor(structure)
+
+
+def noise_covariance(estimator, structure, x0, experiments):
+    """Return the covariance of the training errors.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Fitted estimator.
+    structure : Structure
+        What was fitted: a predictor, of a model with innovations.
+    x0 : ndarray of shape (n_experiments, nx)
+        Initial states.
+    experiments : Held or Remote
+        What `told` returned.
+
+    Returns
+    -------
+    Lambda : ndarray of shape (ny, ny)
+        Covariance of the errors, in the user's units; of experiments that live
+        elsewhere, a diagonal matrix that the cost makes.
+    """
+    scale = estimator._scaling.y_scale
+    if not experiments.is_here:
+        return np.diag(estimator.cost_ * scale**2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        moments = residual_moments(structure, estimator._theta, x0, experiments)
+        Lambda = moments.products[0] / np.maximum(moments.pairs[0], 1)
+    return Lambda * np.outer(scale, scale)
+
+
+def forms(estimator):
+    """Return what h may see in the predictors that are to compete.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+
+    Returns
+    -------
+    forms : list of str
+        One or two of "measured" and "predicted".
+    """
+    choice = getattr(estimator, "h_sees", PREDICTED)
+    sees_y = getattr(estimator, "n_h", 0) != 0 and estimator.feedback == "output"
+    if not is_predicting(estimator) or not sees_y:
+        return [PREDICTED]
+    return [MEASURED, PREDICTED] if choice == "auto" else [choice]
