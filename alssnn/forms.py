@@ -27,7 +27,7 @@ def of_structure(structure, theta, units):
     theta : ndarray of shape (n_params,)
         Its parameters.
     units : dict of str to ndarray
-        The user's units over those of theta, by axis.
+        The user's units over those of theta, of u, x and y.
 
     Returns
     -------
@@ -36,8 +36,8 @@ def of_structure(structure, theta, units):
     """
     moved, given = split_inputs(structure.nu, structure.given)
     told = {"given": tuple(map(int, given))}
-    of_u = np.broadcast_to(units["u"], structure.nu)
-    units = {**units, "v": of_u[moved], "moved": of_u[moved], "d": of_u[given]}
+    units = structure.by_axis(units)
+    units["v"] = units["moved"]
     if has_innovations(structure):
         told["K"] = _innovation_gain(structure, theta, units)
     if "v" not in structure.signals:  # nothing that a law could cancel
@@ -272,6 +272,28 @@ def input_gain(form, moved):
         Diagonal of dv/du without neurons: one where v = u + h(s).
     """
     return form.Theta[virtual(form, moved)][:, form.nx + moved].diagonal()
+
+
+def at_once(form, moved):
+    """Return the names of what brings inputs to y within a sample.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+    moved : ndarray of int
+        Inputs that v makes.
+
+    Returns
+    -------
+    names : str
+        Those of D, H and k that are not zero, such as "D and k".
+    """
+    rows = form.Theta[form.nx : virtual(form, moved).start, form.nx :]
+    by_u, rest = np.split(rows, [form.nu], axis=1)
+    by_d = np.delete(by_u, moved, axis=1)
+    parts = {"D": by_u[:, moved], "H": by_d, "k": rest}
+    return " and ".join(name for name, part in parts.items() if np.any(part))
 
 
 def virtual(form, moved):

@@ -167,9 +167,7 @@ class _Search:
         # older releases of scipy ask twice for the start, and once more for the end
         self.known: list[tuple] = []  # points and residuals: the last and the least
         self.derived: tuple | None = None  # the last point with its Jacobian
-        self.anchor: np.ndarray | None = (
-            None  # last accepted point that has derivatives
-        )
+        self.anchor: np.ndarray | None = None  # last accepted point with derivatives
         self.edge: np.ndarray = free  # last accepted point
         self.reach: float = np.inf  # how far from the anchor a step may go
 
@@ -186,12 +184,10 @@ class _Search:
             except FloatingPointError:
                 if self.anchor is None:
                     return STOPPED, CLIFF
-                # MINPACK cannot take a step back: it starts anew, on a shorter leash
+                # MINPACK cannot take a step back: it starts anew, on a shorter leash;
+                # the residuals that are known are those of a longer one
                 self.reach = float(np.linalg.norm(self.edge - self.anchor)) / 2
-                self.known, self.derived = (
-                    [],
-                    None,
-                )  # its leash is another one
+                self.known, self.derived = [], None
                 free = self.anchor
                 if self.patience is None and np.array_equal(self.best, self.edge):
                     self.best, self.least = free.copy(), self.criterion.norm(free)

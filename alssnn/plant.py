@@ -110,7 +110,7 @@ class Plant(Signals):
 
     @cached_property
     def has_linear_output(self):
-        """Return whether y = C x; with D or k it depends on u of the same sample."""
+        """Return whether y = C x, without D, H and k of inputs of the same sample."""
         return not np.any(self.form.rows_z[: self.ny, self.nx :])
 
     @cached_property
@@ -298,8 +298,8 @@ class Plant(Signals):
             return x @ rows[:, : self.nx].T + self.y_offset
         if u is None:
             raise ValueError(
-                "`u` must be given, for y depends on the input of the same sample "
-                "through D or k, got None. Pass it, or fit without them."
+                "`u` must be given, for y depends on inputs of the same sample through "
+                f"{forms.at_once(self.form, self.moved)}, got None. Pass them."
             )
         y = self._regressors(x, u) @ rows.T + self.y_offset
         return y.reshape(*x.shape[:-1], self.ny)

@@ -44,9 +44,7 @@ NEAREST = 1e-7  # distance of a start to a limit of one
 SLOWEST = 5.0  # time constants in a record, of the slowest pole that it can tell
 FASTEST = 0.5  # distance from the unit circle, to which poles are held off it
 HELD_OFF = "its poles are held off the unit circle, to simulate its own record"
-LARGEST = (
-    1e10  # eigenvalue of I + Q'Q, beyond which its rounding reaches the least, one
-)
+LARGEST = 1e10  # eigenvalue of I + Q'Q; above it rounding reaches the least one, 1
 ROUNDING = 1e-9  # norms this close to one are taken for one, and moved inside
 
 

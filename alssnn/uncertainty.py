@@ -236,7 +236,7 @@ class ParameterCovariance:
     structure : Structure
         Structure of the model.
     units : dict
-        Units of the user over those of the fit, by axis.
+        Units of the user over those of the fit, of u, y and x.
     dt : float
         Sampling time, in seconds.
     input_delay : ndarray of int of shape (nu,)
@@ -336,8 +336,8 @@ class ParameterCovariance:
         CR, RB = C @ R, R @ B
         delay = np.delete(self.input_delay, self.structure.given)
         late = z[:, None] ** -delay  # (F, nv)
-        su, sy = (np.broadcast_to(self.units[axis], n) for axis, n in _ends(B, C))
-        scale = late[:, None, :] * sy[:, None] / su  # (F, ny, nv)
+        units = self.structure.by_axis(self.units)
+        scale = late[:, None, :] * units["y"][:, None] / units["moved"]  # (F, ny, nv)
         ny, nv = D.shape
         dG = np.zeros((len(omega), ny, nv, len(self.theta)), dtype=complex)
         eye_u, eye_y = np.eye(nv), np.eye(ny)
@@ -400,10 +400,6 @@ class ParameterCovariance:
             (n_models, len(self.theta))
         )
         return self.theta + draws * np.sqrt(np.maximum(values, 0.0)) @ Q.T
-
-
-def _ends(B, C):
-    return ("moved", B.shape[1]), ("y", len(C))
 
 
 def _spread(gradient, covariance):

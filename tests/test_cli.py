@@ -210,7 +210,7 @@ def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
     fitted = alssnn.load(model)
     np.testing.assert_array_equal(fitted.disturbances_, [1])
     assert fitted.plant_.inputs == ["valve", "inflow"]
-    argv = ["control", str(model), "--output", str(tmp_path / "design")]
+    argv = ["control", str(model), "-o", str(tmp_path / "design")]
     assert cli.main(argv) == 0
     assert "valve" in capsys.readouterr().out
 

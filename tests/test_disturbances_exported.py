@@ -57,6 +57,24 @@ def signals(plant, n=N):
     return u, x, x if plant.feedback == "state" else plant.output(x, u)
 
 
+@pytest.mark.parametrize("names", ["D", "H", "D and H", "H and k"])
+def test_what_brings_inputs_to_the_output_at_once_is_named(tmp_path, names):
+    """H is there without D where bounds hold D at zero."""
+    sizes = {"n_h": 2, "n_k": 2 * ("k" in names), "feedback": "state"}
+    structure = state_space(
+        2, NU, 1, C=np.ones((1, 2)), feedthrough=True, disturbances=GIVEN, **sizes
+    )
+    rng = np.random.default_rng(3)
+    p = {k: 0.4 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    for name in {"D", "H"} - set(names):
+        p[name] *= 0.0
+    plant = plant_of_structure(structure, structure.join(p), rng)
+    with pytest.raises(ValueError, match=rf"same sample through {names}, got None"):
+        plant.output(np.zeros(2))
+    with pytest.raises(ValueError, match=rf"same sample, through {names}: "):
+        to_c(plant, tmp_path, gain=np.zeros((1, 2)))
+
+
 gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 
 

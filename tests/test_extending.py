@@ -115,6 +115,37 @@ class HammersteinSsnn(Ssnn):
         return hammerstein(nx, nu, ny, n_f=n_f, C=C, activation=activation)
 
 
+def loaded(nx, nu, nd, ny, *, n_h, C):
+    """Return x+ = A x + B (u + h(y, d)) + G d, y = C x, with d measured."""
+    e = Equations(x=nx, u=nu, d=nd, y=ny)
+    x, u, d = e.state("x"), e.input("u"), e.input("d")
+    A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", "u")
+    G = e.parameter("G", "x", "d")
+    y = e.signal("y", e.constant("C", C, "y", "x") @ x)
+    v = e.signal("v", u + e.mlp("h", "u", n_h, {"W_y": y, "W_d": d}))
+    return e.structure({"x": A @ x + B @ v + G @ d}, ["y"])
+
+
+@estimator
+class LoadedSsnn(Ssnn):
+    """A law that sees the output and the last columns of u, measured disturbances.
+
+    Parameters
+    ----------
+    n_h : int, default=6
+        Neurons of the law.
+    """
+
+    n_h: int = option(6, [int], kw_only=False)
+
+    def _networks(self):
+        return {"n_h": self.n_h}
+
+    def _declare(self, nx, nu, ny, *, n_h, C, **_):
+        nd = len(self.disturbances_)
+        return loaded(nx, nu - nd, nd, ny, n_h=n_h, C=C)
+
+
 SOFTSIGN = Activation(
     "softsign",
     lambda v: v / (1 + np.sqrt(v * v)),  # not abs: analytic, for complex steps
@@ -362,6 +393,62 @@ def test_estimator_of_a_declared_structure(activation, tmp_path):
         x, u = np.ones(2), np.ones(2)
         np.testing.assert_array_equal(again.plant_.step(x, u), model.plant_.step(x, u))
         assert again.score(*test) == model.score(*test)
+
+
+@pytest.fixture(scope="module")
+def loaded_record():
+    """A linear system of two inputs and a disturbance of other units, law included."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 3)) * [1.0, 50.0, 0.02]
+    y = np.zeros((400, 2))
+    for k in range(399):
+        s = u[k] / [1.0, 50.0, 0.02]
+        v = s[:2] + 0.5 * np.tanh(2 * y[k] + s[2])
+        y[k + 1] = 0.5 * y[k] + v + [0.3 * s[2], -0.1 * s[2]]
+    return u, y + 0.01 * rng.standard_normal(y.shape)
+
+
+def test_further_inputs_of_a_declared_structure_are_disturbances(
+    loaded_record, tmp_path
+):
+    """The model is, with its units, that of the shipped structure."""
+    u, y = loaded_record
+    options = {"alpha": 1e-3, "disturbances": [2], "random_state": 0}
+    model = LoadedSsnn(nx=2, n_h=3, **options)
+    shipped = alssnn.FlSsnn(nx=2, n_h=3, feedback="output", **options)
+    model.fit(u, y)
+    shipped.fit(u, y)
+    assert model.B_.shape == (2, 2) and model.G_.shape == (2, 1)
+    for name in ("A_", "B_", "G_", "C_"):
+        expected = getattr(shipped, name)
+        np.testing.assert_allclose(getattr(model, name), expected, rtol=1e-6)
+    laws = [m.linearizing_law()(u[0, :2], y[0], u[0, 2:]) for m in (model, shipped)]
+    np.testing.assert_allclose(*laws, rtol=1e-6)
+    bands = [
+        m.parameter_covariance(u, y).frequency_response() for m in (model, shipped)
+    ]
+    np.testing.assert_allclose(*[b.magnitude_std for b in bands], rtol=1e-4)
+    model.save(tmp_path / "model")
+    again = alssnn.load(tmp_path / "model", classes=[LoadedSsnn])
+    np.testing.assert_array_equal(again.predict(u), model.predict(u))
+    np.testing.assert_array_equal(again.disturbances_, [2])
+    n_iter, A = model.n_iter_, model.A_
+    model.set_params(warm_start=True).fit(u, y)
+    assert model.n_iter_ < n_iter / 2
+    np.testing.assert_allclose(model.A_, A, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("cls", "given", "found"),
+    [
+        (LoadedSsnn, [0], r"\[0\] where it leaves \[2\]"),
+        (HammersteinSsnn, [2], r"\[\]"),
+    ],
+)
+def test_disturbances_that_a_structure_does_not_know(loaded_record, cls, given, found):
+    model = cls(2, disturbances=given, random_state=0)
+    with pytest.raises(ValueError, match=f"{found}.*input behind .*last columns of u"):
+        model.fit(*loaded_record)
 
 
 # -- optimizer, certificate, activation ------------------------------------------------

@@ -43,6 +43,7 @@ def run(plant, d, **options):
 def test_the_output_comes_back_when_disturbances_move(plant):
     record = run(plant, steps(plant), preview=True)
     assert record.u.shape == (N, plant.nv)
+    np.testing.assert_array_equal(record.d, steps(plant))
     assert np.abs(record.y - record.reference)[-3:].max() < 1e-3
 
 
@@ -77,7 +78,9 @@ def test_at_rest_disturbances_are_those_of_the_record(plant):
     record = run(plant, None or np.tile(plant.d_offset, (40, 1)))
     reference = np.tile(plant.y_offset + 0.2, (40, 1))
     mpc = LinearizingMPC(plant, horizon=12)
-    np.testing.assert_array_equal(mpc.simulate(plant, reference).u, record.u)
+    again = mpc.simulate(plant, reference)
+    np.testing.assert_array_equal(again.u, record.u)
+    np.testing.assert_array_equal(again.d, np.tile(plant.d_offset, (40, 1)))
 
 
 def test_a_step_needs_them_and_keeps_the_last_ones(plant):

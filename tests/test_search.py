@@ -21,7 +21,7 @@ from alssnn.orders import Orders, compare_orders
 from alssnn.search import ALPHAS, Found, Recipe, search
 from alssnn.starts import initial_theta
 from alssnn.training import train
-from alssnn.watch import Watch
+from alssnn.watch import BY_OBSERVER, INTERRUPTED, OUT_OF_TIME, Watch
 from helpers import simulate_linear
 
 CLASSES = {
@@ -668,21 +668,34 @@ def test_what_was_chosen_survives_a_pickle(fitted):
     assert again.alpha_ == fitted.alpha_ and again.orders_ == fitted.orders_
 
 
-def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch):
-    """The model of the search is returned, not the linear one."""
-    record = make_pendulum(800, amplitude=4.0, noise=0.01, random_state=0)
+def spoil(monkeypatch, reason=None):
+    """Let a training on all samples end with a wrong model, or be ended with one."""
     real = _ssnn.train
 
-    def spoiled(penalized, experiments, starts, **options):
-        result = real(penalized, experiments, starts, **options)
+    def spoiled(penalized, experiments, starts, *, watch, **options):
+        result = real(penalized, experiments, starts, watch=watch, **options)
         result.theta = result.theta.copy()
         result.theta[penalized.slices["W_h"]] *= -3
+        if reason is not None:
+            watch.stop(reason)
         return result
 
     monkeypatch.setattr(_ssnn, "train", spoiled)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return make_pendulum(800, amplitude=4.0, noise=0.01, random_state=0)
+
+
+def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch, swinging):
+    """The model of the search is returned, not the linear one, with a warning."""
+    spoil(monkeypatch)
+    record = swinging
     model = FlSsnn(nx=2, n_h=4, n_init=1, dt=record.dt, random_state=0)
-    model.fit(record.u, record.y)
-    assert model.message_.startswith("the model of the search")
+    with pytest.warns(ConvergenceWarning, match=r"worse than .* linear model.* Try a"):
+        model.fit(record.u, record.y)
+    assert model.message_.endswith("this is the model of the search")
     assert model.converged_
     linear = LinearStateSpace(nx=2, dt=record.dt).fit(record.u, record.y)
     error = np.sqrt(1 - np.array([model.train_score_, linear.train_score_]))
@@ -690,3 +703,16 @@ def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch):
     np.testing.assert_allclose(
         model.train_score_, model.score(record.u, record.y), rtol=1e-4
     )
+
+
+@pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])
+def test_what_ended_a_spoiled_training_is_said(monkeypatch, swinging, reason):
+    """A fit that was ended from outside has not converged, whatever it returns."""
+    spoil(monkeypatch, reason)
+    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model.fit(swinging.u, swinging.y)
+    assert (model.message_, model.converged_) == (reason, False)
+    assert model.train_score_ > 0.9
+    assert not any("made its simulation" in str(w.message) for w in caught)

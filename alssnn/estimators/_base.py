@@ -14,7 +14,6 @@ from sklearn.utils.validation import check_is_fitted
 from ..containers import Container, as_columns
 from ..experiments import check_inputs, split_experiments
 from ..innovations import free_run, predictor
-from ..inputs import split_inputs
 from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
@@ -312,9 +311,8 @@ class StateSpaceModel(
         with self._undone_unless(watch):
             u, y = self._validate(u, y, reset=True)
             self.disturbances_ = check_disturbances(self, u.shape[1])
-            with (
-                single_threaded()
-            ):  # more threads only get in the way of small matrices
+            # more threads only get in the way of small matrices
+            with single_threaded():
                 self._fit_checked(u, y, experiment, validation, container, watch)
         return self
 
@@ -462,11 +460,9 @@ class StateSpaceModel(
         publish_parameters(self)
 
     def _units(self):
-        """Return the user's units over those of the fit, by axis."""
+        """Return the user's units over those of the fit, of u, y and x."""
         scaling = self._scaling
-        moved, given = split_inputs(len(scaling.u_scale), self.disturbances_)
-        units = {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
-        return {**units, "moved": units["u"][moved], "d": units["u"][given]}
+        return {"u": scaling.u_scale, "y": scaling.y_scale, "x": self._x_scale}
 
     def _validate(self, u, y, reset):
         check_rows(u, y)

@@ -63,6 +63,8 @@ def checked(structure, given):
         raise ValueError(
             f"`disturbances` must be known to the structure that `_declare` returns, "
             f"got columns {given.tolist()} where it leaves {structure.given.tolist()} "
-            "unmoved. Hand `self.disturbances_` on to it."
+            "unmoved. Declare an input behind the first one and name the last columns "
+            "of u, as the page 'Extending' of the manual shows, or hand "
+            "`self.disturbances_` on to `state_space`."
         )
     return structure

@@ -17,7 +17,9 @@ from ._noise import is_predicting
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
-SEARCHED = "the model of the search: trained on, it hung on its initial states"
+SEARCHED = (
+    "training on all samples made the simulation worse: this is the model of the search"
+)
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 
 
@@ -146,7 +148,7 @@ def warn_if_unsettled(estimator, watch):
     )
 
 
-def not_worse(estimator, plain, result, theta, linear, experiments):
+def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     """Return what simulates its own record no worse than the linear model, if any does.
 
     Parameters
@@ -163,25 +165,77 @@ def not_worse(estimator, plain, result, theta, linear, experiments):
         Linear model.
     experiments : Held or Remote
         Experiments of the fit; elsewhere, nothing is compared.
+    watch : Watch
+        What follows the fit.
 
     Returns
     -------
     result : OptimizeResult or None
-        The outcome of the training; that of the search if the former depends on its
-        initial states too much to be worth anything; None if both do.
+        The outcome of the training; that of the search, with a warning, if the former
+        depends on its initial states too much to be worth anything; None if both do.
     """
     if not _loses(estimator, plain, result, linear, experiments):
         return result
-    x0 = np.zeros_like(result.x0)
-    if not estimator._at_rest:
-        noise = min(result.cost, 1.0)
+    noise = min(result.cost, 1.0)
+    untrained = as_found(
+        estimator, plain, theta, experiments, watch, SEARCHED, noise=noise
+    )
+    found = OptimizeResult({**result, **untrained})
+    if _loses(estimator, plain, found, linear, experiments):
+        return None
+    if watch.reason is None:  # else the training might have come out of it
+        warn_of_training(
+            f"Training {type(estimator).__name__} on all samples made its simulation "
+            "of this record, from initial states estimated as in `score`, worse than "
+            "that of the linear model. The model that the search found is returned "
+            "instead; it may fit less well than a full training. Try a smaller `nx`, a "
+            "longer record, or another `random_state`."
+        )
+    return found
+
+
+def as_found(
+    estimator, plain, theta, experiments, watch, message, *, x0=None, noise=1.0
+):
+    """Return parameters that are not trained any more as the outcome of a fit.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    plain : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    experiments : Held or Remote
+        Experiments of the fit.
+    watch : Watch
+        What follows the fit.
+    message : str
+        What happened, unless the fit was ended from outside.
+    x0 : ndarray of shape (n_experiments, nx) or None, default=None
+        Scaled initial states; None estimates them.
+    noise : float, default=1.0
+        Mean square error that is expected, for that estimate.
+
+    Returns
+    -------
+    result : OptimizeResult
+        ``theta``, ``x0``, ``cost``, ``success`` and ``message``.
+    """
+    if x0 is None and estimator._at_rest:
+        x0 = np.zeros((len(experiments), plain.n_x0))
+    elif x0 is None:
         x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
     weight = output_weights(estimator.output_weight, plain.sizes["y"])
     criterion = Criterion(plain, experiments, weights={"y": weight})
-    cost = criterion.norm(criterion.join(theta, x0)) ** 2
-    found = OptimizeResult({**result, "theta": theta, "x0": x0, "cost": cost})
-    found.update(success=True, message=SEARCHED)
-    return None if _loses(estimator, plain, found, linear, experiments) else found
+    return OptimizeResult(
+        theta=theta,
+        x0=x0,
+        cost=criterion.norm(criterion.join(theta, x0)) ** 2,
+        success=watch.reason is None,
+        message=watch.reason or message,
+    )
 
 
 def _loses(estimator, plain, result, linear, experiments):

@@ -29,8 +29,8 @@ class LinearStateSpace(StateSpaceModel):
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     bounds : dict of str to tuple or None, default=None
-        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A, B
-        and C, in the units of the data; equal ones hold an entry.
+        Bounds ``{"D": (low, high)}`` of entries of D and H, and with `linear_start` of
+        A, B, C and G, in the units of the data; equal ones hold an entry.
 
     Attributes
     ----------

@@ -7,13 +7,10 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from scipy.optimize import OptimizeResult
 from sklearn.base import _fit_context
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
-from ..criterion import Criterion
-from ..initial_states import WINDOW, estimate_x0
 from ..integrators import decouple
 from ..limits import Limits
 from ..linear_model import stabilize
@@ -32,7 +29,7 @@ from ._held_out import hold_out
 from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
-from ._judge import not_worse
+from ._judge import as_found, not_worse
 from ._noise import fitted_view, forms, is_predicting, n_measured
 from ._options import estimator, option
 from ._warm_start import fits
@@ -67,8 +64,8 @@ class Ssnn(StateSpaceModel):
     tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     bounds : dict of str to tuple or None, default=None
-        Bounds ``{"D": (low, high)}`` of entries of D, and with `linear_start` of A and
-        B, in the units of the data; equal ones hold an entry.
+        Bounds ``{"D": (low, high)}`` of entries of D and H, and with `linear_start` of
+        A, B and G, in the units of the data; equal ones hold an entry.
     stability : {"auto", "contractive", "schur"} or None, default="auto"
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
         of tanh or sigmoid then have bounded simulations for every bounded input, as
@@ -84,8 +81,10 @@ class Ssnn(StateSpaceModel):
         it the random start, by the simulation error on hidden quarters of the record
         (eq. holdout). It pulls the networks back to their start, so that a large weight
         leaves the linear model; if no networks beat that model on the hidden quarters,
-        the fit returns it, with a ConvergenceWarning. A number is used as it is, pulls
-        towards zero, and hides no samples.
+        the fit returns it, with a ConvergenceWarning. If training on all samples makes
+        the simulation of the record worse than that of the linear model, the fit
+        returns the model of the search, with such a warning, too. A number is used as
+        it is, pulls towards zero, and hides no samples.
     n_init : int, default=3
         Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
         on, with a number the one of least cost on the coarse stage.
@@ -128,7 +127,8 @@ class Ssnn(StateSpaceModel):
     converged_ : bool
         Whether the training ended by itself: a tolerance was reached, validation or
         the number of steps that hidden samples allow ended the last stage, or the
-        linear model was returned. It does not say that the cost has settled.
+        linear model, or that of the search, was returned (see `alpha`); false where
+        the fit was ended from outside. It does not say that the cost has settled.
     """
 
     max_iter: int = option(300, [POSITIVE])
@@ -325,7 +325,9 @@ class Ssnn(StateSpaceModel):
         if max_iter < self.max_iter and result.status == 0:
             result.update(success=True, message=SETTLED)
         if not continues and is_auto:
-            result = not_worse(self, plain, result, starts[0], linear, experiments)
+            result = not_worse(
+                self, plain, result, starts[0], linear, experiments, watch
+            )
             if result is None:
                 return self._left_linear(linear, near, experiments, watch)
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
@@ -438,19 +440,10 @@ class Ssnn(StateSpaceModel):
             )
         if self._shapes_linear():
             return self._shaped(plain, theta, experiments, watch)
-        x0 = linear.x0
-        if not experiments.is_here:  # there, a stretch of them was seen
-            x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=1.0)
-        weight = self._output_weight(len(linear.C))
-        criterion = Criterion(plain, experiments, weights={"y": weight})
-        result = OptimizeResult(
-            x0=x0,
-            cost=criterion.norm(criterion.join(theta, x0)) ** 2,
-            # of the search for this model, for the networks took none
-            nfev=linear.result.nfev if linear.result is not None else 1,
-            success=watch.reason is None,
-            message=watch.reason or LEFT_LINEAR,
-        )
+        x0 = linear.x0 if experiments.is_here else None  # of a stretch elsewhere
+        result = as_found(self, plain, theta, experiments, watch, LEFT_LINEAR, x0=x0)
+        # of the search for this model, for the networks took none
+        result.nfev = linear.result.nfev if linear.result is not None else 1
         return plain, theta, result
 
     def _shaped(self, plain, theta, experiments, watch):

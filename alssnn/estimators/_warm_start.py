@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..innovations import state_matrix
+from ..innovations import free_run, state_matrix
 from ..limits import Limits
 from ._integrators import regular, with_integrators
 
@@ -24,7 +24,7 @@ def fits(estimator, previous):
     """
     structure, theta = previous
     phi, radius = estimator._phi, estimator._radius
-    nx, nu, ny = (structure.sizes[axis] for axis in "xuy")
+    nx, nu, ny = structure.sizes["x"], free_run(structure).nu, structure.sizes["y"]
     if not estimator._allows(nx) or "C" not in structure.constants:  # the linear model
         return False
     wanted = estimator.declare(nx, nu, ny, structure.constants["C"])

@@ -157,7 +157,7 @@ class Observer:
             New measurement y_k, in the user's units; what is nan or infinite was not
             measured.
         u_now : array_like of shape (nu,) or None, default=None
-            Input u_k of the same sample, where y depends on it (D or k).
+            Input u_k of the same sample, where y depends on it (D, H or k).
 
         Returns
         -------

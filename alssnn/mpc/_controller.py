@@ -433,4 +433,4 @@ class LinearizingMPC:
             steps.append(self.info_)
             held = u[k] + push[k]
             x = np.asarray(plant.dynamics(t[k], x, own.every_input(held, d[k])))
-        return MpcRecord(t, y, u, reference, steps)
+        return MpcRecord(t, y, u, d, reference, steps)

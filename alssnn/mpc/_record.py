@@ -43,7 +43,7 @@ class MpcStep:
     x_hat : ndarray of shape (nx,)
         Estimated state.
     disturbance : ndarray of shape (nd,)
-        Estimated disturbance, in the units of y or u.
+        Estimated disturbance, in the units of y or u; not one that is measured.
     y_plan : ndarray of shape (horizon, ny)
         Planned outputs of the next samples.
     u_plan : ndarray of shape (horizon, nu)
@@ -90,6 +90,8 @@ class MpcRecord:
         Measured outputs, noise included.
     u : ndarray of shape (N, nu)
         Inputs that the controller asks for.
+    d : ndarray of shape (N, nd)
+        Measured disturbances, in the units of u.
     reference : ndarray of shape (N, ny)
         References.
     steps : list of MpcStep
@@ -107,6 +109,7 @@ class MpcRecord:
     t: np.ndarray
     y: np.ndarray
     u: np.ndarray
+    d: np.ndarray
     reference: np.ndarray
     steps: list
 

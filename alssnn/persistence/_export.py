@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..forms import at_once
 from ..plant import Plant, as_plant
 from ..walk import static_map
 
@@ -101,9 +102,9 @@ class Export:
             )
         if gain is not None and not plant.has_linear_output:
             raise ValueError(
-                "`gain` must be None for a model whose y depends on u of the same "
-                "sample, through D or k: the estimated state would wait for u, and u "
-                "for the state. Fit without `feedthrough` and `n_k`."
+                "`gain` must be None for a model whose y depends on inputs of the same "
+                f"sample, through {at_once(plant.form, plant.moved)}: the estimated "
+                "state would wait for them. Fit without `feedthrough` and `n_k`."
             )
         return cls(plant, law, no_law, M, K_x, K_z, gate)
 

@@ -87,7 +87,7 @@ def save(model, path):
         "class": type(model).__name__,
         "params": {k: _encode_param(k, v) for k, v in model.get_params(False).items()},
         "structure": {
-            "sizes": [int(structure.sizes[axis]) for axis in "xuy"],
+            "sizes": [structure.sizes["x"], structure.nu, structure.sizes["y"]],
             "constants": list(structure.constants),
             "given": [int(i) for i in structure.given],
             "options": {k: _encode_param(k, v) for k, v in structure.options.items()},

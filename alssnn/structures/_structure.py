@@ -375,6 +375,26 @@ class Structure:
                 theta[where] = np.reshape(p[name], -1)
         return theta
 
+    def by_axis(self, scales):
+        """Complete the units of signals by those of the axes that are parts of u.
+
+        Parameters
+        ----------
+        scales : dict of str to ndarray
+            New units over old ones, such as ``{"u": su, "y": sy}``.
+
+        Returns
+        -------
+        scales : dict of str to ndarray
+            The same, of every input, and of what is "moved" of u and what is not, "d".
+        """
+        if "u" not in scales:
+            return scales
+        of_u, parts = scales["u"], self._slices(self.inputs)
+        parts = {a: of_u[w] for a, w in parts.items() if w.stop <= len(of_u)}
+        given = self.given[self.given < len(of_u)]  # a predictor has more inputs
+        return {"moved": np.delete(of_u, given), "d": of_u[given], **scales, **parts}
+
     def rescale(self, p, scales):
         """Change the units of parameters and constants.
 
@@ -386,8 +406,8 @@ class Structure:
         p : dict of str to ndarray
             Parameters (and constants) by name.
         scales : dict of str to ndarray
-            New units over old units of the signals of an axis, such as
-            ``{"u": su, "y": sy}``; axes that are not named keep their units.
+            New units over old units of signals (`by_axis`); axes that are not named
+            keep their units.
 
         Returns
         -------
@@ -395,6 +415,7 @@ class Structure:
             Parameters in the new units.
         """
         axes_of = {**self.constant_axes, **self.parameters}
+        scales = self.by_axis(scales)
         scales = {**scales, **{f"per_{a}": 1.0 / scale for a, scale in scales.items()}}
         out = {}
         for name, value in p.items():
