@@ -381,19 +381,18 @@ def test_warm_start_goes_on_from_the_predictor(loop_record):
 
 
 def test_an_unstable_plant_from_its_loop():
-    record = make_inverted_pendulum(2000, random_state=0)
+    record = make_inverted_pendulum(2000, angle=0.8, random_state=0)
     options = {"nx": 2, "dt": record.dt, "noise": "innovations"}
     with pytest.warns(UserWarning, match="unstable"):
         linear = alssnn.LinearStateSpace(**options).fit(record.u, record.y)
         model = alssnn.FlSsnn(
-            n_h=4, n_init=1, alpha=1e-6, feedback="output", random_state=0, **options
+            n_h=4, n_init=1, alpha=1e-8, feedback="output", random_state=0, **options
         ).fit(record.u, record.y)
     true = record.plant.linearize([0.0, 0.0], [0.0]).A
     A_0 = model.plant_.jacobian(np.zeros(2), model.u_offset_)[0]
     poles = (np.sort(np.linalg.eigvals(M).real) for M in (A_0, true))
     np.testing.assert_allclose(*poles, atol=0.01)
-    left = [np.std(record.y - m.predict_ahead(*record)) for m in (model, linear)]
-    assert left[0] < 0.99 * left[1]
+    assert model.cost_ < 0.9 * linear.cost_
     K = lqi(model, np.eye(3), 0.01 * np.eye(1))
     loop = closed_loop(record.plant, model, K, law=model.linearizing_law(-20, 20))
     start = np.zeros(loop.nstates)
