@@ -90,7 +90,8 @@ def training_score(estimator, experiments, x0):
     fitted = criterion.norm(criterion.join(theta, x0)) / np.sqrt(structure.sizes["y"])
     noise = min(fitted**2 if is_predicting(estimator) else estimator.cost_, 1.0)
     rmse = own_judge(estimator, experiments).rmse(structure, theta, noise)
-    if rmse > TOO_FAR * fitted and rmse > NOTABLE:
+    follows = fitted < 1.0 or not is_predicting(estimator)  # else it is no simulation
+    if rmse > TOO_FAR * fitted and rmse > NOTABLE and follows:
         warn_of_training(
             f"{type(estimator).__name__} simulates its own training record with a "
             f"relative error of {rmse:.2g} from an estimated initial state, and of "
@@ -113,6 +114,14 @@ def warn_if_unstable(estimator):
     if radius < 1:
         return
     # a kind of failed training: filtered with its other warnings
+    if is_predicting(estimator):
+        warn_of_training(
+            f"The linear part of {type(estimator).__name__} is unstable, spectral "
+            f"radius {radius:.6g}: its free run grows, and only predictions follow the "
+            "record. This is right for an unstable plant. For another one, try another "
+            "`nx` or a longer record.",
+        )
+        return
     warn_of_training(
         f"The linear part of {type(estimator).__name__} is unstable, spectral radius "
         f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
