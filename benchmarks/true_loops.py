@@ -196,11 +196,11 @@ def judge(case, y, designed):
     return ("", deviation) if deviation < LOST else ("diverged", np.inf)
 
 
-def compare(name, seed, input_maps):
+def compare(name, seed, input_maps, samples=SAMPLES):
     """Return the rows of one plant and one seed."""
     warnings.simplefilter("ignore")
     case = CASES[name]
-    record = case.make(SAMPLES, noise=NOISE, random_state=seed)
+    record = case.make(samples, noise=NOISE, random_state=seed)
     common = {"nx": case.nx, "dt": record.dt}
     if case.disturbances:
         common["disturbances"] = case.disturbances
@@ -324,6 +324,7 @@ def main():
     parser.add_argument("--plants", choices=CASES, nargs="+", default=list(CASES))
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--input-map", nargs="+", default=[IDENTITY])
+    parser.add_argument("--samples", type=int, default=SAMPLES, help="others: no files")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="two seeds, no files")
     options = parser.parse_args()
@@ -334,7 +335,8 @@ def main():
     rows = []
     # fresh processes: a fork would copy the threads of the libraries
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(compare, *task, options.input_map) for task in tasks]
+        kind = options.input_map, options.samples
+        jobs = [pool.submit(compare, *task, *kind) for task in tasks]
         for job in jobs:
             rows += job.result()
             show(job.result())
@@ -342,7 +344,7 @@ def main():
     for line in summarize(rows):
         print("".join(f"{cell:>14s}" for cell in cells(line)))
     print(f"{time.perf_counter() - start:.0f} s")
-    if not options.quick:
+    if not options.quick and options.samples == SAMPLES:
         write_table(rows, load)
     return 0
 
