@@ -20,6 +20,8 @@ from .simulation import trajectory
 
 LEAST_VARIANCE = 1e-12  # of a state, relative to the largest, that counts as moving
 RADIUS_LIMIT = 0.999  # spectral radius of a stabilized start
+FORGOTTEN = 1.1  # error from an unknown start over that from a known one, at most
+SMALL_ERROR = 1e-3  # that needs no such comparison, outputs of unit variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,8 @@ class LinearModel:
         Outcome of the refinement.
     n_measured : int
         Number of last inputs that are the measured outputs of a predictor.
+    radius : float
+        Largest modulus of a pole that a search may reach.
     """
 
     A: np.ndarray
@@ -57,6 +61,7 @@ class LinearModel:
     singular_values: np.ndarray = field(default_factory=lambda: np.empty(0))
     result: OptimizeResult | None = None
     n_measured: int = 0
+    radius: float = 1.0
 
     @property
     def nu(self):
@@ -262,6 +267,32 @@ def stabilize(A, limit=RADIUS_LIMIT):
     safe = np.maximum(modulus, 1e-300)
     target = np.minimum(np.where(modulus > 1, 1 / safe, modulus), limit)
     return np.real(vectors * (eigenvalues * target / safe) @ np.linalg.inv(vectors))
+
+
+def forgets(experiments, model):
+    """Tell whether a predictor forgets where it started.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    model : LinearModel
+        Predictor.
+
+    Returns
+    -------
+    forgets : bool
+        Whether the error behind the first tenth of the experiments is about the same
+        from the fitted initial states and from the operating point.
+    """
+    later = []
+    for u, y in experiments:
+        y = np.array(y[:])
+        y[: len(y) // 10] = np.nan
+        later.append((u, y))
+    at_rest = replace(model, x0=np.zeros_like(model.x0))
+    known, unknown = (simulation_error(later, one) for one in (model, at_rest))
+    return bool(unknown <= FORGOTTEN * known + SMALL_ERROR)
 
 
 def simulation_error(experiments, model):

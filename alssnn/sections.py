@@ -122,6 +122,8 @@ class Sections(LeastSquares):
         Where the search starts; only its A and C count.
     n_jobs : int or None, default=None
         Experiments summed in parallel threads, as in joblib.
+    radius : float, default=1.0
+        Largest modulus of a pole.
 
     Attributes
     ----------
@@ -134,15 +136,16 @@ class Sections(LeastSquares):
         If A is not stable, or its eigenvectors do not allow for sections.
     """
 
-    def __init__(self, experiments, model, n_jobs=None):
+    def __init__(self, experiments, model, n_jobs=None, radius=1.0):
         self.experiments = Held.of(experiments, n_jobs)
         self.T, sigma, q = section_basis(model.A)
         (nx, nu), m, ny = model.B.shape, len(sigma), len(model.C)
         self.is_odd = nx % 2 == 1
-        k_2 = sigma**2 - q
-        k_1 = -2 * sigma / (1 + k_2)
+        self.radius = radius  # the coefficients are those of the poles over it
+        k_2 = (sigma**2 - q) / radius**2
+        k_1 = -2 * sigma / radius / (1 + k_2)
         if self.is_odd:
-            k_1[-1], k_2[-1] = -sigma[-1], 0.0
+            k_1[-1], k_2[-1] = -sigma[-1] / radius, 0.0
         k = np.clip(np.array([k_1, k_2]) / REFLECTION_LIMIT, -FIRST_LIMIT, FIRST_LIMIT)
         C = np.zeros((ny, 2 * m))
         C[:, :nx] = model.C @ self.T
@@ -253,7 +256,9 @@ class Sections(LeastSquares):
         if self.is_odd:
             sigma[-1], q[-1] = -k_1[-1], 0.0
             by_k[:, :, -1] = [[-1.0, 0.0], [0.0, 0.0]]
-        return sigma, q, by_k * REFLECTION_LIMIT * (1 - t**2)
+        r = self.radius
+        by_k *= np.array([r, r**2])[:, None, None]
+        return r * sigma, r**2 * q, by_k * REFLECTION_LIMIT * (1 - t**2)
 
     # -- sums over experiments -----------------------------------------------------
 

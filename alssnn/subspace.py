@@ -34,6 +34,7 @@ from .linear_model import (
     AllEntries,
     LinearModel,
     decorrelate,
+    forgets,
     simulation_error,
     stabilize,
 )
@@ -42,6 +43,8 @@ from .sections import Sections
 
 QR_COLUMNS = 20_000  # columns of H treated at a time: H itself is never formed
 GAP = 2 * 40  # samples without any output behind which a record starts anew
+MEMORY = 10.0  # time constants in a record, of the slowest pole of a predictor
+START_SHARE = 0.999  # of the largest modulus, at the start of a predictor
 REFINED_MARGIN = 1e-6  # of a refined model: integrators stay what they are
 # Half and double make little difference (`python -m benchmarks.constants HORIZONS`):
 # test errors of linear models of 6 plants with (7, 20) are 0.93 to 1.04 of those with
@@ -195,7 +198,9 @@ def shift_structure(U, s, nx, ny):
     return stabilize(lstsq(Gamma[:-ny], Gamma[ny:])[0]), Gamma[:ny]
 
 
-def fit_input(experiments, A, C, feedthrough=False, n_jobs=None, n_measured=0):
+def fit_input(
+    experiments, A, C, feedthrough=False, n_jobs=None, n_measured=0, radius=1.0
+):
     """Solve for (B, D, x0) at given (A, C): a linear least-squares problem.
 
     Parameters
@@ -212,6 +217,8 @@ def fit_input(experiments, A, C, feedthrough=False, n_jobs=None, n_measured=0):
         Experiments summed in parallel threads, as in joblib.
     n_measured : int, default=0
         Number of last inputs that are the measured outputs of a predictor.
+    radius : float, default=1.0
+        Largest modulus of a pole that a search from there may reach.
 
     Returns
     -------
@@ -220,7 +227,8 @@ def fit_input(experiments, A, C, feedthrough=False, n_jobs=None, n_measured=0):
     """
     nx, (nu, ny) = len(A), (signal.shape[1] for signal in experiments[0])
     B, D, x0 = np.zeros((nx, nu)), np.zeros((ny, nu)), np.zeros((len(experiments), nx))
-    model = LinearModel(A, B, C, D, x0, feedthrough, n_measured=n_measured)
+    limits = {"n_measured": n_measured, "radius": radius}
+    model = LinearModel(A, B, C, D, x0, feedthrough, **limits)
     with single_threaded():
         found = _search(experiments, model, n_jobs).solved()
     return replace(model, **{**found, "A": A, "C": C})
@@ -231,7 +239,7 @@ def _search(experiments, model, n_jobs):
     if model.feedthrough and model.n_measured:  # D has entries that are held
         return AllEntries(experiments, model, n_jobs)
     try:
-        return Sections(experiments, model, n_jobs)
+        return Sections(experiments, model, n_jobs, model.radius)
     except LinAlgError:  # such as a chain of delays: several poles at one place
         return AllEntries(experiments, model, n_jobs)
 
@@ -335,12 +343,12 @@ def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
     )
     with single_threaded():
         refined = replace(model, **problem.matrices(result.x), result=result)
-    if np.abs(np.linalg.eigvals(refined.A)).max() < 1.0:
+    if np.abs(np.linalg.eigvals(refined.A)).max() < model.radius:
         return refined
     # A finite record may prefer a slowly growing mode, which no simulation of
     # another record survives: reflect it, and keep the better of two stable models.
-    A = stabilize(refined.A, limit=1.0 - REFINED_MARGIN)
-    kind = model.feedthrough, n_jobs, model.n_measured
+    A = stabilize(refined.A, limit=model.radius * (1.0 - REFINED_MARGIN))
+    kind = model.feedthrough, n_jobs, model.n_measured, model.radius
     reflected = fit_input(experiments, A, refined.C, *kind)
     best = min(model, reflected, key=partial(simulation_error, experiments))
     return replace(best, result=result)
@@ -396,7 +404,6 @@ def identify_linear(
         near = experiments
     pieces = without_gaps(near)
     horizons = _candidate_horizons(pieces, nx)
-    kind = feedthrough, n_jobs, n_measured
 
     def space(horizon):
         if n_measured:
@@ -410,14 +417,26 @@ def identify_linear(
     singular_values = spaces[-1][1]
     trial = stretch(experiments, TRIAL_SAMPLES)
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
-    options = {"watch": watch, "n_jobs": n_jobs}
-    starts = [fit_input(trial, A, C, *kind) for A, C in pairs]
-    model = min(starts, key=partial(simulation_error, trial))
     is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
     trial_tol = max(tol, TRIAL_TOLERANCE) if is_trial else tol
-    model = refine(trial, model, max_iter=max_iter, tol=trial_tol, **options)
-    if is_trial:
-        model = fit_input(experiments, model.A, model.C, *kind)
-        model = refine(experiments, model, max_iter=POLISH_STEPS, tol=tol, **options)
+    options = {"watch": watch, "n_jobs": n_jobs}
+
+    def found(radius):
+        kind = feedthrough, n_jobs, n_measured, radius
+        inside = START_SHARE * radius if n_measured else np.inf
+        starts = [fit_input(trial, stabilize(A, inside), C, *kind) for A, C in pairs]
+        model = min(starts, key=partial(simulation_error, trial))
+        model = refine(trial, model, max_iter=max_iter, tol=trial_tol, **options)
+        if is_trial:
+            model = fit_input(experiments, model.A, model.C, *kind)
+            polish = {"max_iter": POLISH_STEPS, "tol": tol}
+            model = refine(experiments, model, **polish, **options)
+        return model
+
+    distance = MEMORY / max(len(u) for u, _ in trial) if n_measured else 0.0
+    model = found(max(1.0 - distance, 0.5))
+    while n_measured and distance < 0.5 and not forgets(experiments, model):
+        distance *= 2.0
+        model = found(max(1.0 - distance, 0.5))
     model = decorrelate(model, experiments)
     return replace(model, singular_values=singular_values)

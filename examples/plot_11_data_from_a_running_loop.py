@@ -43,8 +43,8 @@ left.set(xlabel="angle [rad]", ylabel="h without its linear part [Nm]")
 left.legend()
 
 # %%
-# The same model makes predictions, observer and loop. Here the true plant starts to fall
-# from half a radian, and the observer knows nothing of it.
+# The same model makes predictions, observer and loop. Here the true plant starts to
+# fall from half a radian, and the observer knows nothing of it.
 
 K = lqi(model, np.eye(3), 0.01 * np.eye(1))
 loop = closed_loop(record.plant, model, K, law=model.linearizing_law(-20, 20))

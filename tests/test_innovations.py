@@ -1,5 +1,7 @@
 """Models that are fitted by their errors one sample ahead: noise="innovations"."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -17,6 +19,8 @@ from alssnn.innovations import (
     with_outputs,
 )
 from alssnn.models import state_space
+from alssnn.optimizers import minimize
+from alssnn.sections import Sections
 from alssnn.simulation import outputs, simulate
 from alssnn.stability import Contractive, Schur
 from alssnn.subspace import identify_linear, predictor_space, shift_structure
@@ -257,6 +261,39 @@ def test_networks_on_linear_models(cls, loop_record, linear):
     assert ahead[model] < 0.97 * ahead[linear]
     A_K = model.A_ - model.K_ @ model.C_
     assert np.abs(np.linalg.eigvals(A_K)).max() < 1
+
+
+def test_a_predictor_forgets_its_start_where_there_is_no_noise():
+    # a smooth record without noise: from one exact start every K predicts it
+    t = np.arange(400)
+    u = np.sin(0.1 * t) + np.sin(0.023 * t)
+    x, y = np.zeros(3), np.empty(400)
+    for k in range(400):
+        y[k] = x[0]
+        x = np.array([x[0] + 0.1 * x[1], x[1] + 0.1 * x[2], 0.9 * x[2] - x[0] / 3])
+        x[2] += 0.2 * u[k] - 0.3 * x[1]
+    for nx in (2, 3, 4):
+        model = alssnn.LinearStateSpace(nx=nx, noise="innovations").fit(u, y)
+        left = y - model.predict_ahead(u, y, x0=3.0 * np.ones(nx))
+        assert np.std(left[100:]) < 0.05 * np.std(y)
+
+
+def test_poles_of_sections_stay_within_a_radius():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((500, 1))
+    y = np.zeros((500, 1))
+    for k in range(499):
+        y[k + 1] = 0.99 * y[k] + u[k]
+    free = identify_linear([(u, y / y.std())], 1)
+    inside = Sections([(u, y / y.std())], replace(free, A=0.8 * np.eye(1)), radius=0.9)
+    gradient = inside.normal_equations(inside.start)[1]
+    step = 1e-6
+    for i, one in enumerate(np.eye(len(inside.start))):
+        up, down = (inside.norm(inside.start + s * step * one) ** 2 for s in (1, -1))
+        np.testing.assert_allclose(gradient[i], (up - down) / 4 / step, 1e-4, 1e-9)
+    found = minimize(inside, inside.start, max_iter=50, tol=1e-10).x
+    pole = inside.matrices(found)["A"][0, 0]
+    assert 0.89 < pole < 0.9 and free.A[0, 0] > 0.98
 
 
 def test_several_records_two_inputs_a_late_one_and_a_disturbance():

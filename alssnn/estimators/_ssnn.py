@@ -157,6 +157,7 @@ class Ssnn(StateSpaceModel):
     continuation = 0
     feedback = "output"
     penalty = ""
+    _forgets = 0.0  # least rate of decay of a predictor
 
     @abstractmethod
     def _networks(self):
@@ -270,6 +271,7 @@ class Ssnn(StateSpaceModel):
         else:
             near = self._near(experiments)
             linear = self._linear_start(near, watch)
+            self._forgets = 1.0 - linear.radius**2
             if self._phi is not None:
                 self._x_scale = np.ones(1)  # a basis of its own
             linear, plain = self._declared(linear)
@@ -344,12 +346,14 @@ class Ssnn(StateSpaceModel):
     def _phi(self):
         """Return the rate of contraction; None where A is free."""
         is_auto = self.stability == "auto" and self.linear_start is None
-        return self.phi if is_auto or self.stability == "contractive" else None
+        is_contractive = is_auto or self.stability == "contractive"
+        return max(self.phi, self._forgets) if is_contractive else None
 
     @property
     def _radius(self):
         """Return the largest modulus of a pole of a free A; None where all may be."""
-        return np.sqrt(1.0 - self.phi) if self.stability == "schur" else None
+        phi = max(self.phi, self._forgets)
+        return np.sqrt(1.0 - phi) if self.stability == "schur" else None
 
     def _declared(self, linear, radius=1.0):
         """Return a linear model in the basis of the training, and the structure."""
