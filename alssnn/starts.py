@@ -23,9 +23,7 @@ INITIAL_ROOTS = 0.1, 0.6
 START_SAMPLES = 100_000  # of an experiment, over which inner weights are spread
 
 
-def initial_theta(
-    structure, linear, experiments, rng, bounds=None, roots=INITIAL_ROOTS
-):
+def initial_theta(structure, linear, experiments, rng, bounds=None, roots=None):
     """Return a start: the linear model plus networks of zero output.
 
     Parameters
@@ -41,9 +39,9 @@ def initial_theta(
     bounds : dict of str to tuple of ndarray, or None, default=None
         Bounds of parameters by name: inner weights that they hold are zero, and what
         a neuron sees of the others has the whole slope.
-    roots : tuple of two floats, default=(0.1, 0.6)
-        Range of the squared weights in front of neurons; (0, 0) is exactly the linear
-        model, from which they would not move.
+    roots : tuple of two floats or None, default=None
+        Range of the squared weights in front of neurons; None is 0.1 to 0.6, and (0, 0)
+        exactly the linear model, from which they would not move.
 
     Returns
     -------
@@ -56,7 +54,9 @@ def initial_theta(
         shape = structure.shapes[name]
         is_free = missing is None
         p[name] = (
-            rng.uniform(*roots, shape) if is_free else np.full(shape, np.sqrt(missing))
+            rng.uniform(*(roots or INITIAL_ROOTS), shape)
+            if is_free
+            else np.full(shape, np.sqrt(missing))
         )
     pick = rng.integers(len(experiments))
     u, y = (signal[:START_SAMPLES] for signal in experiments[pick])

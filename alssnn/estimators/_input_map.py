@@ -16,7 +16,7 @@ MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
 # A stage of the search takes three times the steps of other models, for squared weights
 # in front of neurons move slowly. With one time, errors on hidden samples stayed 1.2
 # times as large (two records of a levitated ball).
-PATIENCE = 3
+LONGER_STAGES = 3
 
 
 def check_map(estimator):
@@ -118,7 +118,7 @@ def patience(estimator):
         A factor.
     """
     input_map = getattr(estimator, "input_map", "identity")
-    return 1 if input_map == "identity" else PATIENCE
+    return 1 if input_map == "identity" else LONGER_STAGES
 
 
 def searched(model):
