@@ -315,6 +315,10 @@ def _choose(paths, nearly):
     table = np.full((len(paths), length), np.inf)
     for row, walk in zip(table, paths, strict=True):
         row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
+    # The average keeps few hidden samples from choosing by luck. Along the best start
+    # alone, as of a long record, 9 of 65 fits to two or three folds (FL and AL, 12
+    # plants of `benchmarks.field`) had test errors lower by more than 5 %, 8 higher; of
+    # the 5 whose best start ended below half the average, one lower and one higher.
     typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
     if len(paths[0].folds) == 1:  # a long record: enough is hidden to trust one start
         typical = table[np.argmin(table.min(axis=1))]

@@ -1,24 +1,29 @@
 """Test errors as a constant of the package is halved and doubled.
 
-    python -m benchmarks.constants {INITIAL_SLOPE,HORIZONS,WINDOW} [--cases NAME ...]
-                                   [--model fl] [--seeds 2] [--set OPTION=VALUE ...]
+    python -m benchmarks.constants {INITIAL_SLOPE,INITIAL_ROOTS,LONGER_STAGES,...}
+                                   [--cases NAME ...] [--model fl] [--seeds 2]
+                                   [--set OPTION=VALUE ...]
 
 The constants that no argument sets, on plants of the field benchmark whose fits take
-seconds.  Prints the error of every test relative to that with the value of the
-package, the median over the seeds; below them median and worst of all fits.  One
+seconds; those of a monotone input map on the plants of `benchmarks.true_loops`, whose
+fits take half a minute.  Prints the error of every test relative to that with the value
+of the package, the median over the seeds; below them median and worst of all fits.  One
 process, one thread.
 """
 
 import argparse
 import sys
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 
-from alssnn import initial_states, starts, subspace
-
-from .field.__main__ import CASES, assignment
+from .field.__main__ import CASES as FIELD
+from .field.__main__ import assignment
+from .field.case import Case, Data
 from .field.runs import MODELS, Job, fit
+from .true_loops import CASES as PLANTS
+from .true_loops import NOISE, SAMPLES
 
 SMALL = ("servo speed", "two tanks", "short", "short saturation")
 LINEAR = (
@@ -29,28 +34,61 @@ LINEAR = (
     "linear resonances",
     "short",
 )
+ACTUATORS = ("fan loop", "valve loop", "exchanger loop")
 CONSTANTS = {
-    "INITIAL_SLOPE": (starts, "fl", SMALL),
-    "HORIZONS": (subspace, "lti", LINEAR),
-    "WINDOW": (initial_states, "fl", SMALL),
+    "INITIAL_SLOPE": ("fl", SMALL),
+    "INITIAL_ROOTS": ("fl", ACTUATORS),
+    "LONGER_STAGES": ("fl", ACTUATORS),
+    "HORIZONS": ("lti", LINEAR),
+    "WINDOW": ("fl", SMALL),
 }
+
+
+def recorded(make):
+    """Return a noisy record of a plant, and one without noise."""
+    record = make(SAMPLES, noise=NOISE, random_state=0)
+    fresh = make(SAMPLES, random_state=1)
+    return Data([(record.u, record.y)], {"fresh": [(fresh.u, fresh.y)]}, record.dt)
+
+
+def mapped(loop):
+    """Return the options with which a plant of `true_loops` is modelled."""
+    options = {"nx": loop.nx, "feedback": loop.feedback, "input_map": "monotone"}
+    if loop.disturbances:
+        options["disturbances"] = loop.disturbances
+    return options
+
+
+# some names are also of the field
+LOOPS = {f"{name} loop": loop for name, loop in PLANTS.items()}
+CASES = FIELD | {
+    name: Case(name, "actuator", partial(recorded, loop.make), "seen")
+    for name, loop in LOOPS.items()
+}
+# what their models are told beside the defaults
+OPTIONS = {name: mapped(loop) for name, loop in LOOPS.items()}
+
+
+def homes(name):
+    """Return the modules of the package that have a constant."""
+    return [
+        module
+        for key, module in list(sys.modules.items())
+        if key.partition(".")[0] == "alssnn" and hasattr(module, name)
+    ]
 
 
 @contextmanager
 def changed(name, value):
     """Set a constant in every module that has it, for a while."""
-    homes = [
-        module
-        for key, module in list(sys.modules.items())
-        if key.partition(".")[0] == "alssnn" and hasattr(module, name)
-    ]
-    before = [getattr(module, name) for module in homes]
-    for module in homes:
+    changing = homes(name)
+    before = [getattr(module, name) for module in changing]
+    for module in changing:
         setattr(module, name, value)
     try:
         yield
     finally:
-        for module, old in zip(homes, before, strict=True):
+        for module, old in zip(changing, before, strict=True):
             setattr(module, name, old)
 
 
@@ -67,7 +105,8 @@ def errors(cases, model, seeds, options):
     found: dict[tuple, list] = {}
     for name in cases:
         for seed in seeds:
-            for row in fit(Job(CASES[name], model, seed, options)):
+            told = OPTIONS.get(name, {}) | options
+            for row in fit(Job(CASES[name], model, seed, told)):
                 value = np.inf if row.get("error") else row["rmse"]
                 found.setdefault((name, row["test"]), []).append(value)
     return {key: np.array(values) for key, values in found.items()}
@@ -75,8 +114,8 @@ def errors(cases, model, seeds, options):
 
 def compare(constant, cases, model, seeds, options):
     """Return the values tried, and by value the errors relative to the package's."""
-    home, *_ = CONSTANTS[constant]
-    values = [scaled(getattr(home, constant), factor) for factor in (0.5, 1, 2)]
+    value = getattr(homes(constant)[0], constant)
+    values = [scaled(value, factor) for factor in (0.5, 1, 2)]
     found = []
     for value in values:
         with changed(constant, value):
@@ -94,7 +133,7 @@ def main(arguments=None):
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--set", type=assignment, nargs="+", default=[])
     args = parser.parse_args(arguments)
-    _, model, cases = CONSTANTS[args.constant]
+    model, cases = CONSTANTS[args.constant]
     model, cases = args.model or model, args.cases or cases
     values, found = compare(args.constant, cases, model, args.seeds, dict(args.set))
     print(f"{f'{args.constant}, {model}':30s}" + "".join(f"{v!s:>12s}" for v in values))

@@ -1,0 +1,47 @@
+"""The benchmark of constants changes what fits take, and puts it back."""
+
+import numpy as np
+import pytest
+
+from alssnn import FlSsnn
+from alssnn.estimators import _input_map
+from alssnn.models import state_space
+from alssnn.starts import initial_theta
+from alssnn.subspace import identify_linear
+from benchmarks.constants import CONSTANTS, LOOPS, OPTIONS, changed, homes, scaled
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_a_name_means_one_constant(name):
+    before = {getattr(module, name) for module in homes(name)}
+    assert len(before) == 1
+    (value,) = before
+    with changed(name, scaled(value, 2)):
+        assert {getattr(module, name) for module in homes(name)} == {scaled(value, 2)}
+    assert {getattr(module, name) for module in homes(name)} == before
+
+
+def test_starts_and_stages_follow_their_constants(rng):
+    u = rng.standard_normal((200, 1))
+    y = np.convolve(u[:, 0], [0, 1, 0.5])[:200, None]
+    linear = identify_linear([(u, y)], 1)
+    structure = state_space(1, 1, 1, n_h=4, C=linear.C, input_map="monotone")
+
+    def roots():
+        start = np.random.default_rng(0)
+        theta = initial_theta(structure, linear, [(u, y)], start)
+        return structure.split(theta)["r_phi"]
+
+    before = roots()
+    with changed("INITIAL_ROOTS", scaled(homes("INITIAL_ROOTS")[0].INITIAL_ROOTS, 2)):
+        np.testing.assert_allclose(roots(), 2 * before)
+    model = FlSsnn(input_map="monotone")
+    with changed("LONGER_STAGES", 7):
+        assert _input_map.patience(model) == 7
+        assert _input_map.patience(FlSsnn()) == 1
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_plants_with_actuators_are_modelled_with_a_map(name):
+    model = FlSsnn(**OPTIONS[name])
+    assert model.input_map == "monotone" and model.nx == LOOPS[name].nx
