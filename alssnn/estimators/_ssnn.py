@@ -271,7 +271,8 @@ class Ssnn(StateSpaceModel):
         else:
             near = self._near(experiments)
             linear = self._linear_start(near, watch)
-            self._forgets = 1.0 - linear.radius**2
+            # half as far from the circle as its poles, which then may stay
+            self._forgets = 1.0 - (0.5 + linear.radius / 2) ** 2
             if self._phi is not None:
                 self._x_scale = np.ones(1)  # a basis of its own
             linear, plain = self._declared(linear)
