@@ -132,8 +132,8 @@ def predictor_space(experiments, horizon, feedthrough=False, n_measured=0):
     Parameters
     ----------
     experiments : sequence of tuple of ndarray
-        Pairs (u, y), u without nan; those shorter than the horizon are passed over,
-        and rows where y was not measured.
+        Pairs (u, y), u without nan; those shorter than the horizon are passed over.
+        Every output takes the rows where it was measured.
     horizon : int
         Samples of the past, and of the future.
     feedthrough : bool, default=False
@@ -151,24 +151,33 @@ def predictor_space(experiments, horizon, feedthrough=False, n_measured=0):
     """
     nz, ny = (signal.shape[1] for signal in experiments[0])
     now = nz - n_measured if feedthrough else 0
-    n_past = horizon * nz
-    R = np.zeros((0, n_past + now + ny))
+    n_past, n = horizon * nz, horizon * nz + now
+    is_whole = not any(np.isnan(y).any() for _, y in experiments)
+    groups = [slice(None)] if is_whole else [slice(p, p + 1) for p in range(ny)]
+    triangles = []
+    for group in groups:
+        R = np.zeros((0, n + len(range(ny)[group])))
+        for rows in _regressions(experiments, horizon, now):
+            kept = np.hstack([rows[:, :n], rows[:, n:][:, group]])
+            kept = kept[~np.isnan(kept).any(axis=1)]
+            R = qr(np.vstack([R, kept]), mode="r", overwrite_a=True)[0][: R.shape[1]]
+        triangles.append(np.vstack([R, np.zeros((R.shape[1] - len(R), R.shape[1]))]))
+    Phi = np.hstack([lstsq(R[:n, :n], R[:n, n:])[0][:n_past] for R in triangles]).T
+    R = max(triangles, key=np.linalg.norm)
+    later = [np.pad(Phi[:, i * nz :], ((0, 0), (0, i * nz))) for i in range(horizon)]
+    U, s, _ = svd(np.vstack(later) @ R[:n_past, :n_past].T)
+    return U, s
+
+
+def _regressions(experiments, horizon, now):
+    """Yield rows [z_(k-1), ..., z_(k-horizon), u_k, y_k] of the experiments."""
     for u, y in experiments:
         for start in range(0, len(u) - horizon, QR_COLUMNS):
             stop = min(start + QR_COLUMNS, len(u) - horizon)
             z, target = u[start : stop + horizon], y[start + horizon : stop + horizon]
             past = np.lib.stride_tricks.sliding_window_view(z[:-1], horizon, axis=0)
-            # newest first: z_(k-1), z_(k-2), ...
             past = past[:, :, ::-1].transpose(0, 2, 1).reshape(len(target), -1)
-            rows = np.hstack([past, z[horizon:, :now], target])
-            rows = rows[~np.isnan(target).any(axis=1)]
-            R = qr(np.vstack([R, rows]), mode="r", overwrite_a=True)[0]
-            R = R[: R.shape[1]]
-    n = n_past + now
-    Phi = lstsq(R[:n, :n], R[:n, n:])[0][:n_past].T  # (ny, horizon nz)
-    later = [np.pad(Phi[:, i * nz :], ((0, 0), (0, i * nz))) for i in range(horizon)]
-    U, s, _ = svd(np.vstack(later) @ R[:n_past, :n_past].T)
-    return U, s
+            yield np.hstack([past, z[horizon:, :now], target])
 
 
 def shift_structure(U, s, nx, ny):

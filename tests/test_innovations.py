@@ -358,6 +358,57 @@ def test_gaps_are_bridged_by_what_is_predicted(loop_record, linear):
     np.testing.assert_allclose(again[k + 1], ahead[k + 1], rtol=1e-10)
 
 
+@pytest.mark.parametrize("n", [4, 8, 40])
+def test_records_that_begin_or_end_with_a_gap(n, loop_record, linear):
+    u, y = loop_record
+    first, second = y.copy(), y[:500].copy()
+    first[:n] = second[-n:] = np.nan
+    model = alssnn.LinearStateSpace(nx=2, noise="innovations")
+    model.fit([u[:, None], u[:500, None]], [first, second])
+    assert model.cost_ == pytest.approx(linear.cost_, rel=0.1)
+    np.testing.assert_allclose(model.noise_covariance_, linear.noise_covariance_, 0.1)
+    assert model.x0_.shape == (2, 2) and np.abs(model.x0_).max() < 20
+    poles = [np.sort_complex(np.linalg.eigvals(m.A_)) for m in (model, linear)]
+    np.testing.assert_allclose(*poles, atol=0.05)
+
+
+def test_a_long_gap_of_an_unstable_plant():
+    record = make_inverted_pendulum(1500, random_state=0)
+    y = record.y.copy()
+    y[700:900] = np.nan
+    with pytest.warns(UserWarning, match="unstable"):
+        model = alssnn.LinearStateSpace(nx=2, dt=record.dt, noise="innovations")
+        model.fit(record.u, y)
+    assert np.abs(np.linalg.eigvals(model.A_)).max() == pytest.approx(1.09, abs=0.01)
+    left = record.y - model.predict_ahead(record.u, y)
+    assert np.std(left[50:700]) < 0.05 * record.y.std()
+    assert np.std(left[950:]) < 0.05 * record.y.std()
+    assert np.isfinite(model.bic(record.u, y))
+
+
+def test_outputs_that_are_never_measured_together():
+    rng = np.random.default_rng(0)
+    u, x, y = rng.standard_normal((1500, 1)), np.zeros(2), np.empty((1500, 2))
+    for k in range(1500):
+        y[k] = x + 0.02 * rng.standard_normal(2)
+        w = 0.1 * rng.standard_normal(2)
+        x = np.array([[0.7, 0.2], [0.0, 0.5]]) @ x + np.array([0.3, 1.0]) * u[k, 0] + w
+    y[::2, 0], y[1::2, 1] = np.nan, np.nan
+    with pytest.warns(UserWarning, match="50 % of an output"):
+        model = alssnn.LinearStateSpace(nx=2, noise="innovations").fit(u, y)
+    left = (y - model.predict_ahead(u, y))[50:]
+    assert np.all(np.nanstd(left, axis=0) < 0.35 * np.nanstd(y, axis=0))
+
+
+@pytest.mark.parametrize("noise", ["output", "innovations"])
+def test_nothing_of_a_fit_is_left_for_the_next_one(noise, loop_record):
+    model = alssnn.FlSsnn(
+        nx=2, n_h=2, n_init=1, alpha=1e-4, max_iter=3, random_state=0, warm_start=True
+    ).fit(*loop_record)
+    assert model.set_params(nx=3, noise=noise).fit(*loop_record).nx_ == 3
+    assert not {"_identified", "_orders", "_curve"} & set(vars(model))
+
+
 def test_observer_predicts_as_the_fit_did(loop_record, linear):
     u, y = loop_record
     observer, plant = linear.observer(), linear.plant_

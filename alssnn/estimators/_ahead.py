@@ -13,9 +13,8 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..experiments import is_list_of_records
-from ..innovations import predictor
-from ..simulation import simulate
-from ._noise import bridged, is_predicting, told
+from ..innovations import predictor, with_outputs
+from ._noise import follow, is_predicting
 from ._simulation import labeled_data, simulated, start_states
 
 CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
@@ -115,11 +114,9 @@ def predicted(model, u, y, x0):
         Inputs that have arrived.
     """
     structure, scaling = predictor(model._structure), model._scaling
-    pairs, start = model._experiments(u, y, [slice(None)]), x0 / model._x_scale
-    pairs = bridged(structure, model._theta, [start], told(model, pairs))
-    lure = structure.observe(structure.measured).lure(model._theta)
-    X = simulate(lure, pairs[0][0], start)[:-1]
-    u = pairs[0][0][:, : len(scaling.u_scale)] * scaling.u_scale + scaling.u_offset
+    ((z, y),) = with_outputs(model._experiments(u, y, [slice(None)]))
+    z, X = follow(structure, model._theta, x0 / model._x_scale, z, y)
+    u = z[:, : len(scaling.u_scale)] * scaling.u_scale + scaling.u_offset
     return X * model._x_scale, u
 
 

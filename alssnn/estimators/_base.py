@@ -29,7 +29,13 @@ from ._disturbances import check_disturbances
 from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
-from ._noise import INNOVATIONS, check_noise, identified, noise_covariance
+from ._noise import (
+    INNOVATIONS,
+    check_noise,
+    first_states,
+    identified,
+    noise_covariance,
+)
 from ._options import estimator, option
 from ._plant import make_plant
 from ._progress import Progress
@@ -324,9 +330,13 @@ class StateSpaceModel(
             yield
         except BaseException:
             if not watch.has_result:
-                self.__dict__.clear()
-                self.__dict__.update(before)
+                self._reset(before)
             raise
+
+    def _reset(self, attributes):
+        """Have these attributes, and no others."""
+        self.__dict__.clear()
+        self.__dict__.update(attributes)
 
     def _fit_checked(self, u, y, experiment, validation, container, watch):
         """Scale the data, then fit."""
@@ -369,13 +379,14 @@ class StateSpaceModel(
         seen, fitted, self._theta, result = identified(
             self, experiments, previous, watch, held_out
         )
-        self._structure = free_run(fitted)
+        self._structure, x0 = free_run(fitted), result.x0
+        result.x0 = first_states(self, fitted, self._theta, x0, experiments)
         self._publish(result, watch)
         watch.has_result = True
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
-        self.noise_covariance_ = noise_covariance(self, fitted, result.x0, seen)
-        self._region, self._made = training_region(self, fitted, result.x0, seen), None
+        self.noise_covariance_ = noise_covariance(self, fitted, x0, seen)
+        self._region, self._made = training_region(self, fitted, x0, seen), None
         self.train_score_ = training_score(self, Held.of(experiments), result.x0)
         if watch.interrupt is not None:
             raise watch.interrupt

@@ -2,12 +2,23 @@
 
 import numpy as np
 
-from ..innovations import INNOVATION, has_innovations, predictor, with_outputs
+from ..initial_states import WINDOW, estimate_x0
+from ..innovations import (
+    INNOVATION,
+    free_run,
+    has_innovations,
+    predictor,
+    with_outputs,
+)
 from ..mapping import Held
 from ..sandwich import residual_moments
 from ..simulation import Stepper, regressors
+from ._warn import warn_of_training
 
 INNOVATIONS = "innovations"
+GAP = 20  # rows without any output, behind which a predictor starts anew
+MOST_LOST = 0.3  # share of an output that may be missing without a warning
+FAR = 100.0  # of a state of unit variance, from which a gap was too long
 PREDICTED, MEASURED = "predicted", "measured"
 
 
@@ -68,7 +79,8 @@ def told(estimator, experiments):
     Returns
     -------
     experiments : Held or Remote
-        The same; for a predictor, with the measured outputs as further inputs.
+        The same; for a predictor its `pieces`, with the measured outputs as further
+        inputs.
 
     Raises
     ------
@@ -83,7 +95,44 @@ def told(estimator, experiments):
             "`noise` must be 'output' for experiments on a cluster, got "
             f"{estimator.noise!r}. Fit such a model where the record is."
         )
-    return Held(with_outputs(experiments), experiments.n_jobs)
+    whole = with_outputs(experiments)
+    parts = [(whole[i][0][part], whole[i][1][part]) for i, part in pieces(experiments)]
+    lost = max(np.isnan(y).mean(axis=0).max() for _, y in parts)
+    if lost > MOST_LOST:
+        warn_of_training(
+            f"{100 * lost:.0f} % of an output were not measured: what is predicted one "
+            "sample ahead is not checked there, and noise='innovations' may fail. "
+            "Compare with noise='output'."
+        )
+    return Held(parts, experiments.n_jobs)
+
+
+def pieces(experiments):
+    """Return where a predictor has something to follow.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y).
+
+    Returns
+    -------
+    pieces : list of tuple of (int, slice)
+        Number of the experiment, and rows: without those before the first and behind
+        the last measurement, and without gaps of at least `GAP` rows. All rows of an
+        experiment that was never measured.
+    """
+    found = []
+    for i, (_, y) in enumerate(experiments):
+        rows = np.flatnonzero(~np.isnan(y[:]).all(axis=1))
+        if len(rows) == 0:
+            found.append((i, slice(0, len(y))))
+            continue
+        cuts = np.flatnonzero(np.diff(rows) > GAP)
+        starts, stops = rows[[0, *(cuts + 1)]], rows[[*cuts, -1]] + 1
+        pairs = zip(starts.tolist(), stops.tolist(), strict=True)
+        found += [(i, slice(*pair)) for pair in pairs]
+    return found
 
 
 def identified(estimator, experiments, previous, watch, held_out):
@@ -138,28 +187,98 @@ def bridged(structure, theta, x0, experiments):
     x0 : ndarray of shape (n_experiments, nx)
         Initial states.
     experiments : sequence of tuple of ndarray
-        What `told` returned: pairs ([u, y_m], y).
+        Pairs ([u, y_m], y).
 
     Returns
     -------
     experiments : Held
         The same pairs, where y_m is what is predicted wherever y is nan.
     """
+    return Held(
+        [
+            (follow(structure, theta, start, z, y[:])[0], y)
+            for (z, y), start in zip(experiments, x0, strict=True)
+        ]
+    )
+
+
+def follow(structure, theta, x0, z, y):
+    """Let a predictor follow a record, and fill its gaps.
+
+    Parameters
+    ----------
+    structure : Structure
+        Predictor.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (nx,)
+        Initial state.
+    z : ndarray of shape (N, nu + ny)
+        Inputs, then the measured outputs, filled in any way.
+    y : ndarray of shape (N, ny)
+        Outputs; nan where not measured.
+
+    Returns
+    -------
+    z : ndarray of shape (N, nu + ny)
+        The same, filled by what is predicted.
+    X : ndarray of shape (N, nx)
+        Predicted states. In a gap of an unstable plant they grow, and from `FAR` on
+        start anew at the operating point.
+    """
     plain = structure.observe(structure.measured)
-    lure, pairs = plain.lure(theta), []
-    step = Stepper(lure, float)
-    for (z, y), start in zip(experiments, x0, strict=True):
-        z, missing, k = np.array(z), np.isnan(y[:]), np.intp(0)
-        x, y_m = plain.initial_state(start), z[:, -y.shape[1] :]  # a view
-        for row in np.flatnonzero(missing.any(axis=1)):
-            if row > k:
-                X = np.empty((row - k, len(x)))
-                step(z[k:row], x, X)
-                x, k = X[-1], row
-            y_hat = regressors(lure, x[None], z[row : row + 1])[0] @ lure.rows_z.T
-            y_m[row, missing[row]] = y_hat[missing[row]]
-        pairs.append((z, y))
-    return Held(pairs)
+    lure = plain.lure(theta)
+    step, z, x = Stepper(lure, float), np.array(z), plain.initial_state(x0)
+    missing, y_m = np.isnan(y), z[:, -y.shape[1] :]  # a view
+    X = np.empty((len(z) + 1, len(x)))
+    X[0] = x
+    stops = [*np.flatnonzero(missing.any(axis=1)), len(z)]
+    for row, stop in zip([0, *stops[:-1]], stops, strict=True):
+        if stop > row:  # whose gaps are filled
+            with np.errstate(over="ignore", invalid="ignore"):
+                step(z[row:stop], X[row], X[row + 1 : stop + 1])
+        if stop == len(z):
+            break
+        if not np.abs(X[stop]).max() < FAR:
+            X[stop] = 0.0
+        y_hat = regressors(lure, X[stop : stop + 1], z[stop : stop + 1])[0]
+        y_m[stop, missing[stop]] = (y_hat @ lure.rows_z.T)[missing[stop]]
+    return z, X[:-1]
+
+
+def first_states(estimator, structure, theta, x0, experiments):
+    """Return the initial states of whole experiments.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    structure : Structure
+        What was fitted.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (n_pieces, nx)
+        Initial states of what `told` returned.
+    experiments : sequence of tuple of array, Held or Remote
+        Scaled experiments.
+
+    Returns
+    -------
+    x0 : ndarray of shape (n_experiments, nx)
+        The same; estimated from its first samples where an experiment begins with a
+        gap.
+    """
+    if not is_predicting(estimator):
+        return x0
+    starts, found = pieces(experiments), np.zeros((len(experiments), x0.shape[1]))
+    for i, pair in enumerate(experiments):
+        first = next(k for k, (j, _) in enumerate(starts) if j == i)
+        if starts[first][1].start == 0:
+            found[i] = x0[first]
+        else:
+            kind = {"window": WINDOW, "noise": 1.0}
+            found[i] = estimate_x0(free_run(structure), theta, [pair], **kind)[0]
+    return found
 
 
 def n_measured(estimator, experiments):
@@ -231,7 +350,7 @@ def noise_covariance(estimator, structure, x0, experiments):
     """
     scale = estimator._scaling.y_scale
     if not experiments.is_here:
-        return np.diag(estimator.cost_ * scale**2)
+        return np.diag(estimator.cost_ / len(scale) * scale**2)
     with np.errstate(over="ignore", invalid="ignore"):
         moments = residual_moments(structure, estimator._theta, x0, experiments)
         Lambda = moments.products[0] / np.maximum(moments.pairs[0], 1)

@@ -244,15 +244,13 @@ class Ssnn(StateSpaceModel):
         return held_columns(structure, seen(self, structure.sizes))
 
     def _identify(self, experiments, previous, watch, held_out):
-        outcomes = []
-        before = dict(vars(self))
+        outcomes, before = [], dict(vars(self))
         for form in forms(self):
-            self.h_sees_ = form
+            self._reset({**before, "h_sees_": form})
             outcome = self._train(experiments, previous, watch, held_out)
             outcomes.append((outcome, dict(vars(self))))
-            self.__dict__.update(before)
         outcome, after = min(outcomes, key=lambda each: each[0][2].cost)
-        self.__dict__.update(after)
+        self._reset(after)
         return outcome
 
     def _train(self, experiments, previous, watch, held_out):

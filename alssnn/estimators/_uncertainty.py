@@ -22,7 +22,7 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
-from ._noise import bridged, is_predicting, told
+from ._noise import bridged, first_states, is_predicting, told
 from ._simulation import labeled_data
 
 
@@ -281,7 +281,9 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             at_rest=model._at_rest,
             **options,
         )
-        yield result.theta, result.x0 * model._x_scale
+        whole = model._experiments(u, y, parts)
+        x0 = first_states(model, structure, result.theta, result.x0, whole)
+        yield result.theta, x0 * model._x_scale
 
 
 def _seen(model, u, y, parts):
@@ -340,7 +342,7 @@ def _gauss_newton(model, u, y, experiment):
         n_effective=float(np.sum(inverse * JJ[1])),
         moments=moments,
         output_weight=weights["y"],
-        n_samples=sum(len(u_s) for u_s, _ in experiments),
+        n_samples=len(u),
         n_measured=n_measured,
     )
 

@@ -189,7 +189,7 @@ def _restore(cls, document, arrays):
         structure = model.declare(nx, nu, ny, C)
     fit = document["fit"]
     if "noise_covariance" not in arrays:  # of older files
-        arrays["noise_covariance"] = np.diag(fit["cost"] * arrays["y_scale"] ** 2)
+        arrays["noise_covariance"] = np.diag(fit["cost"] / ny * arrays["y_scale"] ** 2)
     n_experiments = len(fit["experiments"])
     excited = np.shape(arrays["region.whiten"])[-1]
     if not any(f"region.{name}" in arrays for name in NEAREST):
