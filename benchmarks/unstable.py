@@ -12,7 +12,8 @@ states are fitted with ``noise="innovations"``, for the ball with
 ``input_map="monotone"``, and otherwise with the defaults.  On (A, B, C) a
 linear-quadratic regulator with integrators is designed, and the true plant is run with
 it, with law and observer, from two starts at rest, 0.5 rad or 2 mm to either side; the
-observer starts at the operating point.
+observer starts at the operating point.  The coil takes 0 to 2 A, as without limits the
+first reaction to a ball 2 mm off may be far beyond all recorded currents.
 
 A start is held if y never leaves the travel (1.5 rad; 1 to 20 mm) and ends within 5 %
 of the first distance.  `pole` is the largest one of the linear part, `pole of f` that
@@ -132,7 +133,14 @@ PLANTS = {
         away=0.5,
     ),
     "levitation": Setting(
-        Case(make_magnetic_levitation, nx=2, reference=0, hold=10, travel=(1.0, 20.0)),
+        Case(
+            make_magnetic_levitation,
+            nx=2,
+            reference=0,
+            hold=10,
+            limits=(0.0, 2.0),  # 0.4 to 1.7 A are in the records
+            travel=(1.0, 20.0),
+        ),
         rest=10.0,
         away=2.0,
         options=(("input_map", "monotone"),),
@@ -147,7 +155,9 @@ def held(setting, record, model, start):
     """Return whether a design on a model holds the true plant from a start."""
     case = setting.case
     K = design(model, case, record.y.reshape(len(record.y), -1).std(axis=0))
-    loop = closed_loop(record.plant, model, K)
+    limits = dict(zip(("u_min", "u_max"), case.limits, strict=True))
+    law = model.linearizing_law(**limits)
+    loop = closed_loop(record.plant, model, K, law=law)
     x0 = np.zeros(loop.nstates)
     x0[0] = start  # the plant comes first
     t = record.dt * np.arange(RUN)
@@ -232,9 +242,9 @@ def write(rows):
         "",
         "By `python -m benchmarks.unstable`: loops of law, observer and regulator with",
         "integrators on the true plant. Held: seeds that were, from both starts;",
-        "medians of the largest pole of the linear part, of that of the whole model at its",
-        "operating point (true: 1.091 pendulum, 1.093 levitation), and of the error",
-        "one sample ahead on a fresh record over the standard deviation of y; f",
+        "medians of the largest pole of the linear part, of that of the whole model at",
+        "its operating point (true: 1.091 pendulum, 1.093 levitation), and of the",
+        "error one sample ahead on a fresh record over the standard deviation of y; f",
         "unstable: seeds whose whole model is unstable there, as the plant is.",
         "",
         f"| {' | '.join(titles)} |",
@@ -264,8 +274,8 @@ def main():
                 for seed in range(options.seeds):
                     rows.append(attempt(name, label, feedback, seed))
                     print("".join(f"{c:>12s}" for c in rows[-1]), flush=True)
-                if not options.quick:
-                    write(rows)
+                    if not options.quick:
+                        write(rows)
     for line in summarize(rows):
         print("  ".join(line))
     return int(any(row[4] != "2/2" for row in rows))
