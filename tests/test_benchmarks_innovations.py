@@ -1,0 +1,127 @@
+"""The benchmarks of innovations measure what they say, and keep what was missed."""
+
+import numpy as np
+import pytest
+
+from alssnn import LinearStateSpace
+from benchmarks import (
+    closed_loop_linear,
+    one_step,
+    predictor_step,
+    process_noise,
+    unstable,
+)
+from benchmarks.field.case import Case, Data
+
+
+def test_the_deviation_is_none_if_nothing_is_left_to_cancel(monkeypatch):
+    monkeypatch.setitem(process_noise.NOISES, "process", (0.0, 0.0))
+    model = LinearStateSpace(nx=2, operating_point="zero")
+    u, y = process_noise.make_record("process", "closed", 400, 0)
+    assert process_noise.deviation(model.fit(u, y).plant_) > 0.1
+    monkeypatch.setattr(process_noise, "h", np.zeros_like)
+    u, y = process_noise.make_record("process", "closed", 400, 0)
+    assert process_noise.deviation(model.fit(u, y).plant_) < 1e-4
+
+
+def test_a_deviation_beyond_its_limit_is_missed():
+    def rows(noise, output, innovations):
+        head = noise, "open", 3000, 0
+        return [
+            (*head, "output", "predicted", output, 1.0),
+            (*head, "innovations", "measured", innovations, 1.0),
+        ]
+
+    assert not process_noise.missed(rows("process", 0.3, 0.05))
+    assert len(process_noise.missed(rows("process", 0.3, 0.07))) == 1
+    assert not process_noise.missed(rows("measurement", 0.01, 0.0125))
+    assert len(process_noise.missed(rows("measurement", 0.01, 0.0135))) == 1
+
+
+@pytest.mark.parametrize("predicts", [True, False])
+def test_the_starts_know_a_plant_without_noise(predicts, monkeypatch):
+    monkeypatch.setitem(
+        closed_loop_linear.make_record.__globals__["CASES"],
+        closed_loop_linear.CASE,
+        (0.0, 0.0, 0.01 * predicts, 0.4),
+    )
+    u, y = closed_loop_linear.make_record(closed_loop_linear.CASE, 600, 0)
+    found = closed_loop_linear.figures(*closed_loop_linear.start(predicts, u, y))
+    np.testing.assert_allclose(found, [0.8, 0.4, 1.25], rtol=0.01)
+
+
+def test_the_bias_is_a_mean_with_its_standard_error():
+    errors = np.array([[1.0, 0.0], [3.0, 0.0]])
+    mean, se = closed_loop_linear.bias(errors)
+    np.testing.assert_allclose(mean, [2.0, 0.0])
+    np.testing.assert_allclose(se, [1.0, 0.0])
+
+
+def arx_record(n_samples, direct):
+    rng = np.random.default_rng(0)
+    u, y = rng.standard_normal((n_samples, 1)), np.zeros((n_samples, 1))
+    for k in range(2, n_samples):
+        y[k] = 0.5 + 1.2 * y[k - 1] - 0.5 * y[k - 2] + u[k - 2] + direct * u[k]
+        y[k] += 0.01 * rng.standard_normal()
+    return u, y
+
+
+@pytest.mark.parametrize("direct", [False, True])
+def test_arx_is_chosen_by_validation_and_finds_its_coefficients(direct):
+    u, y = arx_record(400, direct)
+    y[100:103] = np.nan
+    n, has_direct, theta = one_step.choose_arx([(u, y)])
+    assert n >= 2 and (has_direct or not direct)
+    np.testing.assert_allclose(theta[:3, 0], [0.5, 1.2, -0.5], atol=0.15)
+    whole = arx_record(400, direct)
+    error, _ = one_step.of_arx(Data([(u, y)], {}, 1.0), [whole], (False, True), 10)
+    assert error * np.nanstd(y) == pytest.approx(0.01, rel=0.15)
+
+
+def test_errors_leave_out_what_is_missing_and_diverging_models_are_infinite():
+    y = np.array([[9.0], [1.0], [np.nan], [2.0]])
+    y_hat = np.array([[0.0], [2.0], [5.0], [3.0]])
+    assert one_step.scaled_rms([(y, y_hat)], 2.0, 1) == pytest.approx(0.5)
+    assert one_step.scaled_rms([(y, np.full_like(y, np.inf))], 2.0, 1) == np.inf
+
+
+def test_a_fit_that_fails_is_a_row_and_the_newest_row_stays(tmp_path):
+    def load():
+        u, y = arx_record(80, False)
+        return Data([(u, y)], {"fresh": [(u[:, 0], y[:, 0])]}, -1.0)
+
+    case = Case("tiny", "ARX", load, "seen", n_init=10)
+    (row,) = [one_step.text_of(row) for row in one_step.compare(case, "lti")]
+    assert row[:3] == ["tiny", "lti", "fresh"] and "dt" in row[-1]
+    assert one_step.failures([row]) == [row]
+    better = [*row[:3], "0.9", *row[4:]]
+    one_step.write(one_step.replaced([row], [better]), tmp_path)
+    assert one_step.read(tmp_path / "one_step.csv") == [better]
+    assert "0 of 1 tests missed" in (tmp_path / "one_step.md").read_text()
+
+
+@pytest.mark.parametrize("sees", predictor_step.SEES)
+def test_passes_of_predictor_and_free_run_have_the_same_unknowns(sees):
+    predictor, free, output = predictor_step.criteria("SISO", "AL", sees, 50)
+    assert predictor[0].n == free[0].n > output[0].n
+    for criterion, vector in (predictor, free, output):
+        assert np.isfinite(criterion.normal_equations(vector)[0]).all()
+    # K has no effect in free run
+    assert free[0].norm(free[1]) == pytest.approx(output[0].norm(output[1]))
+
+
+def test_the_pendulum_is_unstable_and_kept_by_its_regulator():
+    record = unstable.make_pendulum(300, random_state=1)
+    assert np.abs(record.y).max() < 0.35
+    A = np.column_stack([unstable.swing(1e-6 * e, 0.0) / 1e-6 for e in np.eye(2)])
+    assert np.abs(np.linalg.eigvals(A)).max() == pytest.approx(1.091, abs=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_a_linear_model_of_innovations_holds_the_pendulum():
+    setting = unstable.PLANTS["pendulum"]
+    record = unstable.make_pendulum(600, random_state=0)
+    model = LinearStateSpace(nx=2, dt=record.dt, noise="innovations")
+    model.fit(record.u, record.y)
+    assert unstable.held(setting, record, model, 0.1)
+    assert not unstable.held(setting, record, model, 3.0)  # it hangs already
