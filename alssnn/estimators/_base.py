@@ -29,13 +29,7 @@ from ._disturbances import check_disturbances
 from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
-from ._noise import (
-    INNOVATIONS,
-    check_noise,
-    first_states,
-    identified,
-    noise_covariance,
-)
+from ._noise import INNOVATIONS, check_noise, first_states, identified, noise_covariance
 from ._options import estimator, option
 from ._plant import make_plant
 from ._progress import Progress
