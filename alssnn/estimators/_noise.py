@@ -17,6 +17,7 @@ from ._warn import warn_of_training
 
 INNOVATIONS = "innovations"
 GAP = 20  # rows without any output, behind which a predictor starts anew
+SPLIT = 1e-3  # of the error of the linear model: least weight of h(y_m)
 MOST_LOST = 0.3  # share of an output that may be missing without a warning
 FAR = 100.0  # of a state of unit variance, from which a gap was too long
 PREDICTED, MEASURED = "predicted", "measured"
@@ -375,3 +376,21 @@ def forms(estimator):
     if not is_predicting(estimator) or not sees_y:
         return [PREDICTED]
     return [MEASURED, PREDICTED] if choice == "auto" else [choice]
+
+
+def least_gamma_h(estimator):
+    """Return the weight of h that settles what is of A and K, and what of h.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+
+    Returns
+    -------
+    gamma_h : float
+        A small share of what the linear model leaves, if h sees the measured outputs:
+        the data cannot tell L y of h from A and K there (eq. innovations). Else zero.
+    """
+    sees_y_m = is_predicting(estimator) and estimator.h_sees_ == MEASURED
+    return SPLIT * estimator._linear_cost if sees_y_m else 0.0

@@ -13,7 +13,7 @@ from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..integrators import decouple
 from ..limits import Limits
-from ..linear_model import stabilize
+from ..linear_model import simulation_error, stabilize
 from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_orders
@@ -30,7 +30,13 @@ from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._judge import as_found, not_worse
-from ._noise import fitted_view, forms, is_predicting, n_measured
+from ._noise import (
+    fitted_view,
+    forms,
+    is_predicting,
+    least_gamma_h,
+    n_measured,
+)
 from ._options import estimator, option
 from ._warm_start import fits
 from ._warn import warn_of_training
@@ -158,6 +164,7 @@ class Ssnn(StateSpaceModel):
     feedback = "output"
     penalty = ""
     _forgets = 0.0  # least rate of decay of a predictor
+    _linear_cost = 0.0  # of the linear model that a fit began with
 
     @abstractmethod
     def _networks(self):
@@ -271,6 +278,7 @@ class Ssnn(StateSpaceModel):
             linear = self._linear_start(near, watch)
             # half as far from the circle as its poles, which then may stay
             self._forgets = 1.0 - (0.5 + linear.radius / 2) ** 2
+            self._linear_cost = simulation_error(near, linear) ** 2
             if self._phi is not None:
                 self._x_scale = np.ones(1)  # a basis of its own
             linear, plain = self._declared(linear)
@@ -475,7 +483,7 @@ class Ssnn(StateSpaceModel):
 
     def _criterion_terms(self, plain):
         weights = {"y": self._output_weight(plain.sizes["y"])}
-        gammas = {"h": self.gamma_h}
+        gammas = {"h": max(self.gamma_h, least_gamma_h(self))}
         if self.penalty:
             residual = "g" if self.penalty == "state" else "e"
             gammas = {residual: self.gamma, "k": self.gamma_k, **gammas}
