@@ -12,9 +12,10 @@ deviation of 0.5 and n of 0.01.  A model is identified from one record of 1,000 
 
 The check is asked at the level of 1 %.  In open loop all that it finds is false.  In
 closed loop, white noise of the sensor does no harm; in the other cases the simulation
-error is biased, and independence must not pass.  Where nothing but y moves u, it must
-not pass either.  Records of a closed loop take a quarter of the seeds.  Without --quick
-the table goes to doc/benchmarks/feedback.md.
+error is biased, and independence should not pass.  Where nothing but y moves u, it
+should not pass either.  Records of a closed loop take a quarter of the seeds.
+
+Without --quick the table goes to doc/benchmarks/feedback.md.
 """
 
 import argparse
