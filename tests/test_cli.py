@@ -315,6 +315,7 @@ def test_a_saved_model_knows_its_columns(saved, linear_plant, tmp_path, capsys):
     assert run("validate", saved, *data(linear_plant), "-o", table) == 0
     out, err = capsys.readouterr()
     assert "LinearStateSpace passes." in out and err == ""
+    assert "No feedback found" in out
     with table.open() as file:
         rows = list(csv.DictReader(file))
     assert "independence" in [row["name"] for row in rows]

@@ -601,7 +601,7 @@ def test_experiments_names_and_frames(true_model):
     frame = found.to_frame()
     assert frame.index.tolist() == [check.name for check in found]
     assert frame.loc["independence", "value"] == found["independence"].value
-    assert len(found) == len(frame) == 8
+    assert len(found) == len(frame) == 9
     as_list = model.validate([u[:450], u[450:]], [y[:450], y[450:]])
     assert as_list["independence"].value == found["independence"].value
     with pytest.raises(KeyError, match="`name` must be one of free run, extrapolation"):

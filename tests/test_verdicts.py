@@ -101,6 +101,7 @@ def residuals(explained, p=(1.0, 1.0), block="independence", **change):
             "shares": dict.fromkeys([*blocks, block], np.array([0.25, 0.31])),
             "explained": values,
             "n_parameters": 3,
+            "ahead": False,
             "output_names": ["flow", "level"],
             "level": 0.01,
             **change,
@@ -174,10 +175,50 @@ def test_a_p_value_at_the_level_passes_and_none_exceeds_one():
 @pytest.mark.parametrize(("p", "passes"), [(0.005, True), (0.0049, False)])
 def test_color_is_said_and_decides_nothing(p, passes):
     found = residuals({}, [0.9, p], block="whiteness")
-    check = _validate._whiteness(found)
+    check = _validate._whiteness(found, np.zeros(2))
     assert check.passed == passes and not check.decides
     if not passes:
         assert "of level is colored: its past explains 31 % of it" in check.sentence
+        assert "innovations" not in check.sentence
+
+
+@pytest.mark.parametrize(
+    ("share", "missed", "advised"),
+    [
+        (0.64, 0.0626, True),
+        (0.64, 0.0624, False),  # 5 % of the output
+        (0.49, 0.5, False),  # half of the residual
+    ],
+)
+def test_a_large_colored_residual_calls_for_innovations(share, missed, advised):
+    found = residuals({}, [0.9, 0.0], block="whiteness")
+    found.shares["whiteness"] = np.array([0.0, share])
+    check = _validate._whiteness(found, np.array([0.9, missed]))
+    assert ("Compare with noise='innovations'" in check.sentence) == advised
+    part = percent(np.sqrt(share) * missed)
+    assert (f"But this is {part} of the output" in check.sentence) == advised
+
+
+@pytest.mark.parametrize("doubt", ["", "The record is short"])
+@pytest.mark.parametrize(("p", "passes"), [(0.005, True), (0.0049, False)])
+def test_errors_one_sample_ahead_have_to_be_white(p, passes, doubt):
+    found = residuals({}, [0.9, p], block="whiteness", ahead=True)
+    check = _validate._whiteness(found, np.ones(2), doubt)
+    assert check.passed == passes and check.decides
+    if not passes:
+        assert check.undecided == bool(doubt)
+        assert "The error one sample ahead of level is colored" in (
+            check.sentence if not doubt else check.sentence.replace("the", "The")
+        )
+        assert ("raise `nx`" in check.sentence) != bool(doubt)
+
+
+def test_errors_one_sample_ahead_are_called_so():
+    found = residuals({}, [0.9, 0.0], ahead=True)
+    for name in ("independence", "squares"):
+        sentence = _validate._block(found, name, np.zeros(2)).sentence
+        assert "error one sample ahead" in sentence and "lags of u and y" in sentence
+        assert "residual" not in sentence and "whitened" not in sentence
 
 
 # -- the free run ----------------------------------------------------------------------

@@ -1,14 +1,9 @@
-"""Correlations of the residuals of a free run, with their bands."""
+"""Correlations of the residuals of a model, with their bands."""
 
 import numpy as np
 from matplotlib.ticker import EngFormatter
 
-from ..validation import (
-    column_names,
-    residual_tests,
-    scored_experiments,
-    scored_sensitivities,
-)
+from ..validation import column_names, judged_experiments, residual_tests
 from ._axes import BAND, color, finish, grid_of_axes
 
 
@@ -20,6 +15,10 @@ class ResidualDisplay:
     residual with u (eq. residuals): at lags from zero on these should stay inside. The
     titles count the lags outside the band that is drawn; the checks of ``validate``,
     which take all lags together and allow for errors of parameters, are not drawn.
+
+    Of a model with innovations, both are those of its errors one sample ahead, which
+    are not whitened: the upper row should stay in its band, too, and with u only what
+    is later than u.
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ class ResidualDisplay:
         ax=None,
         **kwargs,
     ):
-        """Simulate a fitted model and draw the correlations of its residuals.
+        """Draw the correlations of the residuals of a fitted model.
 
         Parameters
         ----------
@@ -88,19 +87,19 @@ class ResidualDisplay:
         Raises
         ------
         ValueError
-            If the simulation diverges, the record is too short or an option is out of
-            range.
+            If simulation or predictor diverge, the record is too short or an option is
+            out of range.
         """
-        experiments, _ = scored_experiments(model, u, y, experiment)
+        experiments, options = judged_experiments(model, u, y, experiment)
         inputs, outputs = column_names(model)
         tests = residual_tests(
             experiments,
-            sensitivities=scored_sensitivities(model, u, y, experiment),
             level=level,
             n_lags=n_lags,
             dt=model.dt,
             input_names=inputs,
             output_names=outputs,
+            **options,
         )
         return cls(tests).plot(ax, **kwargs)
 
@@ -187,6 +186,9 @@ class ResidualDisplay:
         axes = grid_of_axes(ax, (1 + nu, ny), size=(5.0, 2.1))
         style = {"color": color(0), "linewidth": 1.4, **kwargs}
         percent = f"{100 * (1 - tests.level):g} %"
+        noun, whitened = "residual", "whitened residual\n"
+        if tests.ahead:
+            noun, whitened = "error one sample ahead", "error one sample ahead\n"
         for i, column in enumerate(axes.T):
             name = tests.output_names[i]
             rows = [
@@ -194,16 +196,16 @@ class ResidualDisplay:
                     tests.lags,
                     tests.autocorrelation[:, i],
                     tests.autocorrelation_band[:, i],
-                    f"autocorrelation\nof the residual of {name}",
-                    "residual: ",
+                    f"autocorrelation\nof the {noun} of {name}",
+                    f"{noun}: ",
                 ),
                 *(
                     (
                         tests.cross_lags,
                         tests.cross_correlation[:, i, j],
                         tests.cross_band[:, i],
-                        f"whitened residual\nof {name} with {tests.input_names[j]}",
-                        f"{tests.input_names[j]}, lags from 0 on: ",
+                        f"{whitened}of {name} with {tests.input_names[j]}",
+                        f"{tests.input_names[j]}, lags from {tests.first_lag} on: ",
                     )
                     for j in range(nu)
                 ),
@@ -215,7 +217,7 @@ class ResidualDisplay:
                 one.vlines(lags, 0.0, r, **style)
                 one.plot(lags, r, ".", color=style["color"], markersize=4)
                 one.set_ylabel(label, fontsize="small")
-                counted = lags >= (0 if one is not column[0] else 1)
+                counted = lags >= (tests.first_lag if one is not column[0] else 1)
                 out = int(np.sum((np.abs(r) > band)[counted]))
                 title += f"{out} of {counted.sum()} outside the band"
                 one.set_title(title, loc="left", fontsize="medium")

@@ -357,6 +357,10 @@ def _residuals(validation):
     from ..plotting import ResidualDisplay
 
     drawn = ResidualDisplay(validation.residuals).plot().figure_
-    return figure(
-        drawn, "Correlations of the residual: those with u should stay in their band."
-    )
+    words = "Correlations of the residual: those with u should stay in their band."
+    if validation.residuals.ahead:
+        words = (
+            "Correlations of the errors one sample ahead: those with themselves "
+            "and with past u should stay in their band."
+        )
+    return figure(drawn, words)

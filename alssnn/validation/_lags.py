@@ -14,7 +14,7 @@ POWER_LAGS = 10  # lags of squares and cubes: the simulated output has memory it
 ROWS = 2  # samples per column
 
 
-def choose_lags(experiments, n_parameters):
+def choose_lags(experiments, n_parameters, ahead=False):
     """Return the number of lags that a record bears.
 
     Parameters
@@ -23,6 +23,8 @@ def choose_lags(experiments, n_parameters):
         Tuples (u, y, y_hat) of shapes (N, nu), (N, ny), (N, ny).
     n_parameters : int
         Number of parameters whose errors the tests allow for.
+    ahead : bool, default=False
+        Whether lags of y count, too.
 
     Returns
     -------
@@ -31,9 +33,8 @@ def choose_lags(experiments, n_parameters):
     """
     nu, ny = experiments[0][0].shape[1], experiments[0][1].shape[1]
     for n_lags in range(MOST, LEAST - 1, -1):
-        if fewest_rows(experiments, n_lags) >= rows_needed(
-            nu, ny, n_lags, n_parameters
-        ):
+        needed = rows_needed(nu, ny, n_lags, n_parameters, ahead)
+        if fewest_rows(experiments, n_lags) >= needed:
             return n_lags
     return 0
 
@@ -57,7 +58,7 @@ def fewest_rows(experiments, n_lags):
     return int(np.sum(known, axis=0).min())
 
 
-def rows_needed(nu, ny, n_lags, n_parameters):
+def rows_needed(nu, ny, n_lags, n_parameters, ahead=False):
     """Return the samples that a regression needs.
 
     Parameters
@@ -68,6 +69,8 @@ def rows_needed(nu, ny, n_lags, n_parameters):
         Number of lags.
     n_parameters : int
         Number of parameters whose errors the tests allow for.
+    ahead : bool, default=False
+        Whether lags of y count, too.
 
     Returns
     -------
@@ -76,4 +79,5 @@ def rows_needed(nu, ny, n_lags, n_parameters):
     """
     n_squares = (nu * (nu + 1) + ny * (ny + 1)) // 2
     powers = (n_squares + nu + ny) * (min(n_lags, POWER_LAGS) + 1)
-    return ROWS * (1 + nu * (n_lags + 1) + powers) + n_parameters
+    n_linear = nu + ny if ahead else nu
+    return ROWS * (1 + n_linear * (n_lags + 1) + powers) + n_parameters

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..linearizability import Linearizability
 from ._ahead import AheadFit
+from ._feedback import FeedbackTests
 from ._residuals import ResidualTests
 
 WIDTH = 88  # of the table
@@ -79,6 +80,9 @@ class Validation:
         How linear the model is on this record.
     name : str
         Name of the model.
+    feedback : FeedbackTests or None
+        Whether noise moved the inputs; None if there is no residual, or the record is
+        too short.
 
     Examples
     --------
@@ -94,6 +98,7 @@ class Validation:
     ahead: AheadFit | None = field(repr=False)
     linearizability: Linearizability = field(repr=False)
     name: str = "model"
+    feedback: FeedbackTests | None = field(default=None, repr=False)
 
     @property
     def passed(self):

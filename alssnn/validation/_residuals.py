@@ -1,4 +1,4 @@
-"""Residuals of a free run: whether they are noise, or something is missing.
+"""Residuals of a model: whether they are noise, or something is missing.
 
 The residual r = y - y_hat of a simulation is not white where the noise is not: white
 residuals are a surprise, colored ones no fault.  What counts is that r does not depend
@@ -18,6 +18,11 @@ does, beyond the blocks before it.  All of it comes out of one QR factorization.
 Regression, unlike one correlation after the other, is right for any color of u.  The
 sensitivities of the simulation, whitened alike, take up what errors of the estimated
 parameters do (`_regression`); without them the model is taken for exact.
+
+The errors eps of predictions one sample ahead (eq. innovations) are white and know
+nothing of the past, whoever made u.  They are not whitened, and what they must not
+depend on is all of the past (eq. ahead): u and the *measured* y, squares and cubes.
+The u of the same sample counts only where no controller can have made it of that y.
 
 Experiments are pooled; no lag reaches across a seam, and what was not measured drops
 out.
@@ -44,7 +49,7 @@ PERFECT = 1e-10  # residual over output that is rounding
 
 @dataclass(frozen=True, eq=False)
 class ResidualTests:
-    """Hold correlations and tests of the residuals of a free run.
+    """Hold correlations and tests of the residuals of a model.
 
     Parameters
     ----------
@@ -58,8 +63,8 @@ class ResidualTests:
     cross_lags : ndarray of int of shape (2 * n_lags + 1,)
         Lags of the cross-correlation; u is earlier than r at positive ones.
     cross_correlation : ndarray of shape (2 * n_lags + 1, ny, nu)
-        Correlation of the whitened residual with u. At negative lags it tells of
-        feedback while the data were recorded.
+        Correlation of the whitened residual, or of the error one sample ahead as it
+        is, with u. At negative lags it tells of feedback while the data were recorded.
     cross_band : ndarray of shape (2 * n_lags + 1, ny)
         Half width of its band if r does not depend on u.
     p_values : dict of str to ndarray of shape (ny,)
@@ -88,6 +93,10 @@ class ResidualTests:
         Sampling time, in seconds.
     input_names, output_names : list of str
         Names of the signals.
+    ahead : bool, default=False
+        Whether the residuals are errors one sample ahead, not those of a free run.
+    first_lag : int, default=0
+        First lag of u that was tested.
 
     Examples
     --------
@@ -115,29 +124,39 @@ class ResidualTests:
     dt: float
     input_names: list
     output_names: list
+    ahead: bool = False
+    first_lag: int = 0
 
 
 def residual_tests(
     experiments,
     *,
     sensitivities=None,
+    ahead=False,
+    first_lag=0,
     level=0.01,
     n_lags="auto",
     dt=1.0,
     input_names=None,
     output_names=None,
 ):
-    """Test the residuals of simulated experiments (eq. residuals).
+    """Test the residuals of experiments (eq. residuals).
 
     Parameters
     ----------
     experiments : sequence of tuple of ndarray
         Tuples (u, y, y_hat) of shapes (N, nu), (N, ny), (N, ny): inputs, measured
-        outputs, nan where not measured, and simulated outputs.
+        outputs, nan where not measured, and outputs of the model.
     sensitivities : sequence of callable or None, default=None
         What `scored_sensitivities` returns: the derivatives of the simulation by the
         parameters that were estimated, so that their errors, to first order, count for
         no dependence. None takes the model for exact, and finds these errors.
+    ahead : bool, default=False
+        Whether the outputs of the model are predictions one sample ahead, which know
+        the past of y. Their errors are taken as they are, not whitened, and tested
+        for what the past of y explains, too.
+    first_lag : int, default=0
+        First lag of u: 1 where u may depend on y of the same sample.
     level : float, default=0.01
         Probability of a false alarm, of each test and of the bands at each lag.
     n_lags : int or "auto", default="auto"
@@ -173,7 +192,8 @@ def residual_tests(
     experiments = _check_experiments(experiments)
     u = [u for u, _, _ in experiments]
     r = [y - y_hat for _, y, y_hat in experiments]
-    u, powers = _deviations(u), _powers(u, [y_hat for _, _, y_hat in experiments])
+    seen = [_known(y, y_hat, ahead, first_lag) for _, y, y_hat in experiments]
+    u, powers = _deviations(u), _powers(u, seen)
     nu, ny = u[0].shape[1], r[0].shape[1]
     input_names = check_names("input_names", input_names, "u", nu)
     output_names = check_names("output_names", output_names, "y", ny)
@@ -182,15 +202,18 @@ def residual_tests(
     if sensitivities is not None:
         n_parameters = next(sensitivities[0]())[0].shape[2]
     if n_lags == AUTO:
-        n_lags = choose_lags(experiments, n_parameters) or LEAST
-    _check_rows(experiments, n_lags, n_parameters)
-    few = range(min(n_lags, POWER_LAGS) + 1)
-    blocks = [(u, range(n_lags + 1)), *((q, few) for q in powers)]
+        n_lags = choose_lags(experiments, n_parameters, ahead) or LEAST
+    _check_rows(experiments, n_lags, n_parameters, ahead)
+    few = range(first_lag, min(n_lags, POWER_LAGS) + 1)
+    past = u
+    if ahead:
+        past = [np.hstack(z) for z in zip(u, _deviations(seen), strict=True)]
+    blocks = [(past, range(first_lag, n_lags + 1)), *((q, few) for q in powers)]
     columns, white, filters, explained = [], [], [], []
     for i in range(ny):
         r_i = [part[:, i] for part in r]
         y_i = [y[:, i] for _, y, _ in experiments]
-        column, white_i, a = _test_output(r_i, y_i, u, n_lags, z)
+        column, white_i, a = _test_output(r_i, y_i, u, n_lags, z, ahead)
         columns.append(column)
         white.append(white_i)
         filters.append(a)
@@ -224,6 +247,8 @@ def residual_tests(
         dt=float(dt),
         input_names=input_names,
         output_names=output_names,
+        ahead=bool(ahead),
+        first_lag=first_lag,
     )
 
 
@@ -284,11 +309,11 @@ def _check_experiments(experiments):
     return checked
 
 
-def _check_rows(experiments, n_lags, n_parameters):
+def _check_rows(experiments, n_lags, n_parameters, ahead):
     """Refuse a record that is too short for its regression."""
     nu, ny = experiments[0][0].shape[1], experiments[0][1].shape[1]
     rows = fewest_rows(experiments, n_lags)
-    needed = rows_needed(nu, ny, n_lags, n_parameters)
+    needed = rows_needed(nu, ny, n_lags, n_parameters, ahead)
     if rows < needed:
         raise ValueError(
             f"`y` must have at least {needed} measured samples behind the "
@@ -297,7 +322,15 @@ def _check_rows(experiments, n_lags, n_parameters):
         )
 
 
-def _test_output(r, y, u, n_lags, z):
+def _known(y, y_hat, ahead, first_lag):
+    """Return outputs on which a residual must not depend, from `first_lag` on."""
+    if not ahead:
+        return y_hat
+    y = np.where(np.isnan(y), y_hat, y)
+    return y if first_lag else np.vstack([y[:1], y[:-1]])  # strictly of the past
+
+
+def _test_output(r, y, u, n_lags, z, ahead):
     """Return correlations of one output, its whitened residual and the filter."""
     n = sum(int(np.isfinite(part).sum()) for part in r)
     nu = u[0].shape[1]
@@ -310,6 +343,8 @@ def _test_output(r, y, u, n_lags, z):
     # Ljung and Box; pairs = n - k without gaps
     Q = n * (n + 2) * np.sum(auto[1:] ** 2 / np.maximum(auto_pairs[1:], 1))
     white, a, own_share = whiten(r)
+    if ahead:
+        white, a = r, np.zeros(0)
     lags = range(-n_lags, n_lags + 1)
     cross = [_correlation(white, [part[:, [j]] for part in u], lags) for j in range(nu)]
     n_white = sum(int(np.isfinite(part).sum()) for part in white)

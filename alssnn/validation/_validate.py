@@ -1,19 +1,24 @@
 """The checks of a model on a record, and their words."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from ..linearizability import OUTSIDE, judge, percent, worst_error
 from ..metrics import fit_percent
+from ..plant import as_plant
 from ._ahead import ahead_fit
+from ._closed_loop import feedback_check, in_closed_loop
+from ._feedback import feedback_tests
 from ._lags import choose_lags
+from ._predicted import judged_experiments, predicts, share_outside
 from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import (
     column_names,
+    moved_names,
     scored_experiments,
-    scored_sensitivities,
     surely_outside,
 )
 
@@ -69,7 +74,7 @@ def validate(
         Label of the experiment of every sample.
     level : float, default=0.01
         Probability of a false alarm of the three deciding tests of residuals together,
-        and of the test of whiteness.
+        of the test of whiteness, and of that of feedback.
     n_lags : int or "auto", default="auto"
         Number of lags of the tests, in samples; "auto" takes 25, or as many as a
         shorter record bears, at least 4. Where it does not bear these beside the
@@ -86,8 +91,9 @@ def validate(
         that a right structure passes whose parameters have errors; with True it is,
         which finds a plant that has changed since the training.
     baseline : estimator or None, default=None
-        Linear model fitted to the same data, with the same `n_init_samples`: the free
-        run must not be worse than that of this model. None compares with the mean.
+        Linear model fitted to the same data, with the same `n_init_samples` and
+        `noise`: the free run must not be worse than that of this model. None compares
+        with the mean.
 
     Returns
     -------
@@ -105,8 +111,9 @@ def validate(
     -----
     The p-value of a deciding test is the smallest one of the outputs times their number
     times three, the number of these tests (Bonferroni); that of whiteness is only
-    multiplied by the number of outputs.
-    Costs five simulations, one pass of an observer, and unless `exact` one of the
+    multiplied by the number of outputs. It decides for ``noise="innovations"``, whose
+    tests are those of the errors one sample ahead.
+    Costs six simulations, one pass of an observer, and unless `exact` one of the
     sensitivities with a QR factorization of as many columns as parameters per output.
 
     Examples
@@ -134,20 +141,22 @@ def validate(
         )
     inputs, outputs = column_names(model)
     linear = model.linearizability(u, y, experiment)
-    residuals, doubt = None, ""
-    if all(np.isfinite(y_hat).all() for _, _, y_hat in experiments):
-        sensitivities = None
-        if not exact:
-            sensitivities = scored_sensitivities(model, u, y, experiment)
+    residuals, feedback, doubt = None, None, ""
+    try:
+        tested, options = judged_experiments(model, u, y, experiment, exact=exact)
+    except ValueError as error:  # no stable predictor
+        tested, doubt = [], str(error)
+    if tested and all(np.isfinite(y_hat).all() for _, _, y_hat in tested):
         residuals, doubt = _tested(
-            experiments,
-            sensitivities,
-            n_lags,
+            tested,
+            n_lags=n_lags,
             level=level,
             dt=model.dt,
             input_names=inputs,
             output_names=outputs,
+            **options,
         )
+        feedback = _fed_back(model, u, y, experiment, tested, experiments)
     ahead, problem = None, ""
     try:
         ahead = ahead_fit(model, u, y, experiment, horizons=horizons)
@@ -158,35 +167,65 @@ def validate(
     if baseline is not None:
         baseline, _ = scored_experiments(baseline, u, y, experiment)
     free_run = _free_run(model, experiments, outputs, baseline)
-    missed = 1 - _fits(experiments) / 100
+    missed = 1 - _fits(tested or experiments) / 100
+    region, surely = linear, partial(surely_outside, model, u, y, experiment)
+    if predicts(model):
+        free_run = _noisy_run(model, free_run, missed)
+    if tested and not free_run.decides and linear.outside is not None:
+        predicted = partial(share_outside, model, u, y, experiment)
+        region, surely = (
+            replace(linear, outside=predicted()),
+            partial(predicted, surely=True),
+        )
+    blocks = [_block(residuals, name, missed, doubt) for name in BLOCKS]
+    whiteness = _whiteness(residuals, missed, doubt)
+    part = 0.0 if whiteness.passed else _color(residuals, missed)
+    part = part if part > MATTERS else 0.0
     checks = (  # by weight
         free_run,
-        _extrapolation(linear, partial(surely_outside, model, u, y, experiment)),
+        _extrapolation(region, surely),
         _linear(linear, linear_within, model.fitted_.for_control, free_run.value),
-        *(_block(residuals, name, missed, doubt) for name in BLOCKS),
+        *in_closed_loop(blocks, feedback, level, predicts(model), part),
         _ahead(ahead, problem, outputs),
-        _whiteness(residuals, doubt),
+        whiteness,
+        feedback_check(feedback, level, predicts(model), doubt),
     )
-    return Validation(checks, residuals, ahead, linear, type(model).__name__)
+    return Validation(checks, residuals, ahead, linear, type(model).__name__, feedback)
 
 
-def _tested(experiments, sensitivities, n_lags, **options):
+def _tested(experiments, sensitivities, n_lags, ahead, **options):
     """Return the tests of residuals, and what a short record leaves open."""
     doubt = ""
     if n_lags == AUTO:
         n_free = 0
         if sensitivities is not None:
             n_free = next(sensitivities[0]())[0].shape[2]
-        n_lags = choose_lags(experiments, n_free)
+        n_lags = choose_lags(experiments, n_free, ahead)
         if n_lags == 0 and n_free:
-            n_lags, sensitivities = choose_lags(experiments, 0), None
+            n_lags, sensitivities = choose_lags(experiments, 0, ahead), None
             doubt = f"The record is too short for a model of {n_free} parameters"
         if n_lags == 0:
             return None, "The record is too short for tests of residuals."
     tests = residual_tests(
-        experiments, sensitivities=sensitivities, n_lags=n_lags, **options
+        experiments, sensitivities=sensitivities, n_lags=n_lags, ahead=ahead, **options
     )
     return tests, doubt
+
+
+def _fed_back(model, u, y, experiment, tested, experiments):
+    """Return the tests of feedback: of the inputs as they were sent."""
+    records, plant = model.prepare_records(u, y, experiment), as_plant(model).arrived()
+    sent = [record.u[record.scored] for record in records]
+    simulated = [y_hat for _, _, y_hat in experiments]
+    known = all(np.isfinite(y_hat).all() for y_hat in simulated)
+    return feedback_tests(
+        [(u_i, *pair) for u_i, (_, *pair) in zip(sent, tested, strict=True)],
+        moved=plant.moved,
+        input_names=moved_names(model),
+        simulated=simulated if known else None,
+        ahead=predicts(model),
+        direct=not plant.feeds_through,
+    )
 
 
 def _bonferroni(p, n_tests=1):
@@ -205,30 +244,36 @@ def _block(residuals, name, missed, doubt=""):
     worst = int(p.argmin())
     value = _bonferroni(p, len(BLOCKS))  # `level` is that of all of them together
     what, remedy = MEANING[name]
+    noun, past = "residual", "lags of u"
+    if residuals.ahead:
+        noun, past = "error one sample ahead", "lags of u and y"
+    what = what.replace("lags of u", past)
     found = np.array([residuals.explained[block] for block in BLOCKS])
     i = BLOCKS.index(name)
     explained = found[: i + 1].sum(axis=0)  # with the blocks before
     part = np.sqrt(explained) * missed
     large = (explained > EXPLAINED) & (part > MATTERS) | (part > PREDICTED)
     large &= found[i] > OWN
-    together = "they" if i == 0 else f"they and {BEFORE[i - 1]}"
+    together = "they"
+    if i > 0:
+        together = f"they and {BEFORE[i - 1]}".replace("lags of u", past)
     size = (
         f"On samples left out {together} predict {percent(explained.max())} of the "
-        f"residual, {percent(part.max())} of the output."
+        f"{noun}, {percent(part.max())} of the output."
     )
     undecided = False
     if np.any(large):
         worst = int(np.argmax(np.where(large, part, 0.0)))
         passed = False
         sentence = (
-            f"{what.capitalize()} predict {percent(explained[worst])} of the residual "
+            f"{what.capitalize()} predict {percent(explained[worst])} of the {noun} "
             f"of {residuals.output_names[worst]} on samples left out, "
             f"{percent(part[worst])} of the output: too much for errors of the "
             f"parameters; {MEANING[name][1]}, or refit."
         )
     elif value >= residuals.level:
         passed = True
-        sentence = f"The residual does not depend on {what}"
+        sentence = f"The {noun} does not depend on {what}"
         sentence += (
             " beyond errors of the parameters. " if residuals.n_parameters else ". "
         )
@@ -236,34 +281,67 @@ def _block(residuals, name, missed, doubt=""):
     elif doubt:
         passed, undecided = False, True
         sentence = (
-            f"{doubt}: the residual of {residuals.output_names[worst]} depends on "
+            f"{doubt}: the {noun} of {residuals.output_names[worst]} depends on "
             f"{what}, but errors of the parameters may be all of it. {size}"
         )
     else:
-        passed = False
+        passed, whitened = False, "" if residuals.ahead else " (whitened)"
         sentence = (
-            f"The residual of {residuals.output_names[worst]} depends on {what}, which "
-            f"explain {percent(share[worst])} of it (whitened); {remedy}. {size}"
+            f"The {noun} of {residuals.output_names[worst]} depends on {what}, which "
+            f"explain {percent(share[worst])} of it{whitened}; {remedy}. {size}"
         )
     return Check(name, passed, value, "p-value", True, sentence, undecided)
 
 
-def _whiteness(residuals, doubt=""):
+def _whiteness(residuals, missed, doubt=""):
     if residuals is None:
         return _untested("whiteness", doubt, decides=False)
     p, share = residuals.p_values["whiteness"], residuals.shares["whiteness"]
-    value = _bonferroni(p)
+    value, worst = _bonferroni(p), int(p.argmin())
     passed = value >= residuals.level
+    name, explained = residuals.output_names[worst], percent(share[worst])
+    if residuals.ahead:
+        if passed:
+            sentence = "The error one sample ahead is white: its past tells nothing."
+        elif doubt:
+            sentence = (
+                f"{doubt}: the error one sample ahead of {name} is colored, but errors "
+                "of the parameters may be all of it."
+            )
+        else:
+            sentence = (
+                f"The error one sample ahead of {name} is colored: its past explains "
+                f"{explained} of it. Dynamics or the color of the noise are missing: "
+                "raise `nx`."
+            )
+        undecided = bool(doubt) and not passed
+        return Check("whiteness", passed, value, "p-value", True, sentence, undecided)
     if passed:
         sentence = "The residual is white, as white measurement noise is."
     else:
-        worst = int(p.argmin())
         sentence = (
-            f"The residual of {residuals.output_names[worst]} is colored: its past "
-            f"explains {percent(share[worst])} of it. This is no fault of a free run, "
-            "whose residual has the color of the noise: independence decides."
+            f"The residual of {name} is colored: its past explains {explained} of it. "
+            "This is no fault of a free run, whose residual has the color of the "
+            "noise: independence decides."
         )
+        part = _color(residuals, missed)
+        if part > MATTERS and share.max() > EXPLAINED:
+            sentence += (
+                f" But this is {percent(part)} of the output: if it is noise of the "
+                "process, not of the sensor, the model is biased by it. Compare with "
+                "noise='innovations'."
+            )
     return Check("whiteness", passed, value, "p-value", False, sentence)
+
+
+def _color(residuals, missed):
+    """Return how much of an output the past of its residual tells."""
+    if residuals is None:
+        return 0.0
+    return float(np.max(np.sqrt(np.maximum(residuals.shares["whiteness"], 0)) * missed))
+
+
+# -- the free run and predictions ------------------------------------------------------
 
 
 def _free_run(model, experiments, outputs, baseline):
@@ -302,6 +380,24 @@ def _free_run(model, experiments, outputs, baseline):
             sentence += f"; in training the model missed {_missed(trained)}"
         sentence += "."
     return Check("free run", passed, value, "fit, %,", True, sentence)
+
+
+def _noisy_run(model, check, missed):
+    """Return the check of a free run that is not told the noise of the process."""
+    radius = np.abs(np.linalg.eigvals(as_plant(model).linear()[0])).max(initial=0.0)
+    worst = percent(np.max(missed))
+    sentence = (
+        f"{check.sentence} A free run does not know the noise of the process: one "
+        f"sample ahead the model misses {worst}."
+    )
+    if radius < 1 or check.passed:
+        return replace(check, sentence=sentence)
+    sentence = (
+        f"A is unstable, spectral radius {radius:.4g}: noise makes every free run "
+        "leave the record, and this one is reported only. One sample ahead the model "
+        f"misses {worst}."
+    )
+    return replace(check, decides=False, sentence=sentence)
 
 
 def _fits(experiments):
