@@ -12,7 +12,12 @@ from scipy.io import loadmat
 import alssnn
 from alssnn import cli
 from alssnn.cli import _comparison, _demo
-from alssnn.datasets import Record, make_pendulum, make_wiener_hammerstein
+from alssnn.datasets import (
+    Record,
+    make_inverted_pendulum,
+    make_pendulum,
+    make_wiener_hammerstein,
+)
 from alssnn.feedback import balanced_weights, lqi
 from alssnn.tables import read_csv
 from helpers import simulate_linear
@@ -756,3 +761,18 @@ def test_runs_as_a_module_without_matplotlib_or_control():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"alssnn {alssnn.__version__}\n"
+
+
+def test_an_unstable_plant_from_its_csv_to_a_controller(tmp_path, capsys):
+    record = make_inverted_pendulum(1600, angle=0.1, random_state=0)
+    path, model = tmp_path / "loop.csv", tmp_path / "loop.npz"
+    table = np.hstack([record.u, record.y])
+    np.savetxt(path, table, delimiter=",", header="torque,angle", comments="")
+    options = ["--input", "torque", "--output", "angle", "--dt", "0.02", "--nx", "2"]
+    options += ["--model", "lti", "--innovations", "--save", model, "--quiet"]
+    assert run("fit", path, *options) == 0
+    held_out = ["--data", path, "--last", "0.5"]
+    assert run("validate", model, *held_out) == 0
+    assert run("control", model, *held_out, "-o", tmp_path) == 0
+    assert (tmp_path / "gain.csv").exists()
+    assert "LinearStateSpace passes" in capsys.readouterr().out

@@ -344,6 +344,9 @@ def test_a_free_run_of_an_unstable_plant_decides_nothing():
     validation = model.validate(*unstable(1000, 1))
     free_run = validation["free run"]
     assert free_run.outcome == "note" and "reported only" in free_run.sentence
+    linear = validation["linearizability"]
+    assert linear.outcome == "note" and "designed_loop" in linear.sentence
+    assert validation.passed
     assert validation["extrapolation"].passed  # by its states as they are predicted
     for name in ("independence", "squares", "cubes", "whiteness"):
         assert validation[name].passed

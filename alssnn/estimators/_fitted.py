@@ -9,6 +9,7 @@ from ..containers import Container
 from ..region import Region
 from ..scaling import Scaling
 from ..structures import Structure
+from ._noise import is_predicting
 from ._uncertainty import free_entries
 
 
@@ -36,6 +37,9 @@ class FittedModel:
         Whether the training experiments began at the operating point.
     for_control : bool
         Whether (A, B, C) is meant for the design of a controller.
+    grows : bool
+        Whether a free run grows without bound and says nothing: A is unstable, and was
+        identified by errors one sample ahead.
     region : Region
         Region of the training data.
     container : Container
@@ -56,6 +60,7 @@ class FittedModel:
     cost: float
     at_rest: bool
     for_control: bool
+    grows: bool
     region: Region
     container: Container
     y_ndim: int
@@ -87,6 +92,7 @@ def fitted_model(model):
         cost=model.cost_,
         at_rest=model._at_rest,
         for_control=model._for_control,
+        grows=is_predicting(model) and np.abs(np.linalg.eigvals(model.A_)).max() >= 1,
         region=model._region,
         container=model._container,
         y_ndim=model._y_ndim,

@@ -56,8 +56,10 @@ def fault(row, lti=None):
     Returns
     -------
     sentence : str
-        The reason; empty if there is none.
+        The reason; empty if there is none, or if no free run can tell.
     """
+    if row.model.fitted_.grows:
+        return ""
     if not np.isfinite(row.fit_percent).all():
         return f"{row.name} diverges on the test data: do not use it."
     if row.fit_percent.min() <= 0:

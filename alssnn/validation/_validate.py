@@ -184,7 +184,7 @@ def validate(
     checks = (  # by weight
         free_run,
         _extrapolation(region, surely),
-        _linear(linear, linear_within, model.fitted_.for_control, free_run.value),
+        _linear(linear, linear_within, model.fitted_.for_control, free_run),
         *in_closed_loop(blocks, feedback, level, predicts(model), part),
         _ahead(ahead, problem, outputs),
         whiteness,
@@ -448,9 +448,15 @@ def _extrapolation(linear, surely):
     return Check("extrapolation", passed, outside, "share", True, sentence, undecided)
 
 
-def _linear(linear, within, decides, fit):
-    passed, sentence = judge(linear, within, fit)
+def _linear(linear, within, decides, free_run):
+    passed, sentence = judge(linear, within, free_run.value)
     if not decides:
         sentence += " This model was not made for control: reported only."
+    elif not free_run.decides:  # of an unstable plant
+        decides = False
+        sentence += (
+            " No free run tells how linear it is then, and this is reported only: "
+            "compare `closed_loop` of the model with `designed_loop`."
+        )
     value = worst_error(linear)
     return Check("linearizability", passed, value, "rms(e) / std(y)", decides, sentence)
