@@ -62,7 +62,7 @@ def test_readme_names_things_that_exist():
 def test_the_loop_of_the_readme_tracks_its_reference():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", readme, re.S)
-    code, tank = [block for block in blocks if "closed_loop(" in block]
+    code, tank, upright = [block for block in blocks if "closed_loop(" in block]
     names = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
@@ -73,6 +73,12 @@ def test_the_loop_of_the_readme_tracks_its_reference():
     exec(tank, names)
     assert names["loop"].input_labels == ["r[0]", "u[1]"]
     assert names["model"].score(names["tank"].u, names["tank"].y) > 0.999
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # A is unstable, and may be
+        exec(upright, names)
+    poles = names["model"].plant_.jacobian(np.zeros(2), np.zeros(1))[0]
+    assert np.abs(np.linalg.eigvals(poles)).max() == pytest.approx(1.091, abs=0.005)
+    assert names["loop"].nstates == 5  # pendulum, integrator, observer
 
 
 MODELS = [alssnn.AlSsnn, alssnn.FlSsnn, alssnn.GrSsnn, alssnn.LinearStateSpace]
