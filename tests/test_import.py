@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -14,11 +15,13 @@ assert not heavy, heavy
 """
 
 
-def test_import_is_fast_and_lean():
-    runs = [
-        subprocess.run(
-            [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True
-        )
-        for _ in range(5)  # the best of them: others share the machine
-    ]
-    assert min(float(run.stdout) for run in runs) < 0.2
+def test_import_is_fast_and_lean(tmp_path):
+    # what a user has behind the first import: bytecode, wherever it may be written
+    env = {**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path)}
+    env.pop("PYTHONDONTWRITEBYTECODE", None)
+    command = [sys.executable, "-c", SCRIPT]
+    options = {"capture_output": True, "text": True, "check": True, "env": env}
+    runs = [subprocess.run(command, **options) for _ in range(6)]
+    times = sorted(float(run.stdout) for run in runs)
+    # the best of them: others share the machine
+    assert times[0] < 0.15

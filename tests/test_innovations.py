@@ -582,3 +582,24 @@ def test_record_and_predictor_are_inverse_to_each_other(name):
     y_m = outputs(drawn, np.hstack([u, eps]), x0) + eps
     seen = predictor(structure).observe("y").lure(theta)
     np.testing.assert_allclose(y_m - outputs(seen, np.hstack([u, y_m]), x0), eps)
+
+
+def test_a_loaded_predictor_goes_on_where_it_was(loop_record, tmp_path):
+    options = {"nx": 2, "n_h": 3, "n_init": 1, "alpha": 1e-4, "random_state": 0}
+    model = alssnn.FlSsnn(
+        feedback="output",
+        max_iter=4,
+        warm_start=True,
+        noise="innovations",
+        h_sees="measured",
+        **options,
+    ).fit(*loop_record)
+    model.save(tmp_path / "model")
+    again = alssnn.load(tmp_path / "model")
+    assert vars(again).keys() >= vars(model).keys()
+    for one in (model, again):
+        one.set_params(max_iter=8).fit(*loop_record)
+    np.testing.assert_array_equal(again.A_, model.A_)
+    # a fit for the output keeps nothing of it
+    model.set_params(noise="output").fit(*loop_record)
+    assert not {"_forgets", "_linear_cost", "h_sees_"} & set(vars(model))

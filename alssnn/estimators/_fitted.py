@@ -49,6 +49,10 @@ class FittedModel:
     decay : dict or None
         Weight of the squared network parameters that a search chose, `alpha`, and
         what it pulls to, `center`.
+    predictor : dict or None
+        Of networks with innovations, what their training goes on with: the least rate
+        of decay of the predictor, `forgets`, and the cost of its linear model,
+        `linear_cost`.
     """
 
     structure: Structure
@@ -65,6 +69,7 @@ class FittedModel:
     container: Container
     y_ndim: int
     decay: dict | None
+    predictor: dict | None
 
 
 def fitted_model(model):
@@ -97,7 +102,15 @@ def fitted_model(model):
         container=model._container,
         y_ndim=model._y_ndim,
         decay=model._decay,
+        predictor=_kept(model),
     )
+
+
+def _kept(model):
+    """Return what the training of a predictor with networks goes on with."""
+    names = ("forgets", "linear_cost")
+    kept = {name: vars(model).get(f"_{name}") for name in names}
+    return None if None in kept.values() else kept
 
 
 def restore(model, fitted, published):
@@ -129,6 +142,8 @@ def restore(model, fitted, published):
     if hasattr(model, "alpha"):
         model._decay = fitted.decay
     model._container, model._y_ndim = fitted.container, fitted.y_ndim
+    for name, value in (fitted.predictor or {}).items():
+        setattr(model, f"_{name}", value)
     for name, value in published.items():
         setattr(model, name, value)
     model._publish_parameters()

@@ -252,8 +252,10 @@ class Ssnn(StateSpaceModel):
 
     def _identify(self, experiments, previous, watch, held_out):
         outcomes, before = [], dict(vars(self))
+        before.pop("h_sees_", None)
         for form in forms(self):
-            self._reset({**before, "h_sees_": form})
+            told = {"h_sees_": form} if is_predicting(self) else {}
+            self._reset({**before, **told})
             outcome = self._train(experiments, previous, watch, held_out)
             outcomes.append((outcome, dict(vars(self))))
         outcome, after = min(outcomes, key=lambda each: each[0][2].cost)
@@ -276,9 +278,12 @@ class Ssnn(StateSpaceModel):
         else:
             near = self._near(experiments)
             linear = self._linear_start(near, watch)
-            # half as far from the circle as its poles, which then may stay
-            self._forgets = 1.0 - (0.5 + linear.radius / 2) ** 2
-            self._linear_cost = simulation_error(near, linear) ** 2
+            for name in ("_forgets", "_linear_cost"):
+                self.__dict__.pop(name, None)
+            if is_predicting(self):
+                # half as far from the circle as its poles, which then may stay
+                self._forgets = 1.0 - (0.5 + linear.radius / 2) ** 2
+                self._linear_cost = float(simulation_error(near, linear) ** 2)
             if self._phi is not None:
                 self._x_scale = np.ones(1)  # a basis of its own
             linear, plain = self._declared(linear)

@@ -101,6 +101,7 @@ def save(model, path):
             "train_score": encode(model.train_score_),
             "orders": encode(model.orders_),
             "alpha": encode(getattr(model, "alpha_", None)),
+            "predictor": encode(fitted.predictor),
             "y_ndim": fitted.y_ndim,
             "integrators": model.integrators_,
             "container": {
@@ -243,9 +244,18 @@ def _restore(cls, document, arrays):
         ),
         y_ndim=fit["y_ndim"],
         decay=decay,
+        predictor=_predictor(decode(fit.get("predictor"))),
     )
     _check_fit(fitted, results, nu, ny)
     return model.restore(fitted, results)
+
+
+def _predictor(kept):
+    """Return what the training of a predictor goes on with, as numbers."""
+    if kept is None:
+        return None
+    names = ("forgets", "linear_cost")
+    return {name: float(_finite(name, kept[name])) for name in names}
 
 
 def _results(model, fit, arrays):
