@@ -13,8 +13,8 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..experiments import is_list_of_records
-from ..innovations import predictor, with_outputs
-from ._noise import follow, is_predicting
+from ..innovations import has_innovations, predictor, with_outputs
+from ..predictions import follow
 from ._simulation import labeled_data, simulated, start_states
 
 CHUNK = 8192  # starting points treated at a time, which bounds the memory for w
@@ -72,7 +72,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
         )
     as_list = is_list_of_records(u)
     u, y, parts, labels = labeled_data(model, u, y, experiment)
-    predicts = observer is None and is_predicting(model)
+    predicts = observer is None and has_innovations(model._structure)
     observer = Observer(model) if observer is None else observer
     n_late = observer.plant.n_late
     y_hat = np.empty((len(u), len(model.C_)))

@@ -17,6 +17,7 @@ from ..innovations import free_run, predictor
 from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
+from ..predictions import first_states
 from ..scaling import Scaling
 from ..structures import Structure
 from ..subspace import SUBSPACE_SAMPLES
@@ -29,7 +30,7 @@ from ._disturbances import check_disturbances
 from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
-from ._noise import INNOVATIONS, check_noise, first_states, identified, noise_covariance
+from ._noise import INNOVATIONS, check_noise, identified, noise_covariance
 from ._options import estimator, option
 from ._plant import make_plant
 from ._progress import Progress
@@ -374,7 +375,7 @@ class StateSpaceModel(
             self, experiments, previous, watch, held_out
         )
         self._structure, x0 = free_run(fitted), result.x0
-        result.x0 = first_states(self, fitted, self._theta, x0, experiments)
+        result.x0 = first_states(fitted, self._theta, x0, experiments)
         self._publish(result, watch)
         watch.has_result = True
         for name in ("_orders", "_curve"):  # the first holds the record

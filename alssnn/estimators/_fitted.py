@@ -6,10 +6,10 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from ..containers import Container
+from ..innovations import has_innovations
 from ..region import Region
 from ..scaling import Scaling
 from ..structures import Structure
-from ._noise import is_predicting
 from ._uncertainty import free_entries
 
 
@@ -97,7 +97,10 @@ def fitted_model(model):
         cost=model.cost_,
         at_rest=model._at_rest,
         for_control=model._for_control,
-        grows=is_predicting(model) and np.abs(np.linalg.eigvals(model.A_)).max() >= 1,
+        grows=bool(
+            has_innovations(structure)
+            and np.abs(np.linalg.eigvals(model.A_)).max() >= 1
+        ),
         region=model._region,
         container=model._container,
         y_ndim=model._y_ndim,

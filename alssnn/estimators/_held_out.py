@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..training import Validation
-from ._noise import told
+from ._noise import training_data
 from ._simulation import labeled_data
 
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
@@ -66,7 +66,7 @@ def _given(estimator, validation):
 
 def _judge(estimator, experiments):
     """Return what judges the training by scaled experiments held out of it."""
-    experiments = told(estimator, experiments)
+    experiments = training_data(estimator, experiments)
     shortest = min(len(u) for u, _ in experiments)
     if shortest < MIN_VALIDATION:
         raise ValueError(

@@ -2,24 +2,14 @@
 
 import numpy as np
 
-from ..initial_states import WINDOW, estimate_x0
-from ..innovations import (
-    INNOVATION,
-    free_run,
-    has_innovations,
-    predictor,
-    with_outputs,
-)
+from ..innovations import INNOVATION, has_innovations, predictor
 from ..mapping import Held
-from ..sandwich import residual_moments
-from ..simulation import Stepper, regressors
+from ..predictions import bridged, error_covariance, told
 from ._warn import warn_of_training
 
 INNOVATIONS = "innovations"
-GAP = 20  # rows without any output, behind which a predictor starts anew
 SPLIT = 1e-3  # of the error of the linear model: least weight of h(y_m)
 MOST_LOST = 0.3  # share of an output that may be missing without a warning
-FAR = 100.0  # of a state of unit variance, from which a gap was too long
 PREDICTED, MEASURED = "predicted", "measured"
 
 
@@ -67,7 +57,7 @@ def check_noise(estimator):
         )
 
 
-def told(estimator, experiments):
+def training_data(estimator, experiments):
     """Return the experiments that a fit works on.
 
     Parameters
@@ -80,8 +70,7 @@ def told(estimator, experiments):
     Returns
     -------
     experiments : Held or Remote
-        The same; for a predictor its `pieces`, with the measured outputs as further
-        inputs.
+        The same; those that are `told` to a predictor.
 
     Raises
     ------
@@ -96,44 +85,7 @@ def told(estimator, experiments):
             "`noise` must be 'output' for experiments on a cluster, got "
             f"{estimator.noise!r}. Fit such a model where the record is."
         )
-    whole = with_outputs(experiments)
-    parts = [(whole[i][0][part], whole[i][1][part]) for i, part in pieces(experiments)]
-    lost = max(np.isnan(y).mean(axis=0).max() for _, y in parts)
-    if lost > MOST_LOST:
-        warn_of_training(
-            f"{100 * lost:.0f} % of an output were not measured: what is predicted one "
-            "sample ahead is not checked there, and noise='innovations' may fail. "
-            "Compare with noise='output'."
-        )
-    return Held(parts, experiments.n_jobs)
-
-
-def pieces(experiments):
-    """Return where a predictor has something to follow.
-
-    Parameters
-    ----------
-    experiments : sequence of tuple of array
-        Pairs (u, y).
-
-    Returns
-    -------
-    pieces : list of tuple of (int, slice)
-        Number of the experiment, and rows: without those before the first and behind
-        the last measurement, and without gaps of at least `GAP` rows. All rows of an
-        experiment that was never measured.
-    """
-    found = []
-    for i, (_, y) in enumerate(experiments):
-        rows = np.flatnonzero(~np.isnan(y[:]).all(axis=1))
-        if len(rows) == 0:
-            found.append((i, slice(0, len(y))))
-            continue
-        cuts = np.flatnonzero(np.diff(rows) > GAP)
-        starts, stops = rows[[0, *(cuts + 1)]], rows[[*cuts, -1]] + 1
-        pairs = zip(starts.tolist(), stops.tolist(), strict=True)
-        found += [(i, slice(*pair)) for pair in pairs]
-    return found
+    return told(experiments)
 
 
 def identified(estimator, experiments, previous, watch, held_out):
@@ -168,118 +120,21 @@ def identified(estimator, experiments, previous, watch, held_out):
     Gaps of y are bridged by straight lines first. Where there are any, a second
     training sees what the first model predicts there.
     """
-    seen = told(estimator, experiments)
+    seen = training_data(estimator, experiments)
+    lost = 0.0
+    if is_predicting(estimator):
+        lost = max(np.isnan(y).mean(axis=0).max() for _, y in seen)
+    if lost > MOST_LOST:
+        warn_of_training(
+            f"{100 * lost:.0f} % of an output were not measured: what is predicted one "
+            "sample ahead is not checked there, and noise='innovations' may fail. "
+            "Compare with noise='output'."
+        )
     fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
-    if is_predicting(estimator) and any(np.isnan(y[:]).any() for _, y in seen):
+    if lost > 0:
         seen, previous = bridged(fitted, theta, result.x0, seen), (fitted, theta)
         fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
     return seen, fitted, theta, result
-
-
-def bridged(structure, theta, x0, experiments):
-    """Return the experiments of a predictor, which fills gaps of y by what it predicts.
-
-    Parameters
-    ----------
-    structure : Structure
-        Predictor.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    x0 : ndarray of shape (n_experiments, nx)
-        Initial states.
-    experiments : sequence of tuple of ndarray
-        Pairs ([u, y_m], y).
-
-    Returns
-    -------
-    experiments : Held
-        The same pairs, where y_m is what is predicted wherever y is nan.
-    """
-    return Held(
-        [
-            (follow(structure, theta, start, z, y[:])[0], y)
-            for (z, y), start in zip(experiments, x0, strict=True)
-        ]
-    )
-
-
-def follow(structure, theta, x0, z, y):
-    """Let a predictor follow a record, and fill its gaps.
-
-    Parameters
-    ----------
-    structure : Structure
-        Predictor.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    x0 : ndarray of shape (nx,)
-        Initial state.
-    z : ndarray of shape (N, nu + ny)
-        Inputs, then the measured outputs, filled in any way.
-    y : ndarray of shape (N, ny)
-        Outputs; nan where not measured.
-
-    Returns
-    -------
-    z : ndarray of shape (N, nu + ny)
-        The same, filled by what is predicted.
-    X : ndarray of shape (N, nx)
-        Predicted states. In a gap of an unstable plant they grow, and from `FAR` on
-        start anew at the operating point.
-    """
-    plain = structure.observe(structure.measured)
-    lure = plain.lure(theta)
-    step, z, x = Stepper(lure, float), np.array(z), plain.initial_state(x0)
-    missing, y_m = np.isnan(y), z[:, -y.shape[1] :]  # a view
-    X = np.empty((len(z) + 1, len(x)))
-    X[0] = x
-    stops = [*np.flatnonzero(missing.any(axis=1)), len(z)]
-    for row, stop in zip([0, *stops[:-1]], stops, strict=True):
-        if stop > row:  # whose gaps are filled
-            with np.errstate(over="ignore", invalid="ignore"):
-                step(z[row:stop], X[row], X[row + 1 : stop + 1])
-        if stop == len(z):
-            break
-        if not np.abs(X[stop]).max() < FAR:
-            X[stop] = 0.0
-        y_hat = regressors(lure, X[stop : stop + 1], z[stop : stop + 1])[0]
-        y_m[stop, missing[stop]] = (y_hat @ lure.rows_z.T)[missing[stop]]
-    return z, X[:-1]
-
-
-def first_states(estimator, structure, theta, x0, experiments):
-    """Return the initial states of whole experiments.
-
-    Parameters
-    ----------
-    estimator : StateSpaceModel
-        Estimator in its fit.
-    structure : Structure
-        What was fitted.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    x0 : ndarray of shape (n_pieces, nx)
-        Initial states of what `told` returned.
-    experiments : sequence of tuple of array, Held or Remote
-        Scaled experiments.
-
-    Returns
-    -------
-    x0 : ndarray of shape (n_experiments, nx)
-        The same; estimated from its first samples where an experiment begins with a
-        gap.
-    """
-    if not is_predicting(estimator):
-        return x0
-    starts, found = pieces(experiments), np.zeros((len(experiments), x0.shape[1]))
-    for i, pair in enumerate(experiments):
-        first = next(k for k, (j, _) in enumerate(starts) if j == i)
-        if starts[first][1].start == 0:
-            found[i] = x0[first]
-        else:
-            kind = {"window": WINDOW, "noise": 1.0}
-            found[i] = estimate_x0(free_run(structure), theta, [pair], **kind)[0]
-    return found
 
 
 def n_measured(estimator, experiments):
@@ -290,7 +145,7 @@ def n_measured(estimator, experiments):
     estimator : StateSpaceModel
         Estimator in its fit.
     experiments : sequence of tuple of array
-        What `told` returned.
+        What `training_data` returned.
 
     Returns
     -------
@@ -341,7 +196,7 @@ def noise_covariance(estimator, structure, x0, experiments):
     x0 : ndarray of shape (n_experiments, nx)
         Initial states.
     experiments : Held or Remote
-        What `told` returned.
+        What `training_data` returned.
 
     Returns
     -------
@@ -352,9 +207,7 @@ def noise_covariance(estimator, structure, x0, experiments):
     scale = estimator._scaling.y_scale
     if not experiments.is_here:
         return np.diag(estimator.cost_ / len(scale) * scale**2)
-    with np.errstate(over="ignore", invalid="ignore"):
-        moments = residual_moments(structure, estimator._theta, x0, experiments)
-        Lambda = moments.products[0] / np.maximum(moments.pairs[0], 1)
+    Lambda = error_covariance(structure, estimator._theta, x0, experiments)
     return Lambda * np.outer(scale, scale)
 
 

@@ -17,6 +17,7 @@ from ..linear_model import simulation_error, stabilize
 from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_orders
+from ..predictions import likeliest
 from ..search import Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
@@ -258,7 +259,7 @@ class Ssnn(StateSpaceModel):
             self._reset({**before, **told})
             outcome = self._train(experiments, previous, watch, held_out)
             outcomes.append((outcome, dict(vars(self))))
-        outcome, after = min(outcomes, key=lambda each: each[0][2].cost)
+        outcome, after = likeliest(outcomes, experiments)
         self._reset(after)
         return outcome
 

@@ -9,10 +9,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..criterion import Criterion
 from ..initial_states import WINDOW, estimate_x0
-from ..innovations import predictor
-from ..mapping import count_measured
+from ..innovations import has_innovations, predictor
+from ..mapping import Held, count_measured
 from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
+from ..predictions import bridged, first_states, told
 from ..sandwich import (
     WEIGHTING_LEVEL,
     pseudo_inverse,
@@ -22,7 +23,6 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
-from ._noise import bridged, first_states, is_predicting, told
 from ._simulation import labeled_data
 
 
@@ -282,15 +282,16 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             **options,
         )
         whole = model._experiments(u, y, parts)
-        x0 = first_states(model, structure, result.theta, result.x0, whole)
+        x0 = first_states(structure, result.theta, result.x0, whole)
         yield result.theta, x0 * model._x_scale
 
 
 def _seen(model, u, y, parts):
     """Return scaled experiments as the training saw them."""
-    experiments = told(model, model._experiments(u, y, parts))
-    if not is_predicting(model):
+    experiments = Held(model._experiments(u, y, parts))
+    if not has_innovations(model._structure):
         return experiments
+    experiments = told(experiments)
     structure, theta = predictor(model._structure), model._theta
     x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=model.cost_)
     return bridged(structure, theta, x0, experiments)

@@ -7,13 +7,15 @@ noise of the process goes through the plant.
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ..initial_states import estimate_x0
-from ..innovations import has_innovations, predictor, with_outputs
+from ..innovations import has_innovations, predictor
 from ..plant import as_plant
-from ..simulation import sensitivities, simulate
+from ..predictions import follow, told
+from ..simulation import regressors, sensitivities
 from ._scored import scored_experiments, scored_sensitivities
 
 
@@ -105,52 +107,54 @@ def share_outside(model, u, y, experiment=None, *, surely=False):
         Share of all samples.
     """
     fit, region = model.fitted_, as_plant(model).arrived().region
-    structure = predictor(fit.structure)
-    lure = structure.observe(structure.measured).lure(fit.theta)
-    outside = []
-    for record, x0, z, dy_hat in _predicted(model, u, y, experiment):
-        X = simulate(lure, z, x0)[:-1] * fit.x_scale
-        measured = np.where(np.isnan(record.dy), dy_hat, record.dy)
-        outside.append(region.outside(X, record.du, dy_hat, measured, surely=surely))
+    scaling, outside = fit.scaling, []
+    for piece in _followed(model, u, y, experiment):
+        du = piece.z[:, : len(scaling.u_scale)] * scaling.u_scale
+        told = piece.z[:, len(scaling.u_scale) :] * scaling.y_scale
+        X, dy_hat = piece.X * fit.x_scale, piece.y_hat * scaling.y_scale
+        outside.append(region.outside(X, du, dy_hat, told, surely=surely))
     return float(np.concatenate(outside).mean())
+
+
+class _Piece(NamedTuple):
+    """What a predictor has followed without a break, in scaled deviations."""
+
+    x0: np.ndarray
+    z: np.ndarray  # inputs, then what was measured or, where it was not, predicted
+    y: np.ndarray
+    X: np.ndarray
+    y_hat: np.ndarray
+    start: int  # first sample that counts
 
 
 def _ahead(model, u, y, experiment):
     """Return experiments with predictions one sample ahead, and their derivatives."""
     fit, experiments, parts = model.fitted_, [], []
     structure, scaling = predictor(fit.structure), fit.scaling
-    for record, x0, z, dy_hat in _predicted(model, u, y, experiment):
-        arrived = record.du + scaling.u_offset
-        pieces = arrived, record.y, dy_hat + scaling.y_offset
-        experiments.append(tuple(z[record.scored] for z in pieces))
-        parts.append(partial(_derivatives, structure, fit, x0, z, record.start))
+    for piece in _followed(model, u, y, experiment):
+        n, start = len(scaling.u_scale), piece.start
+        arrived = piece.z[start:, :n] * scaling.u_scale + scaling.u_offset
+        outputs = (Y[start:] * scaling.y_scale for Y in (piece.y, piece.y_hat))
+        experiments.append((arrived, *(Y + scaling.y_offset for Y in outputs)))
+        parts.append(partial(_derivatives, structure, fit, piece.x0, piece.z, start))
     return experiments, parts
 
 
-def _predicted(model, u, y, experiment):
-    """Return records with initial states, inputs of the predictor and predictions."""
-    records, fit = model.prepare_records(u, y, experiment), model.fitted_
-    structure, scaling = predictor(fit.structure), fit.scaling
-    starts = [
-        estimate_x0(
-            structure,
-            fit.theta,
-            with_outputs([(record.u_s, record.y_s)]),
-            window=record.start,
-            noise=fit.cost,
-        )[0]
-        for record in records
-    ]
-    x0 = np.array(starts) * fit.x_scale
-    y_hat = model.predict_ahead(u, y, 1, experiment, x0=x0)
-    y_hat = np.concatenate(y_hat) if isinstance(y_hat, list) else y_hat
-    y_hat = y_hat.reshape(len(y_hat), -1) - scaling.y_offset
-    found = []
-    for record, start in zip(records, starts, strict=True):
-        dy_hat = y_hat[record.part]
-        # what was not measured, the predictor has seen as it was predicted
-        told = np.where(np.isnan(record.dy), dy_hat, record.dy) / scaling.y_scale
-        found.append((record, start, np.hstack([record.u_s[:], told]), dy_hat))
+def _followed(model, u, y, experiment):
+    """Return the pieces of records on which a predictor was judged."""
+    fit, found = model.fitted_, []
+    structure = predictor(fit.structure)
+    plain = structure.observe(structure.measured)
+    lure = plain.lure(fit.theta)
+    for record in model.prepare_records(u, y, experiment):
+        for z, y_s in told([(record.u_s, record.y_s)]):
+            start = min(record.start, len(z) // 2)  # of a piece between two gaps
+            (x0,) = estimate_x0(
+                structure, fit.theta, [(z, y_s)], window=start, noise=fit.cost
+            )
+            z, X = follow(structure, fit.theta, x0, z, y_s[:])
+            y_hat = regressors(lure, X, z) @ lure.rows_z.T
+            found.append(_Piece(x0, z, y_s[:], X, y_hat, start))
     return found
 
 
