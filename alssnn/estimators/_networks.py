@@ -6,9 +6,9 @@ from typing import Any
 from sklearn.utils._param_validation import StrOptions
 
 from ..activations import ACTIVATIONS, Activation
-from ._base import COUNT, WEIGHT
 from ._noise import MEASURED, PREDICTED
 from ._options import option
+from ._records import COUNT, WEIGHT
 
 SIZES = [COUNT, tuple]
 FEEDBACK = StrOptions({"output", "state"})

@@ -109,7 +109,7 @@ def _complete(cls, options):
             own = _items(base.__dict__.get("__doc__"), section)
             described[section] |= own
     parameters = {
-        name: option.metadata["doc"] or described["Parameters"].get(name, [name])
+        name: described["Parameters"].get(name) or option.metadata["doc"] or [name]
         for name, option in options.items()
     }
     # what a class says of its own stays where it says it

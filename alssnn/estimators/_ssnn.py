@@ -23,7 +23,7 @@ from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
 from ..training import train
 from ..watch import INTERRUPTED
-from ._base import POSITIVE, WEIGHT, StateSpaceModel
+from ._base import StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
 from ._disturbances import checked
 from ._held_out import hold_out
@@ -39,6 +39,7 @@ from ._noise import (
     n_measured,
 )
 from ._options import estimator, option
+from ._records import POSITIVE, WEIGHT
 from ._warm_start import fits
 from ._warn import warn_of_training
 
