@@ -220,7 +220,8 @@ class Criterion(LeastSquares):
             Initial states.
         """
         n_params = self.structure.n_params
-        return free[:n_params], free[n_params:].reshape(-1, self.structure.n_x0)
+        n_x0 = self.structure.n_x0
+        return free[:n_params], free[n_params:].reshape(len(self.experiments), n_x0)
 
     # -- values ----------------------------------------------------------------------
 

@@ -82,7 +82,33 @@ def _in_units(structure, theta, units):
                 scale[places[axis]] = unit
     # as parameters are rescaled, to the last digit; what is one stays one
     Theta = lure.Theta * by_row[:, None] / by_column
-    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+    form = Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+    return form if structure.sampling is None else without_passing(form)
+
+
+def without_passing(form):
+    """Return a form without the neurons that pass on what they see.
+
+    Parameters
+    ----------
+    form : Lure
+        Form, some of whose neurons have the activation "identity".
+
+    Returns
+    -------
+    form : Lure
+        The same map; the weights of what they saw stand in their places.
+    """
+    passing = np.array([sigma.name == "identity" for sigma in form.sigma], dtype=bool)
+    first, n = form.nx + form.nu, form.nx + form.nz
+    columns, rows = first + np.flatnonzero(passing), n + np.flatnonzero(passing)
+    Theta, kept = form.Theta.copy(), np.flatnonzero(~passing)
+    for row, column in zip(rows, columns, strict=True):  # which see earlier ones only
+        Theta += Theta[:, [column]] * Theta[row]
+        Theta[:, column] = 0.0
+    Theta = np.delete(np.delete(Theta, rows, axis=0), columns, axis=1)
+    sigma = tuple(form.sigma[i] for i in kept)
+    return Lure(Theta, form.nx, form.nu, len(kept), sigma)
 
 
 def late_inputs(form, delay, moved):

@@ -67,10 +67,10 @@ def _advance_loop(base, P, E, layers, codes, W, x, X):
         np.dot(P, x, q)
         q += base[k]
         for i in range(codes.shape[0]):
-            a, b, code = layers[i], layers[i + 1], codes[i]
+            a, b, first, code = layers[i, 0], layers[i, 1], layers[i, 2], codes[i]
             for j in range(a, b):  # scalars: a view costs more than a short loop
                 v = q[j]
-                for m in range(a):
+                for m in range(first, a):
                     v += E[j, m] * w[m]
                 if code == TANH:
                     w[j] = np.tanh(v)
@@ -99,8 +99,8 @@ def advance(base, P, E, layers, sigma, W, x, X):
         Part of [v; x+] that is linear in x.
     E : ndarray of shape (nw, nw)
         Weights between neurons.
-    layers : ndarray of shape (n_layers + 1,)
-        First neuron of every layer, and nw.
+    layers : ndarray of int of shape (n_layers, 3)
+        First and last neuron (exclusive) of every layer, and the first that it sees.
     sigma : sequence of length n_layers
         Activation of every layer: functions for the original, an array of codes
         (`activations`) for the twin.
@@ -116,9 +116,9 @@ def advance(base, P, E, layers, sigma, W, x, X):
     for k in range(base.shape[0]):
         q = P @ x
         q += base[k]
-        for function, a, b in zip(sigma, layers[:-1], layers[1:], strict=True):
-            if a > 0:
-                q[a:b] += E[a:b, :a] @ w[:a]
+        for function, (a, b, first) in zip(sigma, layers, strict=True):
+            if a > first:
+                q[a:b] += E[a:b, first:a] @ w[first:a]
             w[a:b] = function(q[a:b])
         x = X[k]
         np.dot(W, w, x)

@@ -156,6 +156,23 @@ class Lure:
         return layers
 
     @cached_property
+    def seen(self):
+        """Return what the neurons of every layer see of those before it, as slices.
+
+        Returns
+        -------
+        seen : list of slice
+            The least that holds them all, for each of `layers`; empty if it sees none.
+        """
+        seen = []
+        for layer in self.layers:
+            columns = np.flatnonzero(np.any(self.E[layer, : layer.start], axis=0))
+            seen.append(
+                slice(int(columns[0]) if len(columns) else layer.start, layer.start)
+            )
+        return seen
+
+    @cached_property
     def implicit(self):
         """Return the layers that see themselves.
 

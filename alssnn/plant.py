@@ -26,6 +26,7 @@ import numpy as np
 
 from . import forms
 from .lure import Lure
+from .rates import Rates, as_samples
 from .region import Region
 from .signals import Signals
 from .simulation import neuron_gains, regressors
@@ -54,6 +55,8 @@ class Plant(Signals):
         Region of the training data, without past inputs.
     no_law : str, default=""
         Why u = v - h(s) is no law of this plant; empty if it is one.
+    rates : Rates or None, default=None
+        Equations in continuous time that were sampled, if they were.
 
     Examples
     --------
@@ -71,6 +74,7 @@ class Plant(Signals):
     noise: float = 0.0
     region: Region | None = field(default=None, repr=False)
     no_law: str = ""
+    rates: Rates | None = field(default=None, repr=False)
 
     def __post_init__(self):
         """Say why the law is none, where it is none."""
@@ -126,6 +130,36 @@ class Plant(Signals):
         return forms.observed(self.lure, self.moved)
 
     # -- other plants ----------------------------------------------------------------
+
+    def at(self, dt):
+        """Return the plant at another sampling time, inputs held in between.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling time, in seconds.
+
+        Returns
+        -------
+        plant : Plant
+            The same equations in continuous time, sampled at this time.
+
+        Raises
+        ------
+        ValueError
+            If the plant is one of discrete time, or inputs arrive late by times that
+            are no multiples of `dt`.
+        """
+        if dt == self.dt:
+            return self
+        if self.rates is None:
+            raise ValueError(
+                f"`dt` must be {self.dt:g} s, that of a plant in discrete time, got "
+                f"{dt!r}. Fit the model with time='continuous'."
+            )
+        delay = as_samples(self.delay * self.dt, dt)
+        forms = self.rates.forms(dt)
+        return replace(self, **forms, dt=float(dt), delay=delay)
 
     def arrived(self):
         """Return the plant of inputs that have arrived, as prepared records have them.
@@ -453,48 +487,3 @@ class Plant(Signals):
         J = lure.M[:n] + neuron_gains(lure, W, Phi) @ lure.V  # (eq. sens)
         J = J.reshape(*rows, *J.shape[1:])
         return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]
-
-
-def is_model(candidate):
-    """Tell whether something is a plant, or an estimator that has one.
-
-    Parameters
-    ----------
-    candidate : object
-        Anything.
-
-    Returns
-    -------
-    is_model : bool
-        Whether `as_plant` knows what to do with it.
-    """
-    return isinstance(candidate, Plant) or hasattr(type(candidate), "plant_")
-
-
-def as_plant(model):
-    """Return the plant of a fitted model; a plant is returned as it is.
-
-    Parameters
-    ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
-
-    Returns
-    -------
-    plant : Plant
-        The plant.
-
-    Raises
-    ------
-    NotFittedError
-        If the model is not fitted.
-    TypeError
-        If it is neither.
-    """
-    if isinstance(model, Plant):
-        return model
-    if not is_model(model):
-        raise TypeError(
-            f"`model` must be a fitted model or a Plant, got {type(model).__name__}."
-        )
-    return model.plant_

@@ -24,8 +24,9 @@ class PreparedRecord:
         Inputs as they were sent, in the user's units.
     y : ndarray of shape (N, ny)
         Outputs, in the user's units; nan where not measured.
-    u_s : Signal of shape (N, nu)
-        Scaled deviations of the inputs that have arrived: late inputs are late.
+    u_s : Signal or ndarray of shape (N, nu or more)
+        Scaled deviations of the inputs that have arrived: late inputs are late. A
+        model in continuous time has further columns, for what u does between samples.
     y_s : Signal of shape (N, ny)
         Scaled deviations of the outputs.
     x0 : ndarray of shape (nx,)
@@ -49,7 +50,7 @@ class PreparedRecord:
     part: slice
     u: np.ndarray
     y: np.ndarray
-    u_s: Signal
+    u_s: Signal | np.ndarray
     y_s: Signal
     x0: np.ndarray
     start: int
@@ -58,7 +59,8 @@ class PreparedRecord:
     @property
     def du(self):
         """Return deviations of the inputs that have arrived, in the user's units."""
-        return self.u_s[:] * self.scaling.u_scale
+        nu = len(self.scaling.u_scale)  # behind them, what u does between samples
+        return self.u_s[:][:, :nu] * self.scaling.u_scale
 
     @property
     def dy(self):

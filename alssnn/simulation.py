@@ -50,7 +50,13 @@ class Stepper:
         self._c = np.concatenate([lure.b, lure.c[:nx]])
         self._W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
         self._E = np.ascontiguousarray(lure.E, dtype=dtype)
-        self._starts = np.array([*(layer.start for layer in layers), lure.nw])
+        self._layers = np.array(
+            [
+                (a.start, a.stop, b.start)
+                for a, b in zip(layers, lure.seen, strict=True)
+            ],
+            dtype=np.int64,
+        ).reshape(-1, 3)
         functions = [lure.sigma[layer.start] for layer in layers]
         solved = lure.implicit
         values = tuple(
@@ -82,7 +88,7 @@ class Stepper:
             Receives the states one sample later; inf if they diverge.
         """
         base = (u @ self._Pu + self._c).astype(self.dtype, copy=False)
-        self._kernel(base, self._P, self._E, self._starts, self._sigma, self._W, x, X)
+        self._kernel(base, self._P, self._E, self._layers, self._sigma, self._W, x, X)
         # "not <": nan must count as diverged
         if not np.abs(X).max(initial=0.0) < DIVERGED:
             X[:] = np.inf
@@ -177,8 +183,7 @@ def regressors(lure, X, u):
     """
     xu = np.hstack([X, u])
     w = xu @ lure.V.T + lure.b
-    for layer in lure.layers:
-        before = slice(0, layer.start)
+    for layer, before in zip(lure.layers, lure.seen, strict=True):
         w[:, layer] += w[:, before] @ lure.E[layer, before].T
         if layer.start in lure.implicit:
             w[:, layer] = lure.implicit[layer.start].value(w[:, layer])
@@ -267,8 +272,7 @@ def neuron_gains(lure, W, Phi):
     if not lure.E.any():
         return W * slope
     WR = np.repeat(W[None], len(w), axis=0)
-    for layer in reversed(lure.layers):
-        before = slice(0, layer.start)
+    for layer, before in reversed(list(zip(lure.layers, lure.seen, strict=True))):
         if layer.start in lure.implicit:  # W (I - diag(sigma') E)^-1
             inner = np.eye(layer.stop - layer.start) - (
                 np.swapaxes(slope[:, :, layer], 1, 2) * lure.E[layer, layer]

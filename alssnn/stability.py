@@ -387,7 +387,10 @@ class Schur(LeastSquares):
         A = state_matrix(self.structure, p)[self.regular, self.regular]
         if not np.isfinite(A).all():
             return DIVERGED_NORM
-        if np.abs(np.linalg.eigvals(A)).max(initial=0.0) > self.radius:
+        poles = np.linalg.eigvals(A)
+        if self.structure.sampling is not None:
+            poles = np.exp(np.minimum(poles.real, 1.0))  # of samples
+        if np.abs(poles).max(initial=0.0) > self.radius:
             return DIVERGED_NORM
         return self.criterion.norm(free)
 

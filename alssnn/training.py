@@ -14,6 +14,7 @@ All arrays here are scaled deviations (`experiments`).
 import numpy as np
 from scipy.optimize import OptimizeResult
 
+from .continuous import damped
 from .criterion import DIVERGED_NORM, Criterion
 from .initial_states import WINDOW, estimate_x0
 from .limits import Limits
@@ -280,7 +281,8 @@ def _start_of_stage(criterion, theta, limits, x0):
     if not criterion.norm(free) < DIVERGED_NORM:
         # a short stretch did not show that A is unstable, a long record does
         p = structure.split(theta)
-        theta = limits.clip(structure.join({**p, "A": stabilize(p["A"])}))
+        stable = stabilize if structure.sampling is None else damped
+        theta = limits.clip(structure.join({**p, "A": stable(p["A"])}))
         free = criterion.join(theta, x0)
     return free
 
@@ -331,10 +333,32 @@ class Validation:
     def __init__(self, experiments, output_weight, n_init_samples, n_iter_no_change=1):
         self.output_weight = np.asarray(output_weight) / np.sum(output_weight)
         self.n_iter_no_change = n_iter_no_change
+        self._made_of = list(experiments), n_init_samples
         windows = [min(n_init_samples, len(u) // 4) for u, _ in experiments]
         pairs = list(zip(experiments, windows, strict=True))
         self.heads = [(u[:n], y[:n]) for (u, y), n in pairs]
         self.scored = [(u, Behind(y, n)) for (u, y), n in pairs]
+
+    def of(self, change):
+        """Return what judges by the same data in another form.
+
+        Parameters
+        ----------
+        change : callable
+            Called with the experiments, a list of pairs (u, y); returns others.
+
+        Returns
+        -------
+        validation : Validation
+            Judge.
+        """
+        experiments, n_init_samples = self._made_of
+        return Validation(
+            change(experiments),
+            self.output_weight,
+            n_init_samples,
+            self.n_iter_no_change,
+        )
 
     def patience(self, criterion):
         """Return what judges the points of one search.

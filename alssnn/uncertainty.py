@@ -325,9 +325,11 @@ class ParameterCovariance:
                 f"one, got {omega.tolist()}."
             )
         A, B, C, D = self._linear()
-        z = np.exp(1j * omega * self.dt)
+        s = 1j * omega * self.dt
+        z = np.exp(s)
+        point = z if self.structure.sampling is None else s
         try:
-            R = np.linalg.inv(z[:, None, None] * np.eye(len(A)) - A)
+            R = np.linalg.inv(point[:, None, None] * np.eye(len(A)) - A)
         except np.linalg.LinAlgError:
             raise ValueError(
                 "`omega` must not hold the frequency of an undamped pole, got "
@@ -365,9 +367,11 @@ class ParameterCovariance:
         Returns
         -------
         regions : PoleRegions
-            Eigenvalues of A, which do not depend on the state basis.
+            Eigenvalues of A, which do not depend on the state basis; in continuous time
+            in rad/s.
         """
         A, *_ = self._linear()
+        rate = 1.0 if self.structure.sampling is None else 1.0 / self.dt
         poles, left, right = eig(A, left=True, right=True)
         left = left.conj() / np.sum(left.conj() * right, axis=0)  # l_i r_i = 1
         where = self.structure.slices["A"]
@@ -375,7 +379,7 @@ class ParameterCovariance:
         jacobian = np.stack([d.real, d.imag], axis=1)
         P = self.covariance[where, where]
         covariance = jacobian @ P @ np.swapaxes(jacobian, 1, 2)
-        return PoleRegions(poles, covariance, self.holds)
+        return PoleRegions(rate * poles, rate**2 * covariance, self.holds)
 
     def sample(self, n_models=1, random_state=None):
         """Draw parameters from their normal approximation.

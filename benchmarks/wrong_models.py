@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
-from alssnn.plant import as_plant
+from alssnn.plants import as_plant
 from alssnn.simulation import channels, simulate
 from benchmarks._options import by_hand
 

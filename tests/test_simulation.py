@@ -126,7 +126,9 @@ def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
     P = 0.3 * rng.standard_normal((n_neurons + nx, nx))
     W = rng.standard_normal((nx, n_neurons))
     E = np.tril(rng.standard_normal((n_neurons, n_neurons)), -1)
-    layers = np.arange(n_neurons + 1)
+    k = np.arange(n_neurons)  # each a layer; the last ones see the one before alone
+    first = np.where(k > 2, k - 1, 0)
+    layers = np.stack([k, k + 1, first], axis=1)
     states = [np.zeros((L, nx)), np.zeros((L, nx))]
     functions = [activation.value] * n_neurons
     codes = np.full(n_neurons, activation.code)

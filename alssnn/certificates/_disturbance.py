@@ -13,7 +13,7 @@ lmi).  The same holds for every bounded activation.
 
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from ..simulation import channels, simulate
 from ._state_feedback import linearized_loop
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..lure import Lure
-from ..plant import as_plant
+from ..plants import as_plant
 from ._disturbance import data_bound, global_bound
 from ._gain import gain_certificate
 from ._iss import iss_certificate

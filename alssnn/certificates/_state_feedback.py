@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..lure import Lure
-from ..plant import as_plant
+from ..plants import as_plant
 
 
 def state_feedback(lure, K, moved=None):

@@ -28,7 +28,7 @@ from ._disturbances import check_disturbances
 from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
-from ._noise import check_noise, identified, noise_covariance
+from ._noise import check_noise, noise_covariance
 from ._options import estimator, take
 from ._plant import make_plant
 from ._progress import Progress
@@ -37,6 +37,7 @@ from ._remote import training_region
 from ._simulation import join_records
 from ._sklearn import manual_page, with_tags
 from ._start import check_bounds, linear_start, portable
+from ._time import check_time, is_continuous, trained
 
 
 @estimator
@@ -114,6 +115,9 @@ class StateSpaceModel(
     initial_state: str = take(Records, "initial_state")
     disturbances: Any = take(Records, "disturbances")
     noise: str = take(Records, "noise")
+    time: str = take(Records, "time")
+    hold: str = take(Records, "hold")
+    substeps: int = take(Records, "substeps")
     dt: float = take(Records, "dt")
     max_iter: int = take(Records, "max_iter")
     tol: float = take(Records, "tol")
@@ -242,6 +246,7 @@ class StateSpaceModel(
         watch = self._watch()
         order_choices(self.nx)
         check_noise(self)
+        check_time(self)
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -311,7 +316,7 @@ class StateSpaceModel(
     def _complete(self, experiments, watch, held_out, warm):
         """Identify a model from scaled experiments and set what a fit sets."""
         previous = (predictor(self._structure), self._theta) if warm else None
-        seen, fitted, self._theta, result = identified(
+        seen, fitted, self._theta, result = trained(
             self, experiments, previous, watch, held_out
         )
         self._structure, x0 = free_run(fitted), result.x0
@@ -322,6 +327,8 @@ class StateSpaceModel(
             self.__dict__.pop(name, None)
         self.noise_covariance_ = noise_covariance(self, fitted, x0, seen)
         self._region, self._made = training_region(self, fitted, x0, seen), None
+        if is_continuous(self):
+            experiments = seen
         self.train_score_ = training_score(self, Held.of(experiments), result.x0)
         if watch.interrupt is not None:
             raise watch.interrupt

@@ -4,7 +4,9 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 
-def to_statespace(model, which="linear", x=None, u=None, *, disturbances=False):
+def to_statespace(
+    model, which="linear", x=None, u=None, *, disturbances=False, dt=None
+):
     """Return a linear system (A, B, C, D, dt) for python-control.
 
     Parameters
@@ -23,45 +25,61 @@ def to_statespace(model, which="linear", x=None, u=None, *, disturbances=False):
         Whether the linear part has measured disturbances as further inputs, behind
         those of v; "local" always has all inputs of the record, in its order, as a
         `linear_start` must.
+    dt : float or None, default=None
+        Sampling time of a model in continuous time, in seconds, with inputs that are
+        held; None means the linear part itself, of continuous time. A discrete model
+        has its own.
 
     Returns
     -------
     sys : control.StateSpace
-        Discrete-time system of deviations from the operating point, or from
+        System of deviations from the operating point, or from
         (x, u), in the user's units, with the names of the columns of the training
         data. Inputs that arrive late (`input_delay_`) carry their past as further
-        states.
+        states of discrete time. A local linearization is of discrete time.
 
     Raises
     ------
     ValueError
-        If `which` is unknown, or `x` or `u` has the wrong size or is given for
-        the linear part.
+        If `which` is unknown, `x` or `u` has the wrong size or is given for the linear
+        part, a discrete model has another `dt`, or one in continuous time has late
+        inputs and no `dt`.
     """
     from ..feedback import linearize, to_statespace
 
     check_is_fitted(model)
     if which not in ("linear", "local"):
         raise ValueError(f"`which` must be 'linear' or 'local', got {which!r}.")
+    plant = model.plant_ if dt is None else model.plant_.at(dt)
     if which == "local":
-        return linearize(model.plant_, x, u)
+        return linearize(plant, x, u)
     if x is not None or u is not None:
         raise ValueError(
             "`x` and `u` must be None for the linear part, which is the same "
             "everywhere, got values. Use which='local'."
         )
-    plant = model.plant_.late()
-    A, B, C, D = plant.linear()
+    is_discrete = model.fitted_.structure.sampling is None or dt is not None
+    if is_discrete:
+        plant = plant.late()
+        (A, B, C, D), given = plant.linear(), plant.disturbed_by()
+    elif np.any(plant.delay):
+        raise ValueError(
+            "`dt` must be given for a system of this model, whose inputs arrive late "
+            f"by {plant.delay.tolist()} samples, got None. Take dt={plant.dt:g}."
+        )
+    else:
+        A, B, C, D = model.A_, model.B_, model.C_, model.D_
+        given = model.G_, model.H_
     inputs = list(plant.moved)
     if disturbances:
-        B, D = (np.hstack(z) for z in zip((B, D), plant.disturbed_by(), strict=True))
+        B, D = (np.hstack(z) for z in zip((B, D), given, strict=True))
         inputs += plant.given
     return to_statespace(
         A,
         B,
         C,
         D,
-        plant.dt,
+        plant.dt if is_discrete else 0,
         inputs=[plant.inputs[i] for i in inputs],
         outputs=plant.outputs,
         name=plant.name,

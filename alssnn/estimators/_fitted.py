@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from ..containers import Container
+from ..continuous import per_second
 from ..innovations import has_innovations
 from ..region import Region
 from ..scaling import Scaling
@@ -165,7 +166,7 @@ def publish_parameters(model):
     scaling, structure = model._scaling, model._structure
     model.disturbances_ = structure.given
     p = {**structure.constants, **structure.split(model._theta)}
-    p = structure.rescale(p, model._units())
+    p = per_second(structure, structure.rescale(p, model._units()), model.dt)
     for name, (low, high) in (model.bounds or {}).items():
         p[name] = np.clip(p[name], low, high)  # units round, bounds do not
     model.params_ = Bunch(**p)

@@ -14,6 +14,7 @@ from ..watch import OUT_OF_TIME, late_fall
 from ._checks import output_weights
 from ._integrators import regular
 from ._noise import is_predicting
+from ._time import is_continuous
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
@@ -110,7 +111,10 @@ def warn_if_unstable(estimator):
         Fitted estimator.
     """
     A = regular(estimator, estimator.A_)
-    radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+    poles = np.linalg.eigvals(A)
+    if is_continuous(estimator):
+        poles = np.exp(poles * estimator.dt)
+    radius = np.abs(poles).max(initial=0.0)
     if radius < 1:
         return
     # a kind of failed training: filtered with its other warnings

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from ..continuous import held
 from ..forms import of_structure
 from ..linearizability import measure
 from ..names import signal_names
 from ..plant import Plant
+from ..rates import kept
 
 
 def linearizability(model, u, y, experiment=None):
@@ -41,7 +43,7 @@ def linearizability(model, u, y, experiment=None):
 
 
 def make_plant(model):
-    """Return the plant of a fitted model.
+    """Return the plant of a fitted model, in continuous time with inputs that are held.
 
     Parameters
     ----------
@@ -53,9 +55,10 @@ def make_plant(model):
     plant : Plant
         The model as an immutable value.
     """
+    structure, theta, units = model._structure, model._theta, model._units()
     scaling, nx, nu = model._scaling, model.nx_, model.n_features_in_
     return Plant(
-        **of_structure(model._structure, model._theta, model._units()),
+        **of_structure(held(structure), theta, units),
         u_offset=scaling.u_offset,
         y_offset=scaling.y_offset,
         u_scale=scaling.u_scale,
@@ -69,4 +72,5 @@ def make_plant(model):
         noise=model.cost_,
         noise_covariance=model.noise_covariance_,
         region=getattr(model, "_region", None),
+        rates=kept(structure, theta, units, float(model.dt)),
     )

@@ -5,8 +5,10 @@ from typing import Any
 
 from sklearn.utils._param_validation import Interval, StrOptions
 
+from ..continuous import HOLDS
 from ._noise import INNOVATIONS
 from ._options import option
+from ._time import CONTINUOUS
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
 COUNT = Interval(Integral, 0, None, closed="left")
@@ -52,8 +54,20 @@ class Records:
         simulation; or noise of the process, too, by the error one sample ahead with a
         gain K (eq. innovations): for records with disturbances that nobody measured,
         of a loop that was closed, or of an unstable plant.
+    time : {"discrete", "continuous"}, default="discrete"
+        Whether the equations give the next sample or the derivatives (eq. derivative):
+        A, B, G and g then have the unit of time in seconds, and one model serves every
+        sampling time. The states go from sample to sample by steps of Runge and Kutta
+        (eq. rk4).
+    hold : {"zoh", "linear", "cubic"}, default="zoh"
+        Of ``time="continuous"``: what u does between samples. "zoh" holds it, as a
+        computer does; measured signals go on along a line or, if they are smooth, a
+        cubic spline.
+    substeps : int, default=1
+        Of ``time="continuous"``: steps of Runge and Kutta per sample, raised with a
+        warning where a pole is too fast for them.
     dt : float, default=1.0
-        Sampling time, in seconds.
+        Sampling time, in seconds; ``time="continuous"`` asks for it.
     max_iter : int, default=100
         Largest number of trial steps of the refinement.
     tol : float, default=1e-8
@@ -80,6 +94,9 @@ class Records:
     initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
     disturbances: Any = option(None, ["array-like", str, Integral, None])
     noise: str = option("output", [StrOptions({"output", INNOVATIONS})])
+    time: str = option("discrete", [StrOptions({"discrete", CONTINUOUS})])
+    hold: str = option("zoh", [StrOptions(set(HOLDS))])
+    substeps: int = option(1, [POSITIVE])
     dt: float = option(1.0, [Interval(Real, 0, None, closed="neither")])
     max_iter: int = option(100, [POSITIVE])
     tol: float = option(1e-8, [Interval(Real, 0, None, closed="neither")])

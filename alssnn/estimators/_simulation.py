@@ -9,6 +9,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ..containers import as_columns, index_of, part_of
+from ..continuous import with_nodes
 from ..experiments import (
     check_inputs,
     is_list_of_records,
@@ -147,7 +148,7 @@ def simulated(model, u, x0, eps=None):
         Outputs; not finite where the simulation diverges.
     """
     scaling, structure = model._scaling, model._structure
-    z = scaling.scale_u(u, model.input_delay_)
+    ((z, _),) = with_nodes(structure, [(scaling.scale_u(u, model.input_delay_), None)])
     if eps is not None and has_innovations(structure):
         structure, z = recording(structure), np.hstack([z, eps / scaling.y_scale])
     lure = structure.observe(structure.measured).lure(model._theta)
@@ -236,7 +237,7 @@ def estimate_x0(model, u, y, experiment=None, n_samples=None):
     return np.vstack(
         [
             initial_state(model, u_s, y_s, window)
-            for u_s, y_s in model._experiments(u, y, parts)
+            for u_s, y_s in simulated_experiments(model, u, y, parts)
         ]
     )
 
@@ -270,6 +271,28 @@ def labeled_data(model, u, y, experiment):
             "what was not measured as columns of nan."
         )
     return u, y, *split_experiments(len(u), experiment)
+
+
+def simulated_experiments(model, u, y, parts):
+    """Return scaled experiments as the structure of a fitted model takes them.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : ndarray of shape (N, nu)
+        Inputs.
+    y : ndarray of shape (N,) or (N, ny)
+        Outputs.
+    parts : list of slice
+        Samples of every experiment.
+
+    Returns
+    -------
+    experiments : list of tuple of array
+        Pairs (u, y) of scaled deviations, with what u does between samples.
+    """
+    return with_nodes(model._structure, model._experiments(u, y, parts))
 
 
 def initial_state(model, u_s, y_s, window):
@@ -329,7 +352,8 @@ def prepare_records(model, u, y, experiment=None):
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
     y = np.asarray(y.reshape(len(y), -1), dtype=float)
     records = []
-    for part, (u_s, y_s) in zip(parts, model._experiments(u, y, parts), strict=True):
+    experiments = simulated_experiments(model, u, y, parts)
+    for part, (u_s, y_s) in zip(parts, experiments, strict=True):
         start = min(model.n_init_samples, len(u_s) // 4)
         x0 = initial_state(model, u_s, y_s, start)
         raw = part, u[part], y[part]

@@ -23,7 +23,7 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
-from ._simulation import labeled_data
+from ._simulation import labeled_data, simulated_experiments
 
 
 def parameter_covariance(model, u, y, experiment=None):
@@ -281,14 +281,14 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             at_rest=model._at_rest,
             **options,
         )
-        whole = model._experiments(u, y, parts)
+        whole = simulated_experiments(model, u, y, parts)
         x0 = first_states(structure, result.theta, result.x0, whole)
         yield result.theta, x0 * model._x_scale
 
 
 def _seen(model, u, y, parts):
     """Return scaled experiments as the training saw them."""
-    experiments = Held(model._experiments(u, y, parts))
+    experiments = Held(simulated_experiments(model, u, y, parts))
     if not has_innovations(model._structure):
         return experiments
     experiments = told(experiments)

@@ -9,7 +9,7 @@ that v reaches every state that must be moved (the test of Popov, Belevitch and 
 import control
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from .checks import check_weight
 
 SEMIDEFINITE = 1e-9  # negative eigenvalue, relative, that counts as rounding

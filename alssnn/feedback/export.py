@@ -4,12 +4,12 @@ import control
 import numpy as np
 
 from ..names import signal_names
-from ..plant import as_plant
+from ..plants import as_plant
 from .checks import check_point
 
 
 def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
-    """Return a discrete-time `control.StateSpace` with named signals.
+    """Return a `control.StateSpace` with named signals.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
     D : ndarray of shape (ny, nu)
         Feedthrough matrix.
     dt : float
-        Sampling time, in seconds.
+        Sampling time, in seconds; 0 of continuous time.
     inputs, outputs : sequence of str or None, default=None
         Names of the signals.
     name : str or None, default=None

@@ -18,7 +18,7 @@ what the law cancels; it solves for the one u of every v (eq. inverse).
 import control
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from ..warn import warn_user
 from .checks import as_numbers, check_limits, seen_inputs
 from .export import signal_names

@@ -9,7 +9,7 @@ follows from those before it; around another one `algebraic` solves for u.
 import control
 import numpy as np
 
-from ..plant import as_plant, is_model
+from ..plants import as_plant, is_model
 from .algebraic import AlgebraicLoop, feeds_through
 from .checks import check_disturbances, check_dt
 from .controller import from_gain, from_system

@@ -21,7 +21,7 @@ import control
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..plant import as_plant
+from ..plants import as_plant
 from .checks import as_numbers, check_gate, check_point, check_weight
 from .export import signal_names
 

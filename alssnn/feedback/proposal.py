@@ -13,7 +13,7 @@ from numbers import Integral
 import control
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from .checks import seen_inputs
 from .loop import closed_loop, designed_loop
 

@@ -29,7 +29,7 @@ from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
 from ..forms import closed_beside
 from ..lure import Lure
-from ..plant import as_plant
+from ..plants import as_plant
 from ..simulation import channels, simulate
 from ._record import Bands, Linearizability
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..feedback import LinearizingLaw
 from ..feedback.checks import check_limits, check_point, check_weight
 from ..feedback.loop import check_plant
-from ..plant import as_plant
+from ..plants import as_plant
 from ._checks import (
     check_ahead,
     check_observer,

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..forms import at_once
-from ..plant import Plant, as_plant
+from ..plant import Plant
+from ..plants import as_plant
 from ..walk import static_map
 
 GATE = 100  # standard deviations of an innovation: noise does not reach it, spikes do

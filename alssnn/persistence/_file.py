@@ -22,6 +22,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..activations import shipped_name
 from ..containers import Container
+from ..continuous import derivative, sampled
 from ..given_system import GivenSystem
 from ..inputs import split_inputs
 from ..models import state_space
@@ -82,12 +83,14 @@ def save(model, path):
     check_is_fitted(model)
     fitted = model.fitted_
     structure, container = fitted.structure, fitted.container
+    sampling, equations = structure.sampling, derivative(structure)
     document = {
         "alssnn": release(),
         "class": type(model).__name__,
         "params": {k: _encode_param(k, v) for k, v in model.get_params(False).items()},
         "structure": {
-            "sizes": [structure.sizes["x"], structure.nu, structure.sizes["y"]],
+            "sizes": [structure.sizes["x"], equations.nu, structure.sizes["y"]],
+            "sampling": sampling and [sampling.hold, sampling.substeps],
             "constants": list(structure.constants),
             "given": [int(i) for i in structure.given],
             "options": {k: _encode_param(k, v) for k, v in structure.options.items()},
@@ -188,6 +191,8 @@ def _restore(cls, document, arrays):
         given = document["structure"].get("given", ())
         model.disturbances_ = split_inputs(nu, given)[1]
         structure = model.declare(nx, nu, ny, C)
+    if sampling := document["structure"].get("sampling"):
+        structure = sampled(structure, *sampling)
     fit = document["fit"]
     if "noise_covariance" not in arrays:  # of older files
         arrays["noise_covariance"] = np.diag(fit["cost"] / ny * arrays["y_scale"] ** 2)

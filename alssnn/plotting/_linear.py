@@ -5,7 +5,7 @@ from matplotlib.patches import Circle
 from sklearn.utils.validation import check_is_fitted
 
 from ..certificates import full_gain
-from ..plant import as_plant
+from ..plants import as_plant
 from ._axes import color, finish, grid_of_axes
 
 
@@ -151,8 +151,9 @@ class PoleDisplay:
             If `K` has the wrong shape.
         """
         check_is_fitted(model)
+        arrived = as_plant(model).arrived()
         poles = {
-            "A, once h is cancelled": np.linalg.eigvals(model.A_),
+            "A, once h is cancelled": np.linalg.eigvals(arrived.linear()[0]),
             "model at its operating point": model.to_statespace("local").poles(),
         }
         if K is not None:

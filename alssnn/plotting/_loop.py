@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from ..validation import column_names, moved_names
 from ._axes import color, finish, grid_of_axes, time_axis
 

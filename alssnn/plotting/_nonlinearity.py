@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from ..simulation import simulate
 from ..validation import column_names, moved_names, scored_experiments
 from ._axes import MEASURED, color, few_ticks, finish, frequency_axis, grid_of_axes

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from ..validation import column_names
 from ._page import attempt, figure, heading, matrix, paragraph, python_code, table
 

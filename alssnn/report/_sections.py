@@ -88,9 +88,10 @@ def equations(model):
     """
     plant = model.plant_
     inputs, outputs = column_names(model)
+    per_second = "per second" if model.time == "continuous" else ""
     linear = {
-        "A": (model.A_, ""),
-        "B": (model.B_, ""),
+        "A": (model.A_, per_second),
+        "B": (model.B_, per_second),
         "C": (model.C_, ""),
         "D": (model.D_, ""),
         "G": (model.G_, f"of {_disturbances(model)}"),

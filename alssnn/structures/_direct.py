@@ -45,10 +45,13 @@ class Direct(NamedTuple):
             Right factors.
         """
         L, n_rows, nw = WR.shape
-        n_gains, n_signals = self.gain_map.shape[1], self.signal_map.shape[1]
-        if n_gains > nw:  # else they are those of the neurons
-            WR = (WR.reshape(-1, nw) @ self.gain_map).reshape(L, n_rows, n_gains)
-        return WR, Phi @ self.signal_map if n_signals > Phi.shape[1] else Phi
+        if self.gain_map.shape[1] > nw:  # else they are those of the neurons
+            own = (WR.reshape(-1, nw) @ self.gain_map[:, nw:]).reshape(L, n_rows, -1)
+            WR = np.concatenate([WR, own], axis=2)
+        n = Phi.shape[1]
+        if self.signal_map.shape[1] > n:
+            Phi = np.hstack([Phi, Phi @ self.signal_map[:, n:]])
+        return WR, Phi
 
 
 class Products:
@@ -130,6 +133,26 @@ class Products:
         return Direct(
             table, *map(np.hstack, (self.constants, self.gains, self.signals))
         )
+
+
+def product(matrices):
+    """Return the product of matrices.
+
+    Parameters
+    ----------
+    matrices : iterable of ndarray or None
+        Matrices; None is the identity.
+
+    Returns
+    -------
+    product : ndarray or None
+        Their product; None of none.
+    """
+    value = None
+    for matrix in matrices:
+        if matrix is not None:
+            value = matrix if value is None else value @ matrix
+    return value
 
 
 def _append(blocks, rows, block):

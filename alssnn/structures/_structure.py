@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..activations import ACTIVATIONS
 from ..lure import Lure
-from ._direct import Products
+from ._direct import Products, product
 from ._signals import ONE, Factor
 
 
@@ -43,6 +44,8 @@ class Structure:
         Activation of the neuron axes; axes that are not named have tanh.
     options : dict
         Keyword arguments of `models.state_space` that declare it again, but for C.
+    sampling : Sampling or None
+        How derivatives became updates (`continuous.sampled`), if they did.
     """
 
     sizes: dict
@@ -57,6 +60,7 @@ class Structure:
     network_parameters: tuple = ()
     activations: dict = field(default_factory=dict)
     options: dict = field(default_factory=dict)
+    sampling: Any = None
 
     # -- views of the same equations ---------------------------------------------
 
@@ -68,6 +72,8 @@ class Structure:
     @cached_property
     def given(self):
         """Return the columns of u that no controller moves, as an array."""
+        if self.sampling is not None:
+            return self.sampling.derivative.given
         further = range(self.sizes[self.inputs[0]], self.nu)
         return np.array([*self.options.get("disturbances", ()), *further], dtype=int)
 
@@ -448,8 +454,8 @@ class Structure:
         Theta = np.zeros((self.nx + self.nz + self.nw, q), dtype=theta.dtype)
         for axis, term in self.terms:
             block = Theta[self.rows[axis], self.cols[term.cols]]
-            product = _product(factor.value(p) for factor in term.factors)
-            block += term.gain * (np.eye(len(block)) if product is None else product)
+            value = product(factor.value(p) for factor in term.factors)
+            block += term.gain * (np.eye(len(block)) if value is None else value)
         return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)
 
     # -- derivative ----------------------------------------------------------------
@@ -478,23 +484,14 @@ class Structure:
             values = [factor.value(known) for factor in term.factors]
             identity = np.eye(self._size(term.cols))
             for i, factor in enumerate(term.factors):
-                before, after = _product(values[:i]), _product(values[i + 1 :])
+                before, after = product(values[:i]), product(values[i + 1 :])
                 if term.gain != 1.0:
                     after = term.gain * (identity if after is None else after)
                 for name, first, left, right in factor.pieces(p):
                     products.add(
                         rows,
                         self.slices[name].start + first,
-                        _product([before, left]),
-                        products.signal(cols, _product([right, after])),
+                        product([before, left]),
+                        products.signal(cols, product([right, after])),
                     )
         return products.direct()
-
-
-def _product(matrices):
-    """Return the product of matrices; None is the identity, and that of none."""
-    value = None
-    for matrix in matrices:
-        if matrix is not None:
-            value = matrix if value is None else value @ matrix
-    return value

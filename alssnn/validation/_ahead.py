@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..metrics import fit_percent
-from ..plant import as_plant
+from ..plants import as_plant
 
 OBSERVED = 20_000  # samples on which predictions are compared: the observer is slow
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..certificates import linearized_loop
 from ..lure import Lure
-from ..plant import as_plant
+from ..plants import as_plant
 from ..simulation import simulate
 
 SETTLED = 1e-4  # what is left of the transient when the response is measured

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..initial_states import estimate_x0
 from ..innovations import has_innovations, predictor
-from ..plant import as_plant
+from ..plants import as_plant
 from ..predictions import follow, told
 from ..simulation import regressors, sensitivities
 from ._scored import scored_experiments, scored_sensitivities

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..plant import as_plant
+from ..plants import as_plant
 from ..simulation import channels, outputs, sensitivities, simulate
 
 
@@ -45,28 +45,30 @@ def scored_experiments(model, u, y, experiment=None):
     records = model.prepare_records(u, y, experiment)
     experiments = []
     for record in records:
-        pieces = (record.du + plant.u_offset, record.y, simulated(plant, record))
+        pieces = (record.du + plant.u_offset, record.y, simulated(model, record))
         experiments.append(tuple(z[record.scored] for z in pieces))
     return experiments, [record.start for record in records]
 
 
-def simulated(plant, record):
+def simulated(model, record):
     """Return the outputs of a free run along a prepared record.
 
     Parameters
     ----------
-    plant : Plant
-        Model of inputs that have arrived.
+    model : estimator
+        Fitted model.
     record : PreparedRecord
-        Experiment.
+        Experiment, as the model has prepared it.
 
     Returns
     -------
     y_hat : ndarray of shape (N, ny)
         Outputs, in the user's units; inf where the simulation diverges.
     """
-    Z = outputs(plant.lure, record.du, record.x0)
-    return Z[:, : plant.ny] + plant.y_offset
+    fit = model.fitted_
+    lure = fit.structure.observe(fit.structure.measured).lure(fit.theta)
+    y_s = outputs(lure, record.u_s, record.x0 / fit.x_scale)
+    return y_s * fit.scaling.y_scale + fit.scaling.y_offset
 
 
 def scored_sensitivities(model, u, y, experiment=None):
@@ -138,12 +140,14 @@ def surely_outside(model, u, y, experiment=None):
     ValueError
         If the data do not fit the model.
     """
-    plant = as_plant(model).arrived()
-    outside = []
+    plant, fit, outside = as_plant(model).arrived(), model.fitted_, []
+    structure = fit.structure.observe(fit.structure.measured)
+    lure = structure.lure(fit.theta)
     for record in model.prepare_records(u, y, experiment):
-        X = simulate(plant.lure, record.du, record.x0)[:-1]
+        X = simulate(lure, record.u_s, structure.initial_state(record.x0 / fit.x_scale))
         with np.errstate(over="ignore", invalid="ignore"):
-            y_hat = channels(plant.lure, X, record.du)[:, : plant.ny]
+            y_hat = channels(lure, X[:-1], record.u_s) * fit.scaling.y_scale
+            X = X[:-1] * fit.x_scale
         measured = np.where(np.isnan(record.dy), y_hat, record.dy)
         found = plant.region.outside(X, record.du, y_hat, measured, surely=True)
         outside.append(found)

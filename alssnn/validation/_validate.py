@@ -7,7 +7,7 @@ import numpy as np
 
 from ..linearizability import OUTSIDE, judge, percent, worst_error
 from ..metrics import fit_percent
-from ..plant import as_plant
+from ..plants import as_plant
 from ._ahead import ahead_fit
 from ._closed_loop import feedback_check, in_closed_loop
 from ._feedback import feedback_tests

@@ -1,0 +1,390 @@
+"""Continuous time: one step of Runge and Kutta of a Lur'e form is a Lur'e form.
+
+A structure whose updates are derivatives,
+
+    x' = f(x, u),      y = c(x, u)                                    (eq. derivative)
+
+becomes one of x_k at the samples by m steps of the classical method of fourth order
+from one sample to the next (eq. rk4).  Every stage is an instance of the equations with
+neurons of its own and shared parameters; the states in between, and their derivatives,
+are neurons that pass on what they see.  Time counts in samples, so that parameters of
+derivatives are those per second times the sampling time.
+
+What u does between two samples is part of the model: it stays what it was ("zoh", a
+computer), or goes on to the next sample along a line or a cubic spline (measured
+signals).  Its values in between are further inputs (`between`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
+
+from .instances import IDENTITY, instance, passed_on
+from .structures import Signal, Structure, Term
+
+HOLDS = ("zoh", "linear", "cubic")
+FASTEST = 2.5  # |pole| times a step of Runge and Kutta: within its stability, 2.78
+DEFECTIVE = 1e8  # condition of eigenvectors from which they are of no use
+APART = 1e-6  # by which eigenvalues are parted then, relative to A
+ROUNDING = 1e-9  # relative imaginary part of a real eigenvalue
+STAGES = (0.0, 0.5, 0.5, 1.0)  # of a step, where the derivative is evaluated
+WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Say how a structure was sampled.
+
+    Parameters
+    ----------
+    derivative : Structure
+        Equations of the derivatives.
+    hold : {"zoh", "linear", "cubic"}
+        What u does between samples.
+    substeps : int
+        Steps of Runge and Kutta per sample.
+    """
+
+    derivative: Structure
+    hold: str = "zoh"
+    substeps: int = 1
+
+
+def sampled(structure, hold="zoh", substeps=1):
+    """Return the map from sample to sample of equations of derivatives (eq. rk4).
+
+    Parameters
+    ----------
+    structure : Structure
+        Equations whose updates are derivatives, time in samples.
+    hold : {"zoh", "linear", "cubic"}, default="zoh"
+        What u does between samples.
+    substeps : int, default=1
+        Steps of Runge and Kutta per sample.
+
+    Returns
+    -------
+    structure : Structure
+        The map, with the same parameters. Unless `hold` is "zoh" its inputs are those
+        of the structure and, behind them, what `between` returns.
+    """
+    inputs = structure.inputs
+    sizes, layers = dict(structure.sizes), dict(structure.layers)
+    signals, activations = dict(structure.signals), dict(structure.activations)
+    nodes = [dict(zip(inputs, inputs, strict=True))]
+    for i in range(1, 2 * substeps + 1):
+        nodes.append(
+            {u: u if hold == "zoh" else f"{u}@{i}/{2 * substeps}" for u in inputs}
+        )
+
+    def keep(axis, value):
+        # neurons that pass on what they see: computed once, seen by many
+        sizes[axis], layers[axis] = value.size, passed_on(value, axis)
+        activations[axis] = IDENTITY
+        return Signal(value.axes, value.shape, (Term(axis),))
+
+    axes = {x: structure.updates[x].axes for x in structure.updates}
+    base = {
+        x: Signal(axes[x], (structure.sizes[x],), (Term(x),)) for x in structure.updates
+    }
+    for step in range(substeps):
+        slopes: list[dict] = []
+        for c, at in zip(STAGES, (0, 1, 1, 2), strict=True):
+            tag, updates = f"{step + 1}.{len(slopes) + 1}", structure.updates
+            if step or slopes:
+                given = dict(nodes[2 * step + at])
+                for x, start in base.items():
+                    value = start + (c / substeps) * slopes[-1][x] if slopes else start
+                    given[x] = keep(f"{x}@{tag}", value).terms[0].cols
+                own = instance(structure, tag, given)
+                updates = own.updates
+                sizes |= own.sizes
+                layers |= own.layers
+                signals |= own.signals
+                activations |= own.activations
+            slopes.append({x: keep(f"d{x}@{tag}", f) for x, f in updates.items()})
+        for x in base:
+            for weight, slope in zip(WEIGHTS, slopes, strict=True):
+                base[x] = base[x] + (weight / substeps) * slope[x]
+    if hold != "zoh":
+        for node in nodes[1:]:
+            sizes |= {name: structure.sizes[u] for u, name in node.items()}
+            inputs = (*inputs, *node.values())
+    return replace(
+        structure,
+        sizes=sizes,
+        inputs=inputs,
+        updates=base,
+        layers=layers,
+        signals=signals,
+        activations=activations,
+        sampling=Sampling(structure, hold, substeps),
+    )
+
+
+def between(u, hold, substeps=1):
+    """Return what an input does between the samples.
+
+    Parameters
+    ----------
+    u : ndarray of shape (N, nu)
+        Inputs of one experiment at the samples.
+    hold : {"zoh", "linear", "cubic"}
+        What they do in between.
+    substeps : int, default=1
+        Steps of Runge and Kutta per sample.
+
+    Returns
+    -------
+    nodes : ndarray of shape (N, 2 * substeps * nu)
+        Values 1, 2, ... of 2 m parts of a sample behind each; no columns for "zoh".
+        Behind the last sample u goes on as it did, which no output sees.
+    """
+    N = len(u)
+    if hold == "zoh":
+        return np.empty((N, 0))
+    u = np.vstack([u, u[-1:] + (u[-1:] - u[max(N - 2, 0) : N - 1] if N > 1 else 0.0)])
+    k = np.arange(N + 1)
+    if hold == "cubic" and N > 2:
+        curve = CubicSpline(k, u)
+        parts = [curve(k[:-1] + i / (2 * substeps)) for i in range(1, 2 * substeps + 1)]
+    else:
+        shares = np.arange(1, 2 * substeps + 1) / (2 * substeps)
+        parts = [(1 - s) * u[:-1] + s * u[1:] for s in shares]
+    return np.hstack(parts)
+
+
+def derivative(structure):
+    """Return the equations that were sampled.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+
+    Returns
+    -------
+    structure : Structure
+        That of the derivatives; the structure itself if time is discrete.
+    """
+    sampling = structure.sampling
+    return structure if sampling is None else sampling.derivative
+
+
+def flow(structure):
+    """Return the map of a structure from a state and inputs to the next state.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+
+    Returns
+    -------
+    flow : Structure
+        The same parameters, without memory: the states are further inputs, behind the
+        others, and what is measured is the next state, "x+".
+    """
+    (state, update), *_ = structure.updates.items()
+    name = f"{state}+"
+    return replace(
+        structure,
+        sizes={**structure.sizes, name: structure.sizes[state]},
+        inputs=(*structure.inputs, state),
+        updates={},
+        signals={name: update, **structure.signals},
+        channels=(name,),
+    )
+
+
+def held(structure, substeps=None):
+    """Return the view of a structure whose inputs a computer holds.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    substeps : int or None, default=None
+        Steps of Runge and Kutta per sample; None leaves their number.
+
+    Returns
+    -------
+    structure : Structure
+        The same equations, sampled with "zoh"; the structure itself if time is
+        discrete.
+    """
+    sampling = structure.sampling
+    if sampling is None:
+        return structure
+    view = sampled(sampling.derivative, "zoh", substeps or sampling.substeps)
+    return view.observe(*structure.channels)
+
+
+def with_nodes(structure, experiments):
+    """Return the experiments of a structure: what u does between samples is an input.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+
+    Returns
+    -------
+    experiments : list of tuple of array
+        Pairs ([u, nodes], y); as they came where u is held.
+    """
+    sampling = structure.sampling
+    if sampling is None or sampling.hold == "zoh":
+        return list(experiments)
+    how = sampling.hold, sampling.substeps
+    return [(np.hstack([u[:], between(u[:], *how)]), y) for u, y in experiments]
+
+
+def per_second(structure, p, dt):
+    """Return parameters of derivatives by seconds instead of samples.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    p : dict of str to ndarray
+        Parameters by name, time in samples.
+    dt : float
+        Sampling time.
+
+    Returns
+    -------
+    p : dict of str to ndarray
+        The same, those in front of derivatives divided by dt; as they came if time is
+        discrete.
+    """
+    if structure.sampling is None:
+        return p
+    changed = {name: p[name] / dt for name in leading(structure) if name in p}
+    return {**p, **changed}
+
+
+def leading(structure):
+    """Return the parameters that the updates of a structure begin with.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+
+    Returns
+    -------
+    names : set of str
+        Their names.
+
+    Raises
+    ------
+    ValueError
+        If a term of an update begins otherwise: it had no unit of time to change.
+    """
+    structure = derivative(structure)
+
+    def first(term):
+        if not term.factors and term.cols in structure.signals:
+            inner = structure.signals[term.cols].terms
+            return set().union(*map(first, inner))
+        return {structure.leading(term)}
+
+    names = set()
+    for update in structure.updates.values():
+        names |= set().union(*map(first, update.terms))
+    if None in names:
+        raise ValueError(
+            "Every term of a derivative must begin with a parameter, which carries the "
+            "unit of time, got one that does not. Put a parameter in front of it, or "
+            "take time='discrete'."
+        )
+    return names
+
+
+def rates(A, fastest=FASTEST):
+    """Return the derivative that a discrete state matrix samples (eq. d2c).
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix from sample to sample.
+    fastest : float, default=2.5
+        Largest modulus of an eigenvalue of the result.
+
+    Returns
+    -------
+    rates : ndarray of shape (nx, nx)
+        Its logarithm. Eigenvalues that have none, zero or negative, and those that
+        decay faster than `fastest`, become real ones of that rate.
+    """
+    values, vectors = np.linalg.eig(A)
+    if np.linalg.cond(vectors) > DEFECTIVE:  # part eigenvalues that are one
+        spread = APART * np.arange(len(A)) * max(1.0, np.abs(A).max())
+        values, vectors = np.linalg.eig(A + np.diag(spread))
+    least = np.exp(-fastest)
+    is_negative = (values.real <= 0) & (
+        np.abs(values.imag) <= ROUNDING * np.abs(values)
+    )
+    is_fast = (np.abs(values) < least) | is_negative
+    logarithm = np.log(np.where(is_fast, least, values).astype(complex))
+    size = np.abs(logarithm)
+    logarithm *= np.minimum(1.0, fastest / np.maximum(size, fastest))
+    return np.real(vectors * logarithm @ np.linalg.inv(vectors))
+
+
+def converted(structure, p, hold="zoh"):
+    """Return parameters of derivatives near those from sample to sample (eq. d2c).
+
+    Parameters
+    ----------
+    structure : Structure
+        Equations with a state matrix A.
+    p : dict of str to ndarray
+        Parameters of the same equations as updates from sample to sample.
+    hold : {"zoh", "linear", "cubic"}, default="zoh"
+        What u does between samples.
+
+    Returns
+    -------
+    p : dict of str to ndarray
+        Parameters of the derivatives, time in samples.
+
+    Notes
+    -----
+    What is held over a sample enters by the integral of expm(A s), s from 0 to 1. What
+    goes on smoothly enters a discrete model as if A_d stood in front of it: near a
+    pole, z - exp(s_i) is exp(s_i) (s - s_i).
+    """
+    A = rates(p["A"])
+    n = len(A)
+    if hold == "zoh":
+        both = expm(np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]]))
+        gain = np.linalg.inv(both[:n, n:])
+    else:
+        gain = expm(-A)
+    changed = {name: gain @ p[name] for name in leading(structure) if name in p}
+    return {**p, **changed, "A": A}
+
+
+def damped(A, slowest=1e-3):
+    """Return a state matrix of derivatives whose states decay.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix, time in samples.
+    slowest : float, default=1e-3
+        Least rate of decay.
+
+    Returns
+    -------
+    A : ndarray of shape (nx, nx)
+        The matrix itself if its states decay at that rate; else one shifted to it.
+    """
+    rate = np.linalg.eigvals(A).real.max(initial=-np.inf)
+    return A - max(rate + slowest, 0.0) * np.eye(len(A))

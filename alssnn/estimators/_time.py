@@ -1,0 +1,324 @@
+"""Models in continuous time: what the options `time`, `hold` and `substeps` do.
+
+A discrete model of the same equations comes first: its search knows orders, starts and
+weights.  Its parameters become those of derivatives (eq. d2c), which the last stages
+train through the steps of Runge and Kutta (eq. rk4).
+"""
+
+import numpy as np
+
+from ..continuous import (
+    FASTEST,
+    converted,
+    damped,
+    derivative,
+    flow,
+    sampled,
+    with_nodes,
+)
+from ..criterion import DIVERGED_NORM, Criterion
+from ..limits import Limits
+from ..mapping import Held
+from ..simulation import simulate
+from ..training import train
+from ._noise import identified, is_predicting
+from ._warn import warn_of_training
+
+CONTINUOUS = "continuous"
+CLOSE = 1.5  # |pole| times a step of Runge and Kutta that is accurate enough
+FLOW_STEPS, FLOW_TOL = 50, 1e-4  # of the search for the same flow
+MOST = 20_000  # samples of it
+LESS = 0.5  # of the cost of the discrete model, from which a decay weighs less
+WEIGHINGS = 4  # of the decay, at most
+WORSE = 1.1  # error over that of the discrete model, from which something is wrong
+
+
+def is_continuous(estimator):
+    """Tell whether an estimator is fitted in continuous time.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator.
+
+    Returns
+    -------
+    is_continuous : bool
+        Whether its option `time` asks for it.
+    """
+    return estimator.time == CONTINUOUS
+
+
+def check_time(estimator):
+    """Refuse options that have no meaning for the time of a model.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+
+    Raises
+    ------
+    ValueError
+        If continuous time lacks a sampling time or has options that it does not know,
+        or discrete time has options of the other.
+    """
+    if not is_continuous(estimator):
+        for name, default in (("hold", "zoh"), ("substeps", 1)):
+            if (value := getattr(estimator, name)) != default:
+                raise ValueError(
+                    f"`{name}` must be {default!r} for time='discrete', got {value!r}. "
+                    "Take time='continuous'."
+                )
+        return
+    if isinstance(estimator.dt, float) and estimator.dt == 1.0:
+        raise ValueError(
+            "`dt` must be given for time='continuous', got its default. Give the "
+            "sampling time in seconds; if it is one second, write dt=1."
+        )
+    if is_predicting(estimator):
+        raise ValueError(
+            "`noise` must be 'output' for time='continuous', got "
+            f"{estimator.noise!r}. Take time='discrete'."
+        )
+    if fixed := set(estimator.bounds or {}) - {"D", "H"}:
+        raise ValueError(
+            "`bounds` must be of D and H for time='continuous', whose states have a "
+            f"basis of their own, got those of {sorted(fixed)}."
+        )
+
+
+def trained(estimator, experiments, previous, watch, held_out):
+    """Return the outcome of a fit, and the experiments that it has worked on.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    experiments : sequence of tuple of array, Held or Remote
+        Scaled experiments.
+    previous : tuple of (Structure, ndarray) or None
+        Structure and parameters from which a fit goes on.
+    watch : Watch
+        What follows the fit.
+    held_out : Validation or None
+        What judges the fit by other data.
+
+    Returns
+    -------
+    experiments : Held or Remote
+        With what a predictor was told, and with what u does between samples.
+    structure : Structure
+        What was fitted.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    result : OptimizeResult
+        How the training ended.
+    """
+    if not is_continuous(estimator):
+        if previous is not None and previous[0].sampling is not None:
+            previous = None
+        return identified(estimator, experiments, previous, watch, held_out)
+    if not Held.of(experiments).is_here:
+        raise ValueError(
+            "`time` must be 'discrete' for experiments on a cluster, got "
+            f"{estimator.time!r}. Fit such a model where the record is."
+        )
+    if previous is not None and goes_on(estimator, previous):
+        structure, theta = previous
+        told = Held.of(with_nodes(structure, Held.of(experiments)))
+        outcome = _trained(estimator, told, structure, theta, watch, held_out)
+        return told, structure, outcome.theta, outcome
+    seen, discrete, theta, result = identified(
+        estimator, experiments, None, watch, held_out
+    )
+
+    def in_time(theta):
+        p = discrete.split(theta)
+        return converted(discrete, {**p, "A": A}, estimator.hold)
+
+    found = theta, result.x0
+    A = discrete.split(theta)["A"]
+    p = in_time(theta)
+    structure = sampled(discrete, estimator.hold, _substeps(estimator, p["A"]))
+    decay = getattr(estimator, "_decay", None)
+    if decay and "center" in decay:
+        center = structure.join(in_time(decay["center"]))
+        estimator._decay = {**decay, "center": center}
+    told = Held.of(with_nodes(structure, seen))
+    theta = _same_flow(estimator, structure, structure.join(p), told, discrete, found)
+    near, cost = told, result.cost
+    if (samples := getattr(estimator, "coarse_samples", None)) is not None:
+        near = Held.of(told.stretch(samples))
+    for _ in range(WEIGHINGS):
+        outcome = _trained(estimator, near, structure, theta, watch, held_out)
+        result.nfev += outcome.nfev
+        theta, share, cost = outcome.theta, outcome.cost / cost, outcome.cost
+        decay = getattr(estimator, "_decay", None)
+        if not decay or not np.isfinite(decay["alpha"]) or share >= LESS:
+            break
+        # a decay was chosen for the error that the model before this one left
+        estimator._decay = {**decay, "alpha": share * decay["alpha"]}
+    if near.n_samples < told.n_samples:
+        outcome = _trained(estimator, told, structure, theta, watch, held_out)
+        result.nfev += outcome.nfev
+    outcome.nfev = result.nfev
+    if outcome.cost > WORSE**2 * result.cost and watch.reason is None:
+        error, least = (100 * np.sqrt(cost) for cost in (outcome.cost, result.cost))
+        warn_of_training(
+            f"The model in continuous time misses {error:.3g} % of the output, a "
+            f"discrete one {least:.3g} %. Try another `hold`, which says what u does "
+            f"between samples and is {estimator.hold!r}, or more `substeps`."
+        )
+    return told, structure, outcome.theta, outcome
+
+
+def _same_flow(estimator, structure, theta, experiments, discrete, found):
+    """Return parameters whose steps are those of a discrete model (eq. flow)."""
+    lure = discrete.observe(discrete.measured).lure(found[0])
+    nu, pairs, count = discrete.nu, [], 0
+    for (z, _), x0 in zip(experiments, found[1], strict=True):
+        z = z[: MOST - count]
+        X = simulate(lure, z[:, :nu], x0)
+        if len(z) and np.isfinite(X).all():
+            pairs.append((np.hstack([z, X[:-1]]), X[1:]))
+            count += len(z)
+    if not pairs:
+        return theta
+    bounds = _bounds(estimator, structure, theta)
+    limits = Limits(structure, bounds=bounds, radius=_radius(structure, theta))
+    criterion = Criterion(flow(structure), pairs)
+    free = limits.clip(theta)
+    result = limits.minimize(criterion, free, max_iter=FLOW_STEPS, tol=FLOW_TOL)
+    return result.x if np.isfinite(result.cost) else theta
+
+
+def goes_on(estimator, previous):
+    """Tell whether a fit in continuous time goes on from the last one.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    previous : tuple of (Structure, ndarray)
+        Structure and parameters of the last fit.
+
+    Returns
+    -------
+    goes_on : bool
+        Whether it was of the same equations, sampled alike.
+    """
+    structure, _ = previous
+    sampling = structure.sampling
+    if sampling is None or sampling.hold != estimator.hold:
+        return False
+    if sampling.substeps < estimator.substeps or "C" not in structure.constants:
+        return False
+    nx, ny = structure.sizes["x"], structure.sizes["y"]
+    if not estimator._allows(nx):
+        return False
+    nu = derivative(structure).nu
+    wanted = estimator.declare(nx, nu, ny, structure.constants["C"])
+    return (
+        wanted.shapes == structure.shapes
+        and np.array_equal(wanted.given, structure.given)
+        and wanted.activations == derivative(structure).activations
+    )
+
+
+def _substeps(estimator, A):
+    """Return the steps of Runge and Kutta per sample; warn if it takes more."""
+    fastest = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+    needed = int(np.ceil(fastest / CLOSE))
+    if needed <= estimator.substeps:
+        return estimator.substeps
+    warn_of_training(
+        f"`substeps` is raised from {estimator.substeps} to {needed}: a pole of "
+        f"modulus {fastest / estimator.dt:.3g} rad/s is too fast for steps of "
+        f"{estimator.dt / estimator.substeps:.3g} s. Take a smaller `nx` or sample "
+        "faster if the plant has no such pole."
+    )
+    return needed
+
+
+def _trained(estimator, experiments, structure, theta, watch, held_out):
+    """Return what the last stages make of parameters of derivatives."""
+    judge = None
+    if held_out is not None:
+        judge = held_out.of(lambda pairs: with_nodes(structure, pairs))
+    penalized, terms = estimator._criterion_terms(structure)
+    theta = _finite(structure, theta, experiments)
+    bounds = _bounds(estimator, structure, theta)
+    decay = dict(getattr(estimator, "_decay", None) or {})
+    if not np.isfinite(decay.get("alpha", 0.0)):  # the networks did not help
+        decay = {}
+    elif not decay:
+        alpha = getattr(estimator, "alpha", 0.0)
+        decay = {"alpha": 0.0 if isinstance(alpha, str) else alpha}
+    settings = {
+        name: getattr(estimator, name)
+        for name in ("coarse_samples", "polish_iter", "n_jobs", "method")
+        if hasattr(estimator, name)
+    }
+    result = train(
+        penalized,
+        experiments,
+        [theta],
+        **terms,
+        **decay,
+        radius=_radius(structure, theta),
+        bounds=bounds,
+        at_rest=estimator._at_rest,
+        max_iter=estimator.max_iter,
+        tol=estimator.tol,
+        watch=watch,
+        validation=judge,
+        **settings,
+    )
+    _check_rates(structure, result.theta, estimator.dt)
+    return result
+
+
+def _bounds(estimator, structure, theta):
+    """Return the bounds of parameters of derivatives."""
+    bounds = estimator._scaled_bounds(structure)
+    if "A" in bounds:  # of integrators: their derivatives do not see them
+        low, high = bounds["A"]
+        fixed = low == high
+        bounds["A"] = tuple(np.where(fixed, 0.0, bound) for bound in (low, high))
+    decay = getattr(estimator, "_decay", None) or {"alpha": 0.0}
+    if not np.isfinite(decay["alpha"]):  # the networks did not help
+        p = structure.split(theta)
+        bounds |= {name: (p[name], p[name]) for name in structure.network_parameters}
+    return bounds
+
+
+def _radius(structure, theta):
+    """Return the largest exp of a pole: a stable start is kept stable."""
+    A = structure.split(theta)["A"]
+    return 1.0 if np.linalg.eigvals(A).real.max(initial=-1.0) < 0 else None
+
+
+def _finite(structure, theta, experiments):
+    """Return parameters from which the simulation is finite: at worst linear ones."""
+    plain = structure.observe(structure.measured)
+    criterion = Criterion(plain, experiments)
+    at_rest = np.zeros((len(experiments), structure.n_x0))
+    if criterion.norm(criterion.join(theta, at_rest)) < DIVERGED_NORM:
+        return theta
+    p = structure.split(theta)
+    nothing = {name: 0.0 * p[name] for name in structure.network_parameters}
+    return structure.join({**p, **nothing, "A": damped(p["A"])})
+
+
+def _check_rates(structure, theta, dt):
+    """Warn where steps of Runge and Kutta are no solution of the equations."""
+    substeps = structure.sampling.substeps
+    fastest = np.abs(np.linalg.eigvals(structure.split(theta)["A"])).max(initial=0.0)
+    if fastest > FASTEST * substeps:
+        warn_of_training(
+            f"A pole of modulus {fastest / dt:.3g} rad/s is too fast for {substeps} "
+            f"steps of Runge and Kutta per sample of {dt:.3g} s: the equations are "
+            "stiff, and the model holds at this rate only. Take more `substeps`, a "
+            "smaller `nx`, or time='discrete'."
+        )

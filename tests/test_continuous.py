@@ -1,0 +1,476 @@
+"""Models in continuous time: steps of Runge and Kutta, holds, rates, consequences."""
+
+import pickle
+
+import control
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from sklearn.base import clone
+
+import alssnn
+from alssnn.continuous import (
+    HOLDS,
+    between,
+    converted,
+    damped,
+    derivative,
+    flow,
+    held,
+    rates,
+    sampled,
+    with_nodes,
+)
+from alssnn.innovations import has_innovations
+from alssnn.models import state_space
+from alssnn.simulation import outputs, regressors, simulate
+from helpers import assert_direct
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sklearn.exceptions.ConvergenceWarning"  # short fits are enough
+)
+
+C = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5]])
+
+
+def equations(**options):
+    """Return equations of derivatives with stable random parameters."""
+    rng = np.random.default_rng(1)
+    networks = {"n_h": 3, "n_g": (3, 2), "feedback": "output", **options}
+    structure = state_space(3, 2, 2, C=C, **networks)
+    theta = 0.3 * rng.standard_normal(structure.n_params)
+    theta[structure.slices["A"]] -= 0.6 * np.eye(3).ravel()
+    return structure, theta
+
+
+def runge_kutta(lure, nodes, substeps, n):
+    """Return the states of the classical method, written as everybody knows it."""
+
+    def f(x, u):
+        return regressors(lure, x[None], u[None])[0] @ lure.rows_x.T
+
+    x, h, X = np.zeros(lure.nx), 1 / substeps, []
+    for k in range(n):
+        X.append(x)
+        for j in range(substeps):
+            first, middle, last = nodes[k, 2 * j : 2 * j + 3]
+            k1 = f(x, first)
+            k2 = f(x + h / 2 * k1, middle)
+            k3 = f(x + h / 2 * k2, middle)
+            k4 = f(x + h * k3, last)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return np.array(X)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("substeps", [1, 2])
+def test_a_sampled_structure_is_the_method_of_runge_and_kutta(hold, substeps, rng):
+    structure, theta = equations(feedthrough=True, n_k=2)
+    whole = sampled(structure, hold, substeps).observe("y", "e")
+    u = rng.standard_normal((40, 2))
+    z = np.hstack([u, between(u, hold, substeps)])
+    assert z.shape[1] == whole.nu
+    nodes = np.repeat(u[:, None], 2 * substeps + 1, axis=1)
+    if hold != "zoh":
+        nodes[:, 1:] = z[:, 2:].reshape(40, 2 * substeps, 2)
+    plain = structure.observe("y", "e").lure(theta)
+    X = simulate(whole.lure(theta), z, np.zeros(plain.nx))[:-1]
+    np.testing.assert_allclose(
+        X, runge_kutta(plain, nodes, substeps, 40), rtol=1e-12, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("hold", ["zoh", "cubic"])
+@pytest.mark.parametrize("options", [{}, {"input_map": "monotone"}, {"n_g": 0}])
+def test_the_derivative_of_a_sampled_structure_is_exact(hold, options, rng):
+    structure, theta = equations(**options)
+    channels = ["y", "e"] if "e" in structure.signals else ["y"]
+    assert_direct(sampled(structure, hold, 2).observe(*channels), theta, rng)
+
+
+def test_signals_of_a_sample_are_those_of_its_first_stage(rng):
+    structure, theta = equations()
+    view, u, x = sampled(structure), rng.standard_normal((1, 2)), rng.standard_normal(3)
+    for name in ("y", "v", "h", "g"):
+        one, other = (
+            regressors(lure, x[None], u)[0] @ lure.rows_z.T
+            for lure in (s.observe(name).lure(theta) for s in (structure, view))
+        )
+        np.testing.assert_allclose(one, other, rtol=1e-14)
+
+
+def test_between_two_samples_a_cubic_is_a_cubic():
+    k = np.arange(12.0)[:, None]
+    u = np.hstack([0.01 * k**3 - 0.2 * k**2 + k, 2 - k])
+    for hold, column, last in (("cubic", 0, 9), ("cubic", 1, 12), ("linear", 1, 12)):
+        nodes = between(u, hold, 2).reshape(12, 4, 2)[:last, :, column]
+        t = k[:last] + np.arange(1, 5) / 4
+        expected = [0.01 * t**3 - 0.2 * t**2 + t, 2 - t][column]
+        # a spline bends before an end that goes on along a line
+        slack = 0.02 if column == 0 else 1e-12
+        np.testing.assert_allclose(nodes, expected, atol=slack)
+    assert between(u, "zoh", 3).shape == (12, 0)
+    np.testing.assert_array_equal(between(u[:1], "cubic", 1), [[*u[0], *u[0]]])
+
+
+def test_rates_are_the_logarithm():
+    A = np.array([[-0.3, 1.2, 0.0], [-1.2, -0.3, 0.4], [0.0, 0.0, -0.1]])
+    np.testing.assert_allclose(rates(expm(A)), A, atol=1e-12)
+    poles = np.linalg.eigvals(rates(np.diag([-0.5, 0.0, 1e-9, 0.5])))
+    np.testing.assert_allclose(np.sort(poles), [-2.5, -2.5, -2.5, np.log(0.5)])
+    twice = rates(np.array([[0.5, 1.0], [0.0, 0.5]]))
+    np.testing.assert_allclose(expm(twice), [[0.5, 1.0], [0.0, 0.5]], atol=1e-4)
+    assert np.linalg.eigvals(damped(np.diag([0.3, -1.0]))).max() == pytest.approx(-1e-3)
+
+
+def test_converted_parameters_of_a_linear_model_have_its_response():
+    rng = np.random.default_rng(0)
+    structure = state_space(2, 1, 1)
+    p = {"A": [[0.9, 0.2], [-0.2, 0.9]], "B": [[0.1], [1.0]], "C": [[1.0, 0.3]]}
+    p = {name: np.array(value) for name, value in p.items()}
+    u, x0 = rng.standard_normal((60, 1)), np.zeros(2)
+    y = outputs(structure.lure(structure.join(p)), u, x0)
+    whole = sampled(structure, "zoh", 4)
+    y_c = outputs(whole.lure(whole.join(converted(structure, p))), u, x0)
+    np.testing.assert_allclose(y_c, y, atol=1e-5)
+
+
+def test_flow_is_the_map_without_memory(rng):
+    structure, theta = equations()
+    whole = sampled(structure, "linear")
+    map_ = flow(whole)
+    assert map_.nx == 0 and map_.n_params == whole.n_params
+    u = rng.standard_normal((30, 2))
+    ((z, _),) = with_nodes(whole, [(u, None)])
+    X = simulate(whole.observe("y").lure(theta), z, np.zeros(3))
+    following = outputs(map_.lure(theta), np.hstack([z, X[:-1]]), np.zeros(0))
+    np.testing.assert_allclose(following, X[1:], atol=1e-13)
+
+
+def test_views_know_each_other():
+    structure, _ = equations(disturbances=(1,))
+    whole = sampled(structure, "cubic", 2)
+    assert derivative(whole) is structure and derivative(structure) is structure
+    assert held(structure) is structure and held(whole).nu == 2
+    assert held(whole, 5).sampling.substeps == 5
+    assert whole.given.tolist() == structure.given.tolist() == [1]
+    assert not has_innovations(whole)
+
+
+# -- fits ----------------------------------------------------------------------------
+
+
+def simulated_plant(f, u, dt, x0=(0.0, 0.0), steps=20):
+    """Return the states of x' = f(x, u) at the samples; u is a function of time."""
+    x, X, h = np.array(x0), [], dt / steps
+    for k in range(len(u)):
+        X.append(x)
+        for _ in range(steps):
+            k1 = f(x, u[k])
+            k2 = f(x + h / 2 * k1, u[k])
+            k3 = f(x + h / 2 * k2, u[k])
+            k4 = f(x + h * k3, u[k])
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return np.array(X)
+
+
+def pendulum(x, u):
+    """Return x' of a pendulum whose input is a torque."""
+    return np.array([x[1], 4 * u - 4 * np.sin(x[0]) - 0.8 * x[1]])
+
+
+def steps(n, length, seed=0):
+    """Return an input of random steps."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-1, 1, n // length + 1), length)[:n]
+
+
+def swinging(dt, n=600, seed=0):
+    """Return a record of the pendulum without noise; the input is the same in time."""
+    u = 0.6 * steps(n, round(1.6 / dt), seed)
+    return u[:, None], simulated_plant(pendulum, u, dt)[:, 0]
+
+
+def distance(poles, true):
+    """Return how far two poles are from those of the plant, in any order."""
+    return min(np.abs(poles - order).max() for order in (true, true[::-1]))
+
+
+def hanging(model, dt):
+    """Return the poles about the hanging pendulum, which no basis changes."""
+    A, *_ = model.plant_.at(dt / 64).jacobian(np.zeros((1, 2)), np.zeros((1, 1)))
+    return np.log(np.linalg.eigvals(A[0]).astype(complex)) * 64 / dt
+
+
+def test_parameters_are_those_of_the_plant_and_converge_with_fourth_order():
+    # u + h(y) with h = w sin(a y) is the equation of the pendulum
+    errors = []
+    for dt in (0.4, 0.2, 0.1):
+        u, y = swinging(dt, 800)
+        model = alssnn.FlSsnn(
+            nx=2,
+            n_h=1,
+            odd=True,
+            activation="sin",
+            feedback="output",
+            dt=dt,
+            time="continuous",
+            operating_point="zero",
+            tol=1e-15,
+            max_iter=300,
+            random_state=0,
+            n_init=3,
+        ).fit(u, y)
+        errors.append(distance(hanging(model, dt), np.roots([1.0, 0.8, 4.0])))
+    assert errors[0] < 0.02 and errors[-1] < 5e-5
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all(orders > 3.5), orders
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    u, y = swinging(0.2, 900)
+    return u, y + 0.01 * np.random.default_rng(1).standard_normal(len(y))
+
+
+@pytest.fixture(scope="module")
+def swing(noisy):
+    return alssnn.FlSsnn(
+        nx=2, n_h=3, dt=0.2, time="continuous", n_init=1, random_state=0
+    ).fit(*noisy)
+
+
+def test_a_model_holds_at_another_rate(swing):
+    u, y = swinging(0.1, 900, seed=5)
+    refit = alssnn.FlSsnn(
+        nx=2, n_h=3, dt=0.1, time="continuous", n_init=1, random_state=0
+    ).fit(*swinging(0.1, 1800))
+    plant, errors = swing.plant_.at(0.1), []
+    for one in (plant, refit.plant_):
+        du = u - one.u_offset
+        y_hat = outputs(one.lure, du, np.zeros(2))[:, 0] + one.y_offset
+        errors.append(np.sqrt(np.mean((y_hat - y)[100:] ** 2)))
+    assert errors[0] < 0.02 * y.std()
+    assert errors[0] < errors[1] + 0.01  # of the noise of its record
+
+
+def test_what_is_published_is_by_seconds(swing):
+    plant = swing.plant_
+    A, B, *_ = plant.linear()
+    system = swing.to_statespace()
+    assert system.dt == 0 and swing.to_statespace(dt=0.2).dt == 0.2
+    np.testing.assert_array_equal(system.A, swing.A_)
+    exact = control.sample_system(system, 0.2)
+    np.testing.assert_allclose(A, exact.A, atol=2e-3)
+    np.testing.assert_allclose(B, exact.B, atol=2e-3)
+    finer = plant.at(0.2 / 16)
+    exact = control.sample_system(system, 0.2 / 16)
+    np.testing.assert_allclose(finer.linear()[0], exact.A, atol=1e-9)
+    x, u = np.array([[0.4, -0.3]]), np.array([[0.5]])
+    X = x
+    for _ in range(16):
+        X = finer.step(X, u)
+    np.testing.assert_allclose(plant.step(x, u), X, atol=2e-4)
+    assert finer.form.nw == plant.form.nw and plant.at(0.2) is plant
+
+
+def test_a_slower_rate_takes_more_steps(swing):
+    slow = swing.plant_.at(0.8)
+    assert slow.form.nw == 4 * swing.plant_.form.nw
+    x, u = np.array([[0.4, -0.3]]), np.array([[0.5]])
+    X = x
+    for _ in range(4):
+        X = swing.plant_.step(X, u)
+    np.testing.assert_allclose(slow.step(x, u), X, atol=1e-12)
+    with pytest.raises(ValueError, match="positive time"):
+        swing.plant_.at(-1.0)
+
+
+def test_a_file_keeps_a_model_in_continuous_time(swing, noisy, tmp_path):
+    path = tmp_path / "model.alssnn"
+    swing.save(path)
+    again = alssnn.load(path)
+    np.testing.assert_array_equal(again.predict(noisy[0]), swing.predict(noisy[0]))
+    np.testing.assert_array_equal(again.A_, swing.A_)
+    np.testing.assert_array_equal(
+        again.plant_.at(0.1).form.Theta, swing.plant_.at(0.1).form.Theta
+    )
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(swing)).predict(noisy[0]), swing.predict(noisy[0])
+    )
+
+
+def test_a_fit_goes_on(swing, noisy):
+    model = clone(swing).set_params(warm_start=True, max_iter=3)
+    model.fit(*noisy)
+    before, steps = model.cost_, model.n_iter_
+    model.set_params(max_iter=40).fit(*noisy)
+    assert model.cost_ <= before * (1 + 1e-9)
+    assert model.history_[0].cost <= before * (1 + 1e-6)
+    discrete = model.set_params(time="discrete").fit(*noisy)
+    assert discrete.plant_.rates is None and steps > 0
+    assert np.abs(np.linalg.eigvals(discrete.A_)).max() < 1
+
+
+def test_what_judges_a_model_takes_its_hold():
+    # a smooth input, measured: u goes on between the samples
+    n, dt = 700, 0.25
+    t = dt * np.arange(n)
+    rng = np.random.default_rng(0)
+    waves = [(w, rng.uniform(0, 6)) for w in np.linspace(0.3, 5.0, 12)]
+    u = sum(0.08 * np.sin(w * t + phase) for w, phase in waves)
+
+    def plant(x, k, s):
+        now = sum(0.08 * np.sin(w * (k + s) * dt + phase) for w, phase in waves)
+        return np.array([x[1], 4 * now - 4 * np.sin(x[0]) - 0.8 * x[1]])
+
+    x, y, h = np.zeros(2), np.empty(n), dt / 20
+    for k in range(n):
+        y[k] = x[0]
+        for i in range(20):
+            s = i / 20
+            k1 = plant(x, k, s)
+            k2 = plant(x + h / 2 * k1, k, s + 0.025)
+            k3 = plant(x + h / 2 * k2, k, s + 0.025)
+            k4 = plant(x + h * k3, k, s + 0.05)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    errors = {}
+    for hold in HOLDS:
+        model = alssnn.FlSsnn(
+            nx=2, n_h=3, dt=dt, time="continuous", hold=hold, n_init=1, random_state=0
+        ).fit(u[:500, None], y[:500])
+        errors[hold] = np.sqrt(1 - model.score(u[500:, None], y[500:]))
+    assert errors["cubic"] < 2e-3
+    assert 5 * errors["cubic"] < errors["linear"] < errors["zoh"], errors
+    # the last model is that of the cubic: all that judges it sees the same errors
+    validation = model.validate(u[500:, None], y[500:])
+    _, y_pred = model.simulate_test(u[500:, None], y[500:])
+    assert validation["free run"].passed
+    (prepared,) = model.prepare_records(u[500:, None], y[500:])
+    assert prepared.u_s.shape == (200, 3) and prepared.du.shape == (200, 1)
+    np.testing.assert_allclose(prepared.du[:, 0], u[500:] - model.u_offset_, atol=1e-12)
+    y_hat = model.predict(u[500:, None], x0=prepared.x0)
+    np.testing.assert_allclose(y_hat[prepared.scored], y_pred, atol=1e-12)
+    with pytest.warns(UserWarning):  # there is no noise to tell how sure they are
+        covariance = model.parameter_covariance(u[500:, None], y[500:])
+    np.testing.assert_allclose(
+        np.sort(covariance.poles().poles), np.sort(np.linalg.eigvals(model.A_))
+    )
+    band = covariance.frequency_response([0.5, 2.0])
+    expected = model.to_statespace()(1j * np.array([0.5, 2.0]))
+    np.testing.assert_allclose(band.response[:, 0, 0], expected, rtol=1e-9)
+
+
+def test_linear_models_of_several_inputs_and_experiments_with_gaps():
+    A = np.array([[-0.5, 2.0, 0.0], [-2.0, -0.5, 0.3], [0.0, 0.0, -1.0]])
+    B = np.array([[1.0, 0.0], [0.0, 0.5], [0.3, 1.0]])
+    dt, rng = 0.2, np.random.default_rng(3)
+    exact = control.sample_system(control.ss(A, B, C, 0), dt)
+    us, ys = [], []
+    for n in (400, 250):
+        u = np.repeat(rng.standard_normal((n // 5 + 1, 2)), 5, axis=0)[:n]
+        y = np.asarray(control.forced_response(exact, inputs=u.T).outputs).T
+        y[rng.random(y.shape) < 0.1] = np.nan
+        us.append(u)
+        ys.append(y)
+    model = alssnn.LinearStateSpace(nx=3, dt=dt, time="continuous", substeps=2)
+    model.fit(us, ys)
+    omega = np.array([0.3, 2.0, 6.0])
+    np.testing.assert_allclose(
+        model.to_statespace()(1j * omega),
+        control.ss(A, B, C, 0)(1j * omega),
+        rtol=5e-3,
+        atol=1e-3,
+    )
+    assert model.score(us, ys) > 0.999
+
+
+def test_held_out_samples_judge_it_too(noisy):
+    model = alssnn.AlSsnn(
+        nx=2,
+        n_h=3,
+        n_g=2,
+        dt=0.2,
+        time="continuous",
+        hold="linear",
+        alpha=1e-6,
+        n_init=1,
+        max_iter=15,
+        validation_fraction=0.2,
+        random_state=0,
+    ).fit(*noisy)
+    last = model.history_[-1]
+    assert np.isfinite(last.validation_rmse) and model.score(*noisy) > 0.9
+
+
+def test_a_loop_of_the_sampled_law(swing, noisy):
+    measured = swing.linearizability(*noisy)
+    assert np.isfinite(measured.closed_linearization_error).all()
+    finer = swing.plant_.at(0.02)
+    loop, slow = finer.close(), swing.plant_.close()
+    assert loop.nx == slow.nx
+    # at a fast rate h is cancelled nearly at once: the loop is nearly linear
+    rng, errors = np.random.default_rng(0), []
+    for plant, n in ((swing.plant_, 20), (finer, 200)):
+        v = 0.3 * np.repeat(rng.uniform(-1, 1, 20), n // 20)[:, None]
+        A, B, C_, _ = plant.linear()
+        X = simulate(plant.close(), v - plant.v_offset, np.zeros(2))
+        x, linear = np.zeros(2), []
+        for value in v - plant.v_offset:
+            linear.append(x)
+            x = A @ x + B @ value
+        errors.append(np.abs((X[:-1] - linear) @ C_.T).max())
+    assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"time": "continuous"}, "`dt` must be given"),
+        ({"time": "continuous", "dt": 0.1, "noise": "innovations"}, "`noise` must"),
+        ({"time": "continuous", "dt": 0.1, "bounds": {"A": (0, 1)}}, "`bounds` must"),
+        ({"hold": "cubic"}, "`hold` must be 'zoh' for time='discrete'"),
+        ({"substeps": 2}, "`substeps` must be 1"),
+        ({"time": "continuous", "dt": 0.1, "substeps": 0}, "substeps"),
+    ],
+)
+def test_options_without_a_meaning_are_refused(options, message):
+    u, y = swinging(0.1, 60)
+    with pytest.raises(ValueError, match=message):
+        alssnn.LinearStateSpace(nx=2, **options).fit(u, y)
+    if "dt" not in options and "time" in options:  # one second is a sampling time
+        alssnn.LinearStateSpace(nx=1, time="continuous", dt=1).fit(u, y)
+
+
+def test_a_discrete_plant_has_one_rate():
+    u, y = swinging(0.1, 100)
+    model = alssnn.LinearStateSpace(nx=2, dt=0.1).fit(u, y)
+    with pytest.raises(ValueError, match="time='continuous'"):
+        model.plant_.at(0.2)
+    with pytest.raises(ValueError, match="time='continuous'"):
+        model.to_statespace(dt=0.2)
+    assert model.to_statespace(dt=0.1).dt == 0.1
+
+
+def test_poles_too_fast_for_a_step_are_told():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 1))
+    fast = control.sample_system(control.tf([30], [1, 31, 30]), 0.1)
+    y = np.ravel(control.forced_response(fast, inputs=u[:, 0]).outputs)
+    with pytest.warns(UserWarning, match="`substeps` is raised from 1 to 2"):
+        model = alssnn.LinearStateSpace(nx=2, dt=0.1, time="continuous").fit(u, y)
+    assert model.score(u, y) > 0.99
+
+
+def test_late_inputs(noisy):
+    u, y = noisy
+    late = np.vstack([u[3:], u[-3:]])  # what is sent now arrives three samples later
+    model = alssnn.LinearStateSpace(nx=2, dt=0.2, time="continuous", input_delay=3).fit(
+        late, y
+    )
+    with pytest.raises(ValueError, match="arrive late"):
+        model.to_statespace()
+    assert len(model.to_statespace(dt=0.2).A) == 5
+    assert model.plant_.at(0.1).delay.tolist() == [6]
+    with pytest.raises(ValueError, match="must divide the delays"):
+        model.plant_.at(0.35)
