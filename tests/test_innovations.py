@@ -10,6 +10,7 @@ from sklearn.base import clone
 import alssnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_inverted_pendulum
+from alssnn.estimators import _ssnn
 from alssnn.feedback import closed_loop, lqi
 from alssnn.innovations import (
     free_run,
@@ -24,6 +25,7 @@ from alssnn.sections import Sections
 from alssnn.simulation import outputs, simulate
 from alssnn.stability import Contractive, Schur
 from alssnn.subspace import identify_linear, predictor_space, shift_structure
+from alssnn.training import train
 from helpers import assert_direct
 
 pytestmark = pytest.mark.filterwarnings(
@@ -237,6 +239,34 @@ def test_law_of_a_nonlinear_plant_in_a_loop_with_process_noise(loop_record):
     eps = loop_record[1] - fitted.predict_ahead(*loop_record)
     assert abs(np.corrcoef(eps[1:], eps[:-1])[0, 1]) < 0.06
     np.testing.assert_allclose(fitted.noise_covariance_, eps[50:].var(), rtol=0.05)
+
+
+@pytest.mark.parametrize("h_sees", ["measured", "predicted"])
+def test_the_weight_that_splits_what_h_and_K_say(
+    h_sees, loop_record, linear, monkeypatch
+):
+    asked = []
+
+    def recorded(*args, weights, **options):
+        asked.append(weights)
+        return train(*args, weights=weights, **options)
+
+    monkeypatch.setattr(_ssnn, "train", recorded)
+    options = {"n_h": 2, "n_init": 1, "max_iter": 1, "alpha": 1e-3, "random_state": 0}
+    for gamma_h in (0.0, 0.5):
+        alssnn.FlSsnn(
+            nx=2,
+            feedback="output",
+            noise="innovations",
+            h_sees=h_sees,
+            gamma_h=gamma_h,
+            **options,
+        ).fit(*loop_record)
+    # a thousandth of the error of the linear model, if the data cannot choose
+    least = 1e-3 * linear.cost_ if h_sees == "measured" else 0.0
+    assert 0 < linear.cost_ < 100
+    given = [weights.get("h", 0.0) for weights in asked]
+    np.testing.assert_allclose(given, [least, 0.5], rtol=0.05)
 
 
 def test_noise_of_the_sensor_alone_leaves_h_to_the_prediction():
