@@ -192,7 +192,9 @@ def error_covariance(structure, theta, x0, experiments):
 
 
 def deviance(structure, theta, x0, experiments):
-    """Return how unlikely a record is to a predictor, whatever its training weighed.
+    """Return how unlikely a record is to a predictor (eq. deviance).
+
+    The weights of its training, of outputs and of networks, have no part in it.
 
     Parameters
     ----------
@@ -214,11 +216,11 @@ def deviance(structure, theta, x0, experiments):
     Lambda = error_covariance(structure, theta, x0, experiments)
     if not np.isfinite(Lambda).all():
         return np.inf
-    return float(np.linalg.slogdet(Lambda)[1])
+    return float(np.linalg.slogdet(Lambda)[1])  # eq. deviance
 
 
 def likeliest(outcomes, experiments):
-    """Return the predictor to which a record is the least surprise.
+    """Return the predictor to which a record is the least surprise (eq. deviance).
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import alssnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_inverted_pendulum
 from alssnn.estimators import _ssnn
-from alssnn.feedback import closed_loop, lqi
+from alssnn.feedback import Observer, closed_loop, lqi
 from alssnn.innovations import (
     free_run,
     has_innovations,
@@ -447,9 +447,26 @@ def test_observer_predicts_as_the_fit_did(loop_record, linear):
     X = observer.filter(u[:, None], y[:, None])
     ahead = plant.output(plant.step(X[:-1], u[:-1, None]))[:, 0]
     np.testing.assert_allclose(ahead, linear.predict_ahead(u, y)[1:], atol=1e-9)
+    assert observer.has_fitted_gain
     other = linear.observer(R=np.eye(1))
     assert np.abs(other.gain - observer.gain).max() > 1e-3
+    assert not other.has_fitted_gain
+    assert not linear.observer(kind="ekf").has_fitted_gain
     assert plant.with_disturbance("output").K is None
+
+
+@pytest.mark.parametrize("K", [np.array([[0.3], [0.2]]), np.array([[0.3], [0.0]])])
+def test_an_observer_says_where_A_has_no_gain_for_K(linear, K):
+    plant = linear.plant_
+    A_m = np.diag([0.5, 0.0])  # the second state forgets what it was corrected to
+    Theta = plant.lure.Theta.copy()
+    Theta[:2, :2] = A_m
+    form = replace(plant.form, Theta=Theta)
+    observer = Observer(replace(plant, form=form, K=K))
+    assert observer.has_fitted_gain is not bool(K[1])
+    if observer.has_fitted_gain:
+        np.testing.assert_allclose(A_m @ observer.gain, K)
+    assert np.isfinite(observer.gain).all()
 
 
 def test_late_inputs_and_the_identified_gain(loop_record):
