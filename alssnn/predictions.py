@@ -82,12 +82,12 @@ def bridged(structure, theta, x0, experiments):
     experiments : Held
         The same pairs, where y_m is what is predicted wherever y is nan.
     """
-    return Held(
-        [
-            (follow(structure, theta, start, z, y[:])[0], y)
-            for (z, y), start in zip(experiments, x0, strict=True)
-        ]
-    )
+    held = Held.of(experiments)
+    parts = [
+        (follow(structure, theta, start, z, y[:])[0], y)
+        for (z, y), start in zip(held, x0, strict=True)
+    ]
+    return Held(parts, held.n_jobs)
 
 
 def follow(structure, theta, x0, z, y):
