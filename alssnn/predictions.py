@@ -13,6 +13,7 @@ from .sandwich import residual_moments
 from .simulation import Stepper, regressors
 
 GAP = 20  # rows without any output, behind which a predictor starts anew
+EXACT = 1e-12  # variance of an error, of outputs of variance one, that is rounding
 FAR = 100.0  # of a state of unit variance, from which a gap was too long
 
 
@@ -216,7 +217,8 @@ def deviance(structure, theta, x0, experiments):
     Lambda = error_covariance(structure, theta, x0, experiments)
     if not np.isfinite(Lambda).all():
         return np.inf
-    return float(np.linalg.slogdet(Lambda)[1])  # eq. deviance
+    # eq. deviance; digits of what is predicted exactly shall not decide
+    return float(np.linalg.slogdet(Lambda + EXACT * np.eye(len(Lambda)))[1])
 
 
 def likeliest(outcomes, experiments):
