@@ -13,6 +13,7 @@ from .sandwich import residual_moments
 from .simulation import Stepper, regressors
 
 GAP = 20  # rows without any output, behind which a predictor starts anew
+EXACT = 1e-12  # variance of an error, of outputs of variance one, that is rounding
 FAR = 100.0  # of a state of unit variance, from which a gap was too long
 
 
@@ -82,12 +83,12 @@ def bridged(structure, theta, x0, experiments):
     experiments : Held
         The same pairs, where y_m is what is predicted wherever y is nan.
     """
-    return Held(
-        [
-            (follow(structure, theta, start, z, y[:])[0], y)
-            for (z, y), start in zip(experiments, x0, strict=True)
-        ]
-    )
+    held = Held.of(experiments)
+    parts = [
+        (follow(structure, theta, start, z, y[:])[0], y)
+        for (z, y), start in zip(held, x0, strict=True)
+    ]
+    return Held(parts, held.n_jobs)
 
 
 def follow(structure, theta, x0, z, y):
@@ -192,7 +193,9 @@ def error_covariance(structure, theta, x0, experiments):
 
 
 def deviance(structure, theta, x0, experiments):
-    """Return how unlikely a record is to a predictor, whatever its training weighed.
+    """Return how unlikely a record is to a predictor (eq. deviance).
+
+    The weights of its training, of outputs and of networks, have no part in it.
 
     Parameters
     ----------
@@ -214,11 +217,12 @@ def deviance(structure, theta, x0, experiments):
     Lambda = error_covariance(structure, theta, x0, experiments)
     if not np.isfinite(Lambda).all():
         return np.inf
-    return float(np.linalg.slogdet(Lambda)[1])
+    # eq. deviance; digits of what is predicted exactly shall not decide
+    return float(np.linalg.slogdet(Lambda + EXACT * np.eye(len(Lambda)))[1])
 
 
 def likeliest(outcomes, experiments):
-    """Return the predictor to which a record is the least surprise.
+    """Return the predictor to which a record is the least surprise (eq. deviance).
 
     Parameters
     ----------

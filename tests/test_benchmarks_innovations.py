@@ -1,5 +1,8 @@
 """The benchmarks of innovations measure what they say, and keep what was missed."""
 
+import sys
+from types import ModuleType
+
 import numpy as np
 import pytest
 
@@ -48,6 +51,16 @@ def test_the_starts_know_a_plant_without_noise(predicts, monkeypatch):
     u, y = closed_loop_linear.make_record(closed_loop_linear.CASE, 600, 0)
     found = closed_loop_linear.figures(*closed_loop_linear.start(predicts, u, y))
     np.testing.assert_allclose(found, [0.8, 0.4, 1.25], rtol=0.01)
+
+
+def test_rows_that_are_omitted_are_said(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "sippy_unipi", None)
+    assert not any("SIPPY" in name for name in closed_loop_linear.methods())
+    said = capsys.readouterr().out
+    assert said.startswith("Rows of SIPPY are omitted") and "sippy_unipi" in said
+    monkeypatch.setitem(sys.modules, "sippy_unipi", ModuleType("sippy_unipi"))
+    assert "SIPPY PARSIM-K" in closed_loop_linear.methods()
+    assert not capsys.readouterr().out
 
 
 def test_the_bias_is_a_mean_with_its_standard_error():

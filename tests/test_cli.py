@@ -398,6 +398,24 @@ def test_control_depends_on_the_verdict(saved, linear_plant, plant, tmp_path, ca
     assert run("control", poor, "--data", plant, "--force", "-o", other) == 0
 
 
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        (["--input", "u"], "--input"),
+        (["--output", "y", "--last", "0.5"], "--output, --last"),
+        (["--experiment", "run"], "--experiment"),
+    ],
+)
+def test_control_without_a_record_has_no_columns(
+    saved, tmp_path, capsys, option, named
+):
+    with pytest.raises(SystemExit) as stop:
+        run("control", saved, *option, "-o", tmp_path / "none")
+    assert stop.value.code == 2
+    assert f": {named} must come with --data: " in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+
+
 def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     path = tmp_path / "new" / "report.html"
     assert run("report", saved, *data(linear_plant), "-o", path) == 0

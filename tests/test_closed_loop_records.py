@@ -17,6 +17,7 @@ from alssnn.validation import (
     residual_tests,
 )
 from alssnn.validation._closed_loop import feedback_check, in_closed_loop
+from alssnn.validation._predicted import sent_experiments
 from benchmarks import feedback as benchmark
 
 LEVEL = 0.01
@@ -317,6 +318,33 @@ def test_errors_one_sample_ahead_are_those_of_the_predictor(in_loop, gap):
         slope = (run(fit.theta + shift) - run(fit.theta - shift)) / (2 * step)
         np.testing.assert_allclose(J[late, 0, column], slope, atol=2e-5)
     assert np.abs(J[late, 0, structure.slices["K"]]).max() > 0.01
+
+
+@pytest.mark.parametrize("kind", ["innovations", "output"])
+def test_inputs_as_they_were_sent_are_those_of_the_judged_samples(in_loop, kind):
+    model, (u, y) = in_loop[kind], of_the_plant(600, 5)
+    y[:7] = y[100:130] = y[300:340] = y[-3:] = np.nan
+    experiments, _ = judged_experiments(model, u, y)
+    assert len(experiments) == (3 if kind == "innovations" else 1)
+    sent = sent_experiments(model, u, y)
+    for (u_sent, free_run), (u_i, *_) in zip(sent, experiments, strict=True):
+        np.testing.assert_allclose(u_sent, u_i, atol=1e-12)
+        assert free_run.shape == (len(u_i), 1)
+    validation = model.validate(u, y)  # in which pieces meet the inputs again
+    assert np.isfinite(validation["feedback"].value)
+
+
+def test_late_inputs_are_asked_for_feedback_when_they_are_sent():
+    u, y = of_the_plant(600, 5)
+    model = predicting(2, u[:-2], y[2:], input_delay=2)
+    y = y[2:].copy()
+    y[100:130] = np.nan
+    for (u_sent, _), (u_i, *_) in zip(
+        sent_experiments(model, u[:-2], y),
+        judged_experiments(model, u[:-2], y)[0],
+        strict=True,
+    ):
+        np.testing.assert_allclose(u_sent[:-2], u_i[2:], atol=1e-12)
 
 
 def test_a_model_of_the_simulation_error_is_tested_by_it(in_loop):

@@ -10,7 +10,8 @@ from sklearn.base import clone
 import alssnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_inverted_pendulum
-from alssnn.feedback import closed_loop, lqi
+from alssnn.estimators import _ssnn
+from alssnn.feedback import Observer, closed_loop, lqi
 from alssnn.innovations import (
     free_run,
     has_innovations,
@@ -24,6 +25,7 @@ from alssnn.sections import Sections
 from alssnn.simulation import outputs, simulate
 from alssnn.stability import Contractive, Schur
 from alssnn.subspace import identify_linear, predictor_space, shift_structure
+from alssnn.training import train
 from helpers import assert_direct
 
 pytestmark = pytest.mark.filterwarnings(
@@ -239,6 +241,34 @@ def test_law_of_a_nonlinear_plant_in_a_loop_with_process_noise(loop_record):
     np.testing.assert_allclose(fitted.noise_covariance_, eps[50:].var(), rtol=0.05)
 
 
+@pytest.mark.parametrize("h_sees", ["measured", "predicted"])
+def test_the_weight_that_splits_what_h_and_K_say(
+    h_sees, loop_record, linear, monkeypatch
+):
+    asked = []
+
+    def recorded(*args, weights, **options):
+        asked.append(weights)
+        return train(*args, weights=weights, **options)
+
+    monkeypatch.setattr(_ssnn, "train", recorded)
+    options = {"n_h": 2, "n_init": 1, "max_iter": 1, "alpha": 1e-3, "random_state": 0}
+    for gamma_h in (0.0, 0.5):
+        alssnn.FlSsnn(
+            nx=2,
+            feedback="output",
+            noise="innovations",
+            h_sees=h_sees,
+            gamma_h=gamma_h,
+            **options,
+        ).fit(*loop_record)
+    # a thousandth of the error of the linear model, if the data cannot choose
+    least = 1e-3 * linear.cost_ if h_sees == "measured" else 0.0
+    assert 0 < linear.cost_ < 100
+    given = [weights.get("h", 0.0) for weights in asked]
+    np.testing.assert_allclose(given, [least, 0.5], rtol=0.05)
+
+
 def test_noise_of_the_sensor_alone_leaves_h_to_the_prediction():
     u, y = make_record(gain=0.0, process=0.0, noise=0.1)
     options = {"nx": 2, "n_h": 4, "feedback": "output", "n_init": 1, "random_state": 0}
@@ -417,9 +447,26 @@ def test_observer_predicts_as_the_fit_did(loop_record, linear):
     X = observer.filter(u[:, None], y[:, None])
     ahead = plant.output(plant.step(X[:-1], u[:-1, None]))[:, 0]
     np.testing.assert_allclose(ahead, linear.predict_ahead(u, y)[1:], atol=1e-9)
+    assert observer.has_fitted_gain
     other = linear.observer(R=np.eye(1))
     assert np.abs(other.gain - observer.gain).max() > 1e-3
+    assert not other.has_fitted_gain
+    assert not linear.observer(kind="ekf").has_fitted_gain
     assert plant.with_disturbance("output").K is None
+
+
+@pytest.mark.parametrize("K", [np.array([[0.3], [0.2]]), np.array([[0.3], [0.0]])])
+def test_an_observer_says_where_A_has_no_gain_for_K(linear, K):
+    plant = linear.plant_
+    A_m = np.diag([0.5, 0.0])  # the second state forgets what it was corrected to
+    Theta = plant.lure.Theta.copy()
+    Theta[:2, :2] = A_m
+    form = replace(plant.form, Theta=Theta)
+    observer = Observer(replace(plant, form=form, K=K))
+    assert observer.has_fitted_gain is not bool(K[1])
+    if observer.has_fitted_gain:
+        np.testing.assert_allclose(A_m @ observer.gain, K)
+    assert np.isfinite(observer.gain).all()
 
 
 def test_late_inputs_and_the_identified_gain(loop_record):

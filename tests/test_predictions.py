@@ -46,6 +46,19 @@ def test_the_likeliest_is_not_that_of_least_cost():
     assert likeliest(outcomes[:1], experiments)[1] == "loud"
 
 
+def test_digits_of_an_output_without_errors_decide_nothing():
+    # an output that is constant, or has no noise, is predicted to the last digit
+    theta, u, y = record(spread=(0.1, 0.0))
+    worse = {**STRUCTURE.split(theta), "C": np.array([[0.9], [0.5]])}
+    x0 = np.zeros((1, 1))
+    exact, rounded = deviance(STRUCTURE, theta, x0, told([(u, y)])), y.copy()
+    assert np.isfinite(exact)
+    rounded[:, 1] *= 1 + 1e-13
+    digits = deviance(STRUCTURE, theta, x0, told([(u, rounded)]))
+    assert digits == pytest.approx(exact, abs=1e-6)
+    assert exact < deviance(STRUCTURE, STRUCTURE.join(worse), x0, told([(u, y)])) - 0.1
+
+
 def test_overflow_is_no_likelihood():
     theta, u, y = record()
     p = {**STRUCTURE.split(theta), "A": np.array([[5.0]])}

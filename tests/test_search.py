@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -227,23 +228,8 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     short, monkeypatch, table, stage, start
 ):
     orders = compare_orders(scaled(*short), [1])
-    n_folds = len(orders.folds)
-
-    def descend(self, alphas, watch, **options):
-        row = table[seeds.index(self.seed)]
-        self.errors = [np.full(n_folds, error / n_folds) for error in row]
-        self.states = [[(theta + i, x0) for theta, x0 in self.points] for i in range(4)]
-        return self
-
-    class Path(searching._Path):
-        def __init__(self, recipe, folds, linears, seed, weight):
-            super().__init__(recipe, folds, linears, seed, weight)
-            self.seed = seed
-
-    Path.descend = descend
-    Path.go_on = lambda self, stage, *args, **options: stage
-    monkeypatch.setattr(searching, "_Path", Path)
     seeds = [11, 22, 33]
+    told(monkeypatch, table, seeds)
     found = search(recipe(), orders, [1], seeds, max_iter=10)
     assert found.alpha == ALPHAS[stage - 1]
     assert found.errors.sum() == pytest.approx(table[start][stage])
@@ -253,6 +239,85 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     )
     np.testing.assert_array_equal(found.start, centre)
     np.testing.assert_array_equal(found.theta, centre + stage)
+
+
+def told(monkeypatch, table, seeds):
+    """Have paths whose errors are told: one row per seed, one column per stage."""
+
+    class Path(searching._Path):
+        def __init__(self, recipe, folds, linears, seed, weight):
+            super().__init__(recipe, folds, linears, seed, weight)
+            self.row = table[seeds.index(seed)]
+
+        def descend(self, alphas, watch, **options):
+            n_folds, self.asked = len(self.folds), (list(alphas), options["enough"])
+            self.errors = [np.full(n_folds, error / n_folds) for error in self.row]
+            self.states = [
+                [(theta + i, x0) for theta, x0 in self.points]
+                for i in range(len(self.row))
+            ]
+            walked.append(self)
+            return self
+
+        def go_on(self, stage, *args, **options):
+            return stage
+
+    walked: list = []
+    monkeypatch.setattr(searching, "_Path", Path)
+    return walked
+
+
+# a record of 400 samples hides three times 100: chance is 2 / 300
+WITHIN, BEYOND = 1 + 1.8 / 300, 1 + 2.2 / 300
+
+
+@pytest.mark.parametrize("is_predictor", [False, True])
+def test_white_errors_differ_by_chance(short, monkeypatch, is_predictor):
+    orders = compare_orders(scaled(*short), [1])
+    for share, stage in ((WITHIN, 2), (BEYOND, 3 if is_predictor else 2)):
+        walked = told(monkeypatch, [[1, 0.9, 0.5 * share, 0.5]], [11])
+        options = {"max_iter": 10, "is_predictor": is_predictor}
+        found = search(recipe(), orders, [1], [11], **options)
+        assert found.alpha == pytest.approx(walked[0].asked[0][stage - 1])
+    linear = orders.errors[1]
+    for share, helps in ((1 / WITHIN, False), (1 / BEYOND, is_predictor)):
+        row = [linear.sum(), linear.sum() * share]
+        told(monkeypatch, [row], [11])
+        found = search(recipe(), orders, [1], [11], **options)
+        # every fold of the told errors has the same: so have the linear models
+        found = replace(found, linear_errors=np.full(3, linear.mean()))
+        assert found.helps is helps
+
+
+@pytest.mark.parametrize("error", [0.1, 1e-4])
+def test_alphas_of_a_predictor_are_relative_to_its_noise(short, monkeypatch, error):
+    orders = compare_orders(scaled(*short), [1])
+    orders = replace(orders, errors={1: np.array([0.5, 1.0, 1.5]) * error})
+    asked = []
+    for is_predictor in (False, True):
+        walked = told(monkeypatch, [[1, 0.9]], [11])
+        options = {"max_iter": 10, "is_predictor": is_predictor}
+        search(recipe(), orders, [1], [11], **options)
+        asked.append(walked[0].asked)
+    (plain, enough), (relative, enough_relative) = asked
+    np.testing.assert_array_equal(plain, ALPHAS)
+    # they are meant for a mean square error of a tenth
+    np.testing.assert_allclose(relative, ALPHAS * error / 0.1, rtol=1e-12)
+    assert enough == searching.ENOUGH
+    assert enough_relative == pytest.approx(enough * error / 0.1)
+
+
+def test_a_fit_says_that_it_searches_a_predictor(short, monkeypatch):
+    class Asked(Exception):
+        pass
+
+    def search(*args, is_predictor, **options):
+        raise Asked(is_predictor)
+
+    monkeypatch.setattr(_ssnn, "search", search)
+    for noise in ("output", "innovations"):
+        with pytest.raises(Asked, match=str(noise == "innovations")):
+            make("fl", noise=noise).fit(*short)
 
 
 def test_of_a_long_record_only_the_best_start_goes_all_the_way(short, monkeypatch):

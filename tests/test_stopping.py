@@ -3,6 +3,7 @@
 import pickle
 import time
 import warnings
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
 from alssnn.criterion import Criterion
-from alssnn.estimators import _progress
+from alssnn.estimators import _noise, _progress
 from alssnn.optimizers import minimize
 from alssnn.sections import Sections
 from alssnn.training import Validation
-from alssnn.watch import Patience, Step, Watch, late_fall
+from alssnn.watch import OUT_OF_TIME, Patience, Step, Watch, late_fall
 from models import al_ssnn, fl_ssnn
 
 
@@ -165,6 +166,43 @@ def test_an_interrupt_between_two_searches_keeps_the_stage_before(two, monkeypat
     assert "stage 1/2, train" in {step.label for step in model.history_}
     assert model.score(*two) > 0.95
     assert np.any(model.params_["W_h"])
+
+
+@pytest.mark.parametrize("where", ["bridged", "second", "time"])
+@pytest.mark.parametrize(
+    "model", [LinearStateSpace(2), al_ssnn(2, 2, 2, max_iter=5, random_state=0)]
+)
+def test_the_model_before_gaps_are_predicted_is_kept(two, monkeypatch, model, where):
+    u, y, experiment = two
+    y = np.where(np.random.default_rng(0).random(y.shape) < 0.1, np.nan, y)
+    model = clone(model).set_params(noise="innovations")
+    identify, outcomes = type(model)._identify, []
+
+    def identified(self, experiments, previous, watch, held_out):
+        if outcomes:
+            assert where == "second"
+            self.singular_values_ = self._decay = None  # what a fit sets on its way
+            raise KeyboardInterrupt
+        outcomes.append(identify(self, experiments, previous, watch, held_out))
+        if where == "time":
+            watch.stop(OUT_OF_TIME)
+        return outcomes[0]
+
+    def interrupted(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(type(model), "_identify", identified)
+    if where == "bridged":
+        monkeypatch.setattr(_noise, "bridged", interrupted)
+    with nullcontext() if where == "time" else pytest.raises(KeyboardInterrupt):
+        model.fit(u, y, experiment)
+    _, theta, result = outcomes[0]
+    np.testing.assert_array_equal(model._theta, theta)
+    assert model.cost_ == result.cost
+    assert len(model.singular_values_) and np.isfinite(model.noise_covariance_).all()
+    if where != "time":
+        assert model.message_ == "interrupted" and not model.converged_
+    assert np.nanstd(y - model.predict_ahead(u, y, 1, experiment)) < np.nanstd(y) / 2
 
 
 @pytest.mark.parametrize("stability", [None, "contractive"])

@@ -8,7 +8,14 @@ import numpy as np
 from ..estimators import load
 from ._arguments import add_command, add_output, count, figure_name, finite, weight
 from ._comparison import FIGURE_DPI
-from ._record import add_data, add_model, gain_columns, read_record, write_csv
+from ._record import (
+    add_data,
+    add_model,
+    gain_columns,
+    read_record,
+    refuse_columns,
+    write_csv,
+)
 
 TEXT_WIDTH = 79  # columns
 RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
@@ -114,6 +121,8 @@ def run(args):
     code : int
         0, or 1 if the model fails its validation or its loop diverges.
     """
+    if args.data is None:
+        refuse_columns(args)
     # python-control and matplotlib take a while: only for those who want a design
     from ..feedback import balanced_weights, input_range, lqi, step_comparison
 

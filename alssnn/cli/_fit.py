@@ -74,7 +74,9 @@ def add(commands):
         "[options]",
     )
     _add_data(fit.add_argument_group("data"))
-    _add_models(fit.add_argument_group("models"))
+    models = fit.add_argument_group("models")
+    for add_some in (_add_models, _add_weights, _add_form, _add_effort):
+        add_some(models)
     fit.add_argument(
         "--save",
         type=Path,
@@ -132,7 +134,7 @@ def _add_data(data):
 
 
 def _add_models(model):
-    """Add the options that say which models are fitted, and how."""
+    """Add the options that say which models are fitted, and of what size."""
     which = model.add_mutually_exclusive_group()
     which.add_argument(
         "--models",
@@ -163,6 +165,10 @@ def _add_models(model):
             metavar="N",
             help=f"hidden neurons of {net} (default: %(default)s)",
         )
+
+
+def _add_weights(model):
+    """Add the options that weigh what a fit would rather do without."""
     model.add_argument(
         "--gamma",
         type=weight,
@@ -186,6 +192,10 @@ def _add_models(model):
         help="weight of the squared network parameters; auto chooses it, and returns "
         "the linear model where networks do not help (default: %(default)s)",
     )
+
+
+def _add_form(model):
+    """Add the options that say what the equations are, and what their noise."""
     model.add_argument(
         "--stability",
         choices=["auto", "contractive", "none"],
@@ -212,6 +222,10 @@ def _add_models(model):
         help="fit the errors one sample ahead instead of a simulation: for a record of "
         "a loop, and for noise that goes through the plant",
     )
+
+
+def _add_effort(model):
+    """Add the options that say how long a training searches."""
     model.add_argument(
         "--max-iter",
         type=count,

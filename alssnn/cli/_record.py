@@ -64,6 +64,24 @@ def add_data(parser, *, required=True):
     )
 
 
+def refuse_columns(args):
+    """Refuse the options that say how a record is read, where there is none.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of a command without ``--data``.
+    """
+    flags = [
+        f"--{name}" for name in ("input", "output", "experiment") if vars(args)[name]
+    ]
+    flags += ["--last"] * (args.last != 1)
+    if flags:
+        args.parser.error(
+            f"{', '.join(flags)} must come with --data: there is no record to read"
+        )
+
+
 def read_record(args, model):
     """Return the record, and what lies before it or None, as (u, y, experiment).
 

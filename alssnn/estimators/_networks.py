@@ -54,7 +54,7 @@ class Networks:
         Of ``noise="innovations"`` with ``feedback="output"``: whether the h of the
         predictor sees the outputs as measured, as they act through noise of the
         process, or as predicted, as without it. "auto" fits both and keeps the more
-        likely one.
+        likely one (eq. deviance).
     feedthrough : bool, default=False
         Whether D is identified; else it is zero.
     h_inputs : array_like of int or str, or None, default=None

@@ -5,6 +5,7 @@ import numpy as np
 from ..innovations import INNOVATION, has_innovations, predictor
 from ..mapping import Held
 from ..predictions import bridged, error_covariance, told
+from ..watch import INTERRUPTED
 from ._warn import warn_of_training
 
 INNOVATIONS = "innovations"
@@ -118,7 +119,7 @@ def identified(estimator, experiments, previous, watch, held_out):
     Notes
     -----
     Gaps of y are bridged by straight lines first. Where there are any, a second
-    training sees what the first model predicts there.
+    training sees what the first model predicts there, unless the fit has ended by then.
     """
     seen = training_data(estimator, experiments)
     lost = 0.0
@@ -130,11 +131,18 @@ def identified(estimator, experiments, previous, watch, held_out):
             "sample ahead is not checked there, and noise='innovations' may fail. "
             "Compare with noise='output'."
         )
-    fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
-    if lost > 0:
-        seen, previous = bridged(fitted, theta, result.x0, seen), (fitted, theta)
-        fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
-    return seen, fitted, theta, result
+    first = fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
+    if lost == 0 or watch.reason is not None:
+        return seen, *first
+    attributes = dict(vars(estimator))
+    try:
+        whole = bridged(fitted, theta, result.x0, seen)
+        return whole, *estimator._identify(whole, (fitted, theta), watch, held_out)
+    except KeyboardInterrupt as interrupt:  # before there is a second model
+        watch.stop(INTERRUPTED, interrupt)
+        estimator._reset(attributes)
+        result.update(success=False, message=INTERRUPTED)
+        return seen, *first
 
 
 def n_measured(estimator, experiments):

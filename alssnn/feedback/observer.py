@@ -8,8 +8,8 @@ so that x_hat_k uses y up to sample k and u up to sample k - 1 and is there in t
 u_k = v_k - h(x_hat_k); where y depends on u of the same sample, C x_k is c(x_k, u_k)
 and u_k has to be known.  The gain M is constant, from the stationary Riccati equation
 at the operating point ("kalman"), or follows the linearization along the way ("ekf").
-Where the fit has identified a gain K of innovations, M = A^-1 K, which predicts as the
-fit did (eq. innovations).
+Where the fit has identified a gain K of innovations, A M = K, which predicts as the fit
+did (eq. innovations).  With A singular there may be no such M.
 
 A y that is not finite was not measured.  With a gate, an innovation y - C x beyond so
 many of its standard deviations counts as one of that size: a spike moves the estimate
@@ -46,7 +46,9 @@ class Observer:
         Covariance of the measurement noise, in the units of y. None takes the
         variance that the fit leaves, the cost times the variance of each output, at
         least 1e-6 of the latter; or, where K was identified, that of eps. With `Q`
-        and `R` left out, "kalman" then has the gain that belongs to K.
+        and `R` left out, "kalman" then has the gain M that belongs to K, A M = K, if
+        there is one and A - K C is stable at the operating point; else that of the
+        Riccati equation, see `has_fitted_gain`.
     kind : {"kalman", "ekf"}, default="kalman"
         Constant gain for the linearization at the operating point, or extended
         Kalman filter with the analytic Jacobian. Both predict by the whole model.
@@ -66,6 +68,9 @@ class Observer:
         Covariances in use.
     gain : ndarray of shape (nx, ny)
         Stationary gain M of the correction at the operating point.
+    has_fitted_gain : bool
+        Whether `gain` belongs to the K of the fit, so that the observer predicts one
+        sample ahead as the fit did.
     x_hat : ndarray of shape (nx,)
         Current estimate.
 
@@ -119,6 +124,7 @@ class Observer:
         A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self._set_gain(C)
+        self.has_fitted_gain = False
         if K is not None and is_free and kind == "kalman":
             self._take_gain(A[:nx, :nx], C[:, :nx], K)
         self.reset()
@@ -350,6 +356,7 @@ class Observer:
         if predicts and np.abs(poles).max() < 1:
             self.gain = np.pad(M, ((0, len(self.gain) - len(M)), (0, 0)))
             self._deviation = np.sqrt(np.diag(self.R))
+            self.has_fitted_gain = True
 
     @np.errstate(over="ignore", invalid="ignore")
     def _correct(self, x, P, y, u=None):

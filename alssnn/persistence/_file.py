@@ -179,35 +179,77 @@ def load(path, classes):
 def _restore(cls, document, arrays):
     """Return the model of a document and its arrays; all sizes are checked."""
     model = cls(**{k: _decode_param(k, v) for k, v in document["params"].items()})
-    nx, nu, ny = document["structure"]["sizes"]
-    options = {k: decode(v) for k, v in document["structure"]["options"].items()}
+    fit, structure = document["fit"], _structure(model, document["structure"], arrays)
+    _add_what_older_files_lack(arrays, fit)
+    _check_arrays(arrays, _shapes(structure, arrays, len(fit["experiments"])))
+    results, decay = _results(model, fit, arrays)
+    if _is_centered(arrays):
+        center = {name: arrays[CENTER + name] for name in structure.shapes}
+        decay = {"alpha": results["alpha_"], "center": structure.join(center)}
+    region = {name: arrays[f"region.{name}"] for name in REGION}
+    container = fit.get("container", {})  # files without it are of arrays
+    fitted = SimpleNamespace(
+        structure=structure,
+        theta=structure.join({k: arrays[PARAMETER + k] for k in structure.shapes}),
+        scaling=Scaling(*(arrays[name] for name in SCALING)),
+        x_scale=arrays["x_scale"],
+        region=Region(**{k: z if z.ndim else z[()] for k, z in region.items()}),
+        container=Container(
+            container.get("library"),
+            container.get("is_series", False),
+            tuple(container.get("names", ())),
+        ),
+        y_ndim=fit["y_ndim"],
+        decay=decay,
+        predictor=_predictor(decode(fit.get("predictor"))),
+    )
+    _check_fit(fitted, results, derivative(structure).nu, structure.sizes["y"])
+    return model.restore(fitted, results)
+
+
+def _structure(model, described, arrays):
+    """Return the structure of a model, which a class of its own declares itself."""
+    nx, nu, ny = described["sizes"]
+    options = {k: decode(v) for k, v in described["options"].items()}
     for penalty in ("penalty", "penalize_h"):  # of older files: what a fit penalized
         options.pop(penalty, None)
-    is_fixed = "C" in document["structure"]["constants"]
-    C = arrays[PARAMETER + "C"] if is_fixed else None
+    C = arrays[PARAMETER + "C"] if "C" in described["constants"] else None
     if options.keys() - {"disturbances"}:
         structure = state_space(nx, nu, ny, C=C, **options)
-    else:  # of a class that declares its own
-        given = document["structure"].get("given", ())
-        model.disturbances_ = split_inputs(nu, given)[1]
+    else:
+        model.disturbances_ = split_inputs(nu, described.get("given", ()))[1]
         structure = model.declare(nx, nu, ny, C)
-    if sampling := document["structure"].get("sampling"):
-        structure = sampled(structure, *sampling)
-    fit = document["fit"]
-    if "noise_covariance" not in arrays:  # of older files
-        arrays["noise_covariance"] = np.diag(fit["cost"] / ny * arrays["y_scale"] ** 2)
-    n_experiments = len(fit["experiments"])
-    excited = np.shape(arrays["region.whiten"])[-1]
+    sampling = described.get("sampling")
+    return sampled(structure, *sampling) if sampling else structure
+
+
+def _add_what_older_files_lack(arrays, fit):
+    """Add arrays that files had not from the beginning."""
+    if "noise_covariance" not in arrays:
+        variances = arrays["y_scale"] ** 2
+        arrays["noise_covariance"] = np.diag(fit["cost"] / len(variances) * variances)
     if not any(f"region.{name}" in arrays for name in NEAREST):
-        points = np.empty((0, excited))
+        points = np.empty((0, np.shape(arrays["region.whiten"])[-1]))
         nearest = zip(NEAREST, (points, np.zeros(()), np.zeros(())), strict=True)
         arrays |= {f"region.{name}": value for name, value in nearest}
+
+
+def _is_centered(arrays):
+    """Tell whether the weight decay pulls towards a start that is in the file."""
+    return any(name.startswith(CENTER) for name in arrays)
+
+
+def _shapes(structure, arrays, n_experiments):
+    """Return the shapes that arrays must have, by name; several if any is right."""
+    nu = derivative(structure).nu
+    nx, ny = structure.sizes["x"], structure.sizes["y"]
+    excited = np.shape(arrays["region.whiten"])[-1]
     n_points = len(np.atleast_1d(arrays.get("region.points", ())))
     n_region = nx if np.shape(arrays["region.center"]) == (nx,) else nx + nu  # [x; u]
     shapes = {
         **{PARAMETER + name: shape for name, shape in structure.shapes.items()},
         **{PARAMETER + name: np.shape(z) for name, z in structure.constants.items()},
-        **({PARAMETER + "C": (ny, nx)} if is_fixed else {}),
+        **({PARAMETER + "C": (ny, nx)} if "C" in structure.constants else {}),
         "u_offset": (nu,),
         "y_offset": (ny,),
         "u_scale": (nu,),
@@ -226,33 +268,9 @@ def _restore(cls, document, arrays):
         "noise_covariance": (ny, ny),
         "singular_values": np.shape(arrays["singular_values"])[:1],
     }
-    centered = any(name.startswith(CENTER) for name in arrays)
-    if centered:
+    if _is_centered(arrays):
         shapes |= {CENTER + name: shape for name, shape in structure.shapes.items()}
-    _check_arrays(arrays, shapes)
-    region = {name: arrays[f"region.{name}"] for name in REGION}
-    container = fit.get("container", {})  # files without it are of arrays
-    results, decay = _results(model, fit, arrays)
-    if centered:
-        center = {name: arrays[CENTER + name] for name in structure.shapes}
-        decay = {"alpha": results["alpha_"], "center": structure.join(center)}
-    fitted = SimpleNamespace(
-        structure=structure,
-        theta=structure.join({k: arrays[PARAMETER + k] for k in structure.shapes}),
-        scaling=Scaling(*(arrays[name] for name in SCALING)),
-        x_scale=arrays["x_scale"],
-        region=Region(**{k: z if z.ndim else z[()] for k, z in region.items()}),
-        container=Container(
-            container.get("library"),
-            container.get("is_series", False),
-            tuple(container.get("names", ())),
-        ),
-        y_ndim=fit["y_ndim"],
-        decay=decay,
-        predictor=_predictor(decode(fit.get("predictor"))),
-    )
-    _check_fit(fitted, results, nu, ny)
-    return model.restore(fitted, results)
+    return shapes
 
 
 def _predictor(kept):

@@ -14,9 +14,9 @@ import numpy as np
 from ..initial_states import estimate_x0
 from ..innovations import has_innovations, predictor
 from ..plants import as_plant
-from ..predictions import follow, told
+from ..predictions import follow, pieces, told
 from ..simulation import regressors, sensitivities
-from ._scored import scored_experiments, scored_sensitivities
+from ._scored import scored_experiments, scored_sensitivities, simulated
 
 
 def predicts(model):
@@ -140,6 +140,45 @@ def _ahead(model, u, y, experiment):
     return experiments, parts
 
 
+def sent_experiments(model, u, y, experiment=None):
+    """Return inputs as they were sent, and free runs, of `judged_experiments`.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs; nan where not measured.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    experiments : list of tuple of ndarray
+        Pairs (u, y_hat) of the samples that are judged: late inputs are there before
+        they arrive, y_hat is simulated.
+    """
+    found = []
+    for record in model.prepare_records(u, y, experiment):
+        y_hat, judged = simulated(model, record), [record.scored]
+        if predicts(model):
+            judged = [
+                slice(part.start + start, part.stop) for part, start in _parts(record)
+            ]
+        found += [(record.u[rows], y_hat[rows]) for rows in judged]
+    return found
+
+
+def _parts(record):
+    """Return the rows of every piece of a record, and how many do not count."""
+    parts = [part for _, part in pieces([(record.u_s, record.y_s)])]
+    # at most half of a piece between two gaps is left to its initial state
+    starts = [min(record.start, (part.stop - part.start) // 2) for part in parts]
+    return list(zip(parts, starts, strict=True))
+
+
 def _followed(model, u, y, experiment):
     """Return the pieces of records on which a predictor was judged."""
     fit, found = model.fitted_, []
@@ -147,8 +186,8 @@ def _followed(model, u, y, experiment):
     plain = structure.observe(structure.measured)
     lure = plain.lure(fit.theta)
     for record in model.prepare_records(u, y, experiment):
-        for z, y_s in told([(record.u_s, record.y_s)]):
-            start = min(record.start, len(z) // 2)  # of a piece between two gaps
+        parts = told([(record.u_s, record.y_s)])
+        for (z, y_s), (_, start) in zip(parts, _parts(record), strict=True):
             (x0,) = estimate_x0(
                 structure, fit.theta, [(z, y_s)], window=start, noise=fit.cost
             )

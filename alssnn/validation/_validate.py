@@ -12,7 +12,7 @@ from ._ahead import ahead_fit
 from ._closed_loop import feedback_check, in_closed_loop
 from ._feedback import feedback_tests
 from ._lags import choose_lags
-from ._predicted import judged_experiments, predicts, share_outside
+from ._predicted import judged_experiments, predicts, sent_experiments, share_outside
 from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import (
@@ -156,7 +156,7 @@ def validate(
             output_names=outputs,
             **options,
         )
-        feedback = _fed_back(model, u, y, experiment, tested, experiments)
+        feedback = _fed_back(model, u, y, experiment, tested)
     ahead, problem = None, ""
     try:
         ahead = ahead_fit(model, u, y, experiment, horizons=horizons)
@@ -212,11 +212,10 @@ def _tested(experiments, sensitivities, n_lags, ahead, **options):
     return tests, doubt
 
 
-def _fed_back(model, u, y, experiment, tested, experiments):
+def _fed_back(model, u, y, experiment, tested):
     """Return the tests of feedback: of the inputs as they were sent."""
-    records, plant = model.prepare_records(u, y, experiment), as_plant(model).arrived()
-    sent = [record.u[record.scored] for record in records]
-    simulated = [y_hat for _, _, y_hat in experiments]
+    sent, simulated = zip(*sent_experiments(model, u, y, experiment), strict=True)
+    plant = as_plant(model).arrived()
     known = all(np.isfinite(y_hat).all() for y_hat in simulated)
     return feedback_tests(
         [(u_i, *pair) for u_i, (_, *pair) in zip(sent, tested, strict=True)],
