@@ -56,6 +56,8 @@ class StateSpaceModel(
         Columns of u that are measured disturbances.
     K_ : ndarray of shape (nx, ny)
         Gain of the innovations; zero for ``noise="output"``.
+    K_b_ : ndarray of shape (nb, ny)
+        Gain of the innovations on a random walk, see `drift`; no rows without one.
     noise_covariance_ : ndarray of shape (ny, ny)
         Covariance of the training errors, one sample ahead or of the simulation.
     x0_ : ndarray of shape (n_experiments, nx)
@@ -114,6 +116,7 @@ class StateSpaceModel(
     initial_state: str = take(Records, "initial_state")
     disturbances: Any = take(Records, "disturbances")
     noise: str = take(Records, "noise")
+    drift: Any = take(Records, "drift")
     dt: float = take(Records, "dt")
     max_iter: int = take(Records, "max_iter")
     tol: float = take(Records, "tol")

@@ -52,6 +52,11 @@ class Records:
         simulation; or noise of the process, too, by the error one sample ahead with a
         gain K (eq. innovations): for records with disturbances that nobody measured,
         of a loop that was closed, or of an unstable plant.
+    drift : {"output", "input"} or None, default=None
+        A disturbance that nobody measured and that drifts, of ``noise="innovations"``:
+        a random walk b+ = b + K_b eps (eq. drift), one per output behind the plant, or
+        one per input that is moved, before it, such as loads. Simulation and law leave
+        it out, observer and predictive control estimate it. None declares none.
     dt : float, default=1.0
         Sampling time, in seconds.
     max_iter : int, default=100
@@ -80,6 +85,7 @@ class Records:
     initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
     disturbances: Any = option(None, ["array-like", str, Integral, None])
     noise: str = option("output", [StrOptions({"output", INNOVATIONS})])
+    drift: Any = option(None, [StrOptions({"output", "input"}), None])
     dt: float = option(1.0, [Interval(Real, 0, None, closed="neither")])
     max_iter: int = option(100, [POSITIVE])
     tol: float = option(1e-8, [Interval(Real, 0, None, closed="neither")])

@@ -150,8 +150,9 @@ def simulated(model, u, x0, eps=None):
     z = scaling.scale_u(u, model.input_delay_)
     if eps is not None and has_innovations(structure):
         structure, z = recording(structure), np.hstack([z, eps / scaling.y_scale])
-    lure = structure.observe(structure.measured).lure(model._theta)
-    y = outputs(lure, z, x0 / model._x_scale) * scaling.y_scale + scaling.y_offset
+    plain = structure.observe(structure.measured)
+    x0, lure = plain.initial_state(x0 / model._x_scale), plain.lure(model._theta)
+    y = outputs(lure, z, x0) * scaling.y_scale + scaling.y_offset
     return y if eps is None else y + eps
 
 
