@@ -9,7 +9,7 @@ disturbance).
 
 import numpy as np
 
-from .innovations import MEASURED, has_innovations, predictor
+from .innovations import LEVEL, MEASURED, drift_of, has_innovations, predictor
 from .inputs import split_inputs
 from .lure import Lure
 from .simulation import neuron_gains, regressors
@@ -32,14 +32,14 @@ def of_structure(structure, theta, units):
     Returns
     -------
     forms : dict
-        `form`, `law_form`, `feedback`, `given` and `K` of a `Plant`.
+        `form`, `law_form`, `feedback`, `given`, `K`, `drift` and `K_b` of a `Plant`.
     """
     moved, given = split_inputs(structure.nu, structure.given)
     told = {"given": tuple(map(int, given))}
     units = structure.by_axis(units)
     units["v"] = units["moved"]
     if has_innovations(structure):
-        told["K"] = _innovation_gain(structure, theta, units)
+        told |= _innovation_gains(structure, theta, units)
     if "v" not in structure.signals:  # nothing that a law could cancel
         lure = _in_units(structure.observe("y"), theta, units)
         nx, ny, nd, nm = lure.nx, structure.sizes["y"], len(given), len(moved)
@@ -63,13 +63,18 @@ def of_structure(structure, theta, units):
     }
 
 
-def _innovation_gain(structure, theta, units):
-    """Return what a measured output does to the next state, at the operating point."""
-    seen = predictor(structure.observe(structure.measured))
-    lure = _in_units(seen, theta, {**units, MEASURED: units["y"]})
+def _innovation_gains(structure, theta, units):
+    """Return what a measured output does to state and drift, at the operating point."""
+    seen, drift = predictor(structure.observe(structure.measured)), drift_of(structure)
+    units = {**units, MEASURED: units["y"]}
+    if drift is not None:
+        units[LEVEL] = units["y" if drift == "output" else "moved"]
+    lure = _in_units(seen, theta, units)
     at_rest = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))
     J = lure.M[: lure.nx] + neuron_gains(lure, lure.W[: lure.nx], at_rest)[0] @ lure.V
-    return J[:, lure.nx + seen.nu - units["y"].size :]
+    gains = J[:, lure.nx + seen.nu - units["y"].size :]
+    K, K_b = np.split(gains, [seen.sizes["x"]])
+    return {"K": K} if drift is None else {"K": K, "drift": drift, "K_b": K_b}
 
 
 def _in_units(structure, theta, units):

@@ -9,6 +9,9 @@ where y_m is what was measured.  The *predictor* has y_m as a further input.  In
 run* nothing is measured: y takes the place of y_m, and eps vanishes.  For a *record*
 eps is drawn, and y_m = y + eps.  All are the same equations with the same parameters;
 the free run is the model without noise, for simulation, laws and certificates.
+
+A random walk that nobody measured may be declared, b+ = b + K_b eps, and is added to
+the output or to the inputs that are moved (eq. drift).  In free run it is zero.
 """
 
 from dataclasses import replace
@@ -19,6 +22,7 @@ from .experiments import Filled
 from .structures import Signal, Term
 
 MEASURED, INNOVATION = "y_m", "eps"  # axis of the input, and signal
+DRIFT, LEVEL = "drift", "b"  # signal, and the state that it is where it moves
 
 
 def has_innovations(structure):
@@ -35,6 +39,22 @@ def has_innovations(structure):
         Whether it is one view of a model with innovations.
     """
     return INNOVATION in structure.signals
+
+
+def drift_of(structure):
+    """Return where a model has a random walk.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+
+    Returns
+    -------
+    drift : {"output", "input"} or None
+        What b is added to; None for a model without.
+    """
+    return structure.options.get("drift") if DRIFT in structure.signals else None
 
 
 def predictor(structure):
@@ -55,7 +75,7 @@ def predictor(structure):
         return structure
     y = structure.signals[structure.measured]
     eps = (Term(MEASURED), Term(structure.measured, gain=-1.0))
-    signals = {**structure.signals, INNOVATION: Signal(y.axes, y.shape, eps)}
+    signals = {**_drifting(structure), INNOVATION: Signal(y.axes, y.shape, eps)}
     del signals[MEASURED]
     return replace(structure, inputs=(*structure.inputs, MEASURED), signals=signals)
 
@@ -80,6 +100,8 @@ def free_run(structure):
     told = Signal(y.axes, y.shape, (Term(structure.measured),))
     nothing = Signal(y.axes, y.shape)
     signals = {**structure.signals, MEASURED: told, INNOVATION: nothing}
+    if DRIFT in signals:  # b stays where it starts, at zero
+        signals[DRIFT] = replace(signals[DRIFT], terms=())
     inputs = tuple(axis for axis in structure.inputs if axis != MEASURED)
     return replace(structure, inputs=inputs, signals=signals)
 
@@ -100,10 +122,18 @@ def recording(structure):
     structure = free_run(structure)
     y = structure.signals[structure.measured]
     told = Signal(y.axes, y.shape, (Term(structure.measured), Term(INNOVATION)))
-    signals = {**structure.signals, MEASURED: told}
+    signals = {**_drifting(structure), MEASURED: told}
     del signals[INNOVATION]
     inputs = (*structure.inputs, INNOVATION)
     return replace(structure, inputs=inputs, signals=signals)
+
+
+def _drifting(structure):
+    """Return the signals with the state b where it is added."""
+    signals = dict(structure.signals)
+    if DRIFT in signals:
+        signals[DRIFT] = replace(signals[DRIFT], terms=(Term(LEVEL),))
+    return signals
 
 
 def with_outputs(experiments):
@@ -128,7 +158,7 @@ def state_matrix(structure, p):
     Parameters
     ----------
     structure : Structure
-        Structure of a model with a fixed C.
+        Structure of a model.
     p : dict of str to ndarray
         Its parameters.
 
@@ -139,4 +169,48 @@ def state_matrix(structure, p):
     """
     if not has_innovations(structure):
         return p["A"]
-    return p["A"] - p["K"] @ structure.constants["C"]
+    return p["A"] - p["K"] @ output_matrix(structure, p)
+
+
+def error_matrix(structure, p):
+    """Return the matrix that carries the error of an estimate of states and drift.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    p : dict of str to ndarray
+        Its parameters.
+
+    Returns
+    -------
+    A : ndarray of shape (nx + nb, nx + nb)
+        That of [x; b] (eq. drift); `state_matrix` for a model without drift.
+    """
+    A, kind = state_matrix(structure, p), drift_of(structure)
+    if kind is None:
+        return A
+    C, K_b = output_matrix(structure, p), p["K_b"]
+    eye = np.eye(len(K_b))
+    if kind == "output":
+        return np.block([[A, -p["K"]], [-K_b @ C, eye - K_b]])
+    D = p.get("D", np.zeros((len(C), len(K_b))))
+    return np.block([[A, p["B"] - p["K"] @ D], [-K_b @ C, eye - K_b @ D]])
+
+
+def output_matrix(structure, p):
+    """Return the output matrix, a constant or a parameter.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    p : dict of str to ndarray
+        Its parameters.
+
+    Returns
+    -------
+    C : ndarray of shape (ny, nx)
+        Output matrix.
+    """
+    return p["C"] if "C" in p else structure.constants["C"]

@@ -3,8 +3,11 @@
 import numpy as np
 
 from .criterion import Restricted
+from .innovations import drift_of
 from .optimizers import minimize
-from .stability import Contractive, Schur
+from .stability import Contractive, Schur, follows
+
+HALVINGS = 20  # of the gain of a random walk, until its predictor follows
 
 
 class Limits:
@@ -25,6 +28,7 @@ class Limits:
     """
 
     def __init__(self, structure, phi=None, bounds=None, at_rest=False, radius=None):
+        self.structure = structure
         self.phi, self.radius = phi, radius
         self.at_rest = at_rest
         self.low = np.full(structure.n_params, -np.inf)
@@ -51,9 +55,21 @@ class Limits:
         Returns
         -------
         theta : ndarray of shape (n_params,)
-            Flat parameters.
+            Flat parameters, with a random walk that follows (eq. drift).
         """
-        return np.clip(theta, self.low, self.high)
+        theta = np.clip(theta, self.low, self.high)
+        if drift_of(self.structure) is None:
+            return theta
+        p = {
+            name: np.array(value) for name, value in self.structure.split(theta).items()
+        }
+        for _ in range(HALVINGS):
+            if follows(self.structure, p):
+                break
+            p["K_b"] = p["K_b"] / 2
+        else:
+            p["K_b"] = 0.0 * p["K_b"]
+        return self.structure.join(p)
 
     def minimize(self, criterion, free, *, method="lm", **options):
         """Minimize a criterion within the limits.
@@ -78,8 +94,9 @@ class Limits:
         if self.phi is not None:
             problem = Contractive(criterion, self.phi, self.n_integrators)
             start = problem.from_free(free)
-        elif self.radius is not None:
-            problem = Schur(criterion, self.radius, self.n_integrators)
+        elif self.radius is not None or drift_of(self.structure) is not None:
+            radius = np.inf if self.radius is None else self.radius
+            problem = Schur(criterion, radius, self.n_integrators)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
         n_params = len(self.low)
         low[:n_params], high[:n_params] = self.low, self.high

@@ -50,6 +50,11 @@ class LinearModel:
         Number of last inputs that are the measured outputs of a predictor.
     radius : float
         Largest modulus of a pole that a search may reach.
+    drift : {"output", "input"} or None
+        What a random walk of a predictor is added to (eq. drift).
+    K_b, b0 : ndarray of shape (nb, ny), (n_experiments, nb)
+        Its gain, and where it starts; nb is ny, or nu with zeros for inputs that are
+        measured disturbances.
     """
 
     A: np.ndarray
@@ -62,6 +67,9 @@ class LinearModel:
     result: OptimizeResult | None = None
     n_measured: int = 0
     radius: float = 1.0
+    drift: str | None = None
+    K_b: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    b0: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def nu(self):
@@ -73,6 +81,51 @@ class LinearModel:
         """Return the linear structure with free C, which moves all inputs alike."""
         (nx, nu), ny = self.B.shape, len(self.C)
         return state_space(nx, nu, ny, feedthrough=self.feedthrough)
+
+    def starts(self, given=()):
+        """Return the initial states as `as_fit` has them.
+
+        Parameters
+        ----------
+        given : sequence of int, default=()
+            Columns of u that are measured disturbances.
+
+        Returns
+        -------
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Those of the states, then those of a random walk.
+        """
+        if self.drift is None:
+            return self.x0
+        return np.hstack([self.x0, self.b0[:, self._drifting(given)]])
+
+    def whole(self):
+        """Return the same predictor, a random walk among its states.
+
+        Returns
+        -------
+        model : LinearModel
+            Model of [x; b] (eq. drift); the model itself if nothing drifts.
+        """
+        if self.drift is None:
+            return self
+        D, K_b, eye = self.D[:, : self.nu], self.K_b, np.eye(len(self.K_b))
+        by_u, K = np.split(self.B, [self.nu], axis=1)
+        to_x, to_y = (-K, eye) if self.drift == "output" else (by_u, D)
+        return replace(
+            self,
+            A=np.block([[self.A, to_x], [-K_b @ self.C, eye - K_b @ to_y]]),
+            B=np.vstack([self.B, np.hstack([-K_b @ D, K_b])]),
+            C=np.hstack([self.C, to_y]),
+            x0=np.hstack([self.x0, self.b0]),
+            drift=None,
+        )
+
+    def _drifting(self, given):
+        """Return the entries of a random walk that a structure has."""
+        if self.drift == "output":
+            return slice(None)
+        return split_inputs(self.nu, [i for i in given if i < self.nu])[0]
 
     def by_name(self, given=()):
         """Return the matrices by the names that they have in `models.state_space`.
@@ -93,6 +146,8 @@ class LinearModel:
         matrices = {"C": self.C, "D": D[:, moved]}
         if self.n_measured:
             matrices["K"], A, B = K, A + K @ self.C, B + K @ D
+        if self.drift is not None:
+            matrices["K_b"] = self.K_b[self._drifting(given)]
         if len(given):
             matrices |= {"G": B[:, given], "H": D[:, given]}
         return {**matrices, "A": A, "B": B[:, moved]}
@@ -151,9 +206,10 @@ class LinearModel:
                 feedthrough=self.feedthrough,
                 disturbances=given,
                 noise=noise,
+                drift=self.drift,
             )
         )
-        result = OptimizeResult({**(self.result or {}), "x0": self.x0})
+        result = OptimizeResult({**(self.result or {}), "x0": self.starts(given)})
         return structure, structure.join(self.by_name(given)), result
 
 
@@ -310,7 +366,7 @@ def simulation_error(experiments, model):
     error : float
         Norm of the residual over the measured outputs (eq. cost).
     """
-    problem = AllEntries(experiments, model)
+    problem = AllEntries(experiments, model.whole())
     return problem.norm(problem.start)
 
 
@@ -395,6 +451,7 @@ def decorrelate(model, experiments):
 @np.errstate(over="ignore", invalid="ignore")
 def _state_covariance(model, experiments):
     """Return the covariance of the simulated states, not finite if they diverge."""
+    nx, model = len(model.A), model.whole()
     structure = model.structure
     lure = structure.lure(structure.join(vars(model)))
     count, total, square = 0, 0.0, 0.0
@@ -404,4 +461,4 @@ def _state_covariance(model, experiments):
             total = total + X[:-1].sum(axis=0)
             square = square + X[:-1].T @ X[:-1]
     mean = total / count
-    return square / count - np.outer(mean, mean)
+    return (square / count - np.outer(mean, mean))[:nx, :nx]

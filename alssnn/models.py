@@ -10,14 +10,17 @@ Columns of u that are measured disturbances d are none that a controller moves: 
 only the others, G d and H d are linear, and h sees d beside s (eq. disturbance).
 
 With process noise, or feedback in the record, K eps adds what the errors one sample
-ahead say of the states (eq. innovations).
+ahead say of the states (eq. innovations).  A random walk b+ = b + K_b eps may be added
+to the output or to the inputs that are moved (eq. drift).
 """
+
+from dataclasses import replace
 
 import numpy as np
 
 from .activations import as_activation
 from .equations import Equations, hidden_sizes
-from .innovations import INNOVATION, MEASURED, free_run
+from .innovations import DRIFT, INNOVATION, LEVEL, MEASURED, free_run
 from .inputs import split_inputs
 
 NETWORKS = ("h", "g", "k")
@@ -41,6 +44,7 @@ def state_space(
     disturbances=(),
     noise="output",
     h_sees="predicted",
+    drift=None,
 ):
     """Return the structure x+ = A x + B (u + h(s)) + g(x, u), y = C x + D u + k(x, u).
 
@@ -79,6 +83,9 @@ def state_space(
         parameter K, and a `predictor` beside the free run that is returned.
     h_sees : {"predicted", "measured"}, default="predicted"
         Whether the h(y) of a predictor sees y, or y_m.
+    drift : {"output", "input"} or None, default=None
+        Of a predictor, whether a random walk with a gain K_b is added to y, behind what
+        h sees, or to the inputs that are moved (eq. drift).
 
     Returns
     -------
@@ -103,12 +110,21 @@ def state_space(
     sizes, (moved, given) = {}, split_inputs(nu, disturbances)
     if len(given):
         sizes = {"moved": len(moved), "d": len(given)}
+    if drift is not None:
+        sizes[LEVEL] = ny if drift == "output" else len(moved)
     e = Equations(x=nx, u=nu, y=ny, zeta=nx, **sizes)
     x, u = e.state("x"), e.input("u")
     m, of_m, of_d = u, "u", {}
     if len(given):  # of u, what a controller moves and what it only sees
-        m, of_m = e.constant("S_m", np.eye(nu)[moved], "moved", "u") @ u, "moved"
+        S = e.constant("S_m", np.eye(nu)[moved], "moved", "u")
+        m, of_m = S @ u, "moved"
         of_d = {"d": e.constant("S_d", np.eye(nu)[given], "d", "u") @ u}
+    b = None
+    if drift is not None:
+        b = replace(e.state(LEVEL), axes=("y" if drift == "output" else of_m,))
+        b = e.signal(DRIFT, b)
+    if drift == "input":
+        u, m = u + (S.T @ b if len(given) else b), m + b
     A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", of_m)
     C = e.parameter("C", "y", "x") if C is None else e.constant("C", C, "y", "x")
     y = C @ x
@@ -123,13 +139,16 @@ def state_space(
         return e.signal(net, value) if n[net] and net != "h" else value
 
     of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
-    y = e.signal("y", y + network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u))
+    y += network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u)
+    y = e.signal("y", y + b if drift == "output" else y)
     of_x = feedback == "state"
     y_m = eps = None
     if noise == "innovations":
         y_m = e.input(MEASURED, "y")
         eps = e.signal(INNOVATION, y_m - y)
     told = y if y_m is None or h_sees == "predicted" else y_m
+    if drift == "output":
+        told -= b
     s = {"s" if of_x else "y": x if of_x else told, **of_d}
     seen = {f"W_{letter}": signal for letter, signal in s.items()}
     h = network("h", of_m, of_h, "b_s" if of_x else "b_y", **seen)
@@ -144,6 +163,8 @@ def state_space(
     K = None if eps is None else e.parameter("K", "x", "y")
     if eps is not None:
         updates["x"] += K @ eps
+    if b is not None:  # (eq. drift)
+        updates[LEVEL] = b + e.parameter("K_b", b.axis, "y") @ eps
     if n["g"]:  # what g adds to the output (eq. penalty), or to what is predicted
         zeta = e.state("zeta")
         residual = e.signal("e", C @ zeta)
@@ -163,9 +184,11 @@ def state_space(
             "input_map": input_map,
             **({"disturbances": tuple(map(int, given))} if len(given) else {}),
             **({} if eps is None else {"noise": noise, "h_sees": h_sees}),
+            **({} if b is None else {"drift": drift}),
         },
     )
-    return free_run(structure)
+    # where a walk begins is as unknown as the state
+    return free_run(replace(structure, free_starts=1 if b is None else 2))
 
 
 def _activations(activation, odd):

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .drift import identify
 from .holdout import hold_out
 from .initial_states import WINDOW, estimate_x0
-from .subspace import identify_linear, largest_order
+from .subspace import largest_order
 
 SAMPLES = 8_000  # of a record, on which orders are compared
 PATIENCE = 3  # larger orders without a gain, after which the search ends
@@ -63,6 +64,7 @@ def compare_orders(
     integrators=0,
     watch=None,
     n_measured=0,
+    **kind,
 ):
     """Fit linear models of several orders, and judge them on hidden samples.
 
@@ -82,6 +84,8 @@ def compare_orders(
         May end the comparison, which then leaves the orders so far.
     n_measured : int, default=0
         Number of last inputs that are the measured outputs of a predictor.
+    **kind : dict
+        Random walk of a predictor, `drift` and `given` of `identify`.
 
     Returns
     -------
@@ -101,6 +105,7 @@ def compare_orders(
         "tol": TOL,
         "watch": quiet,
         "n_measured": n_measured,
+        **kind,
     }
     models: dict = {}
     errors: dict = {}
@@ -121,7 +126,7 @@ def compare_orders(
     for nx in range(1, highest + 1) if orders is None else sorted(set(orders)):
         judge(
             nx,
-            [identify_linear(fold.fitted, nx, **options) for fold in folds],
+            [identify(fold.fitted, nx, **options) for fold in folds],
         )
         if quiet is not None and quiet.reason is not None:
             break

@@ -47,8 +47,6 @@ class Plant(Signals):
         [s; d; u] with the u that are moved, the channel v; deviations.
     feedback : {"output", "state"}
         What the law measures: s = y, or s = x.
-    n_late : int, default=0
-        Number of last states that are past inputs.
     noise : float, default=0.0
         Mean squared error of the fit over the variance of y.
     region : Region or None, default=None
@@ -70,7 +68,6 @@ class Plant(Signals):
     form: Lure
     law_form: Lure
     feedback: str
-    n_late: int = 0
     noise: float = 0.0
     region: Region | None = field(default=None, repr=False)
     no_law: str = ""
@@ -208,7 +205,8 @@ class Plant(Signals):
         -------
         plant : Plant
             The same model with nx + ny or nx + nv states, the last of which stay as
-            they are. Its v is that of the plant without d if `is_explicit`.
+            they are. Its v is that of the plant without d if `is_explicit`, and its K
+            `gain_with` this kind.
 
         Raises
         ------
@@ -220,7 +218,8 @@ class Plant(Signals):
                 f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
                 "the model integrates."
             )
-        return replace(self, form=forms.disturbed(self.lure, kind, self.moved), K=None)
+        form = forms.disturbed(self.lure, kind, self.moved)
+        return replace(self, form=form, K=self.gain_with(kind), drift=None)
 
     def close(self):
         """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).

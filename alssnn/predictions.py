@@ -152,11 +152,12 @@ def first_states(structure, theta, x0, experiments):
     Returns
     -------
     x0 : ndarray of shape (n_experiments, nx)
-        The same; estimated from its first samples where an experiment begins with a
-        gap.
+        The same without a random walk; estimated from its first samples where an
+        experiment begins with a gap.
     """
     if not has_innovations(structure):
         return x0
+    x0 = x0[:, : structure.sizes["x"]]
     starts, found = pieces(experiments), np.zeros((len(experiments), x0.shape[1]))
     for i, pair in enumerate(experiments):
         first = next(k for k, (j, _) in enumerate(starts) if j == i)

@@ -134,7 +134,8 @@ class _Path:
             theta = recipe.start(structure, linear, fold.fitted, seed)
             limits = recipe.limits(structure)
             self.problems.append((structure, penalized, weights, limits))
-            x0 = 0.0 * linear.x0 if limits.at_rest else linear.x0
+            x0 = linear.starts(structure.given)
+            x0 = 0.0 * x0 if limits.at_rest else x0
             self.points.append((limits.clip(theta), x0))
         self.starts = [theta for theta, _ in self.points]
         self.errors = [self._judge()]

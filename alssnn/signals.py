@@ -34,12 +34,18 @@ class Signals:
         Name of the model.
     delay : ndarray of int of shape (nu,)
         Samples by which every input arrives late; zero where its past is a state.
+    n_late : int, default=0
+        Number of last states that are past inputs.
     given : tuple of int, default=()
         Inputs that are measured disturbances: nobody moves them.
     K : ndarray of shape (nx, ny) or None, default=None
         What measured outputs do to the next state at the operating point, in the
         user's units: the gain of innovations (eq. innovations), and h where it sees
         what was measured. None where no gain was identified.
+    drift : {"output", "input"} or None, default=None
+        What an identified random walk is added to (eq. drift); None without one.
+    K_b : ndarray of shape (nb, ny) or None, default=None
+        Gain of the innovations on that walk, in the units of y or u over those of y.
     noise_covariance : ndarray of shape (ny, ny) or None, default=None
         Covariance of what the fit left of y, one sample ahead with K.
     """
@@ -54,9 +60,32 @@ class Signals:
     outputs: list
     name: str
     delay: np.ndarray
+    n_late: int = 0
     given: tuple = ()
     K: np.ndarray | None = None
+    drift: str | None = None
+    K_b: np.ndarray | None = None
     noise_covariance: np.ndarray | None = None
+
+    def gain_with(self, kind):
+        """Return the identified gain of an observer that estimates a disturbance.
+
+        Parameters
+        ----------
+        kind : {"output", "input"}
+            What the disturbance is added to.
+
+        Returns
+        -------
+        K : ndarray of shape (nx + nb, ny) or None
+            Gains of the states and of a random walk (eq. drift); None where no walk of
+            this kind was identified, or one of inputs that arrive late.
+        """
+        if self.K is None or self.K_b is None or kind != self.drift:
+            return None
+        if kind == "input" and self.n_late:
+            return None
+        return np.vstack([self.K, self.K_b])
 
     @property
     def nu(self):

@@ -17,7 +17,8 @@ where A/r is a contraction already: the basis, in which the states have unit var
 and are uncorrelated, changes no more than it must.
 
 Of a predictor (eq. innovations) the contraction is A - K C: it is stable for every
-plant, and a plant that is not may be one.
+plant, and a plant that is not may be one.  Where a random walk is estimated beside x
+(eq. drift), what would not follow both is rejected.
 """
 
 import warnings
@@ -35,7 +36,7 @@ from scipy.linalg import (
 from scipy.optimize import OptimizeResult
 
 from .criterion import DIVERGED_NORM, LeastSquares
-from .innovations import state_matrix
+from .innovations import drift_of, error_matrix, state_matrix
 from .linear_model import decorrelate, simulation_error, stabilize
 from .subspace import fit_input
 
@@ -239,6 +240,33 @@ def hold_off(model, experiments, error):
     return replace(best, singular_values=model.singular_values, result=result)
 
 
+def follows(structure, p):
+    """Tell whether the error of a predictor decays, that of a random walk included.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    p : dict of str to ndarray
+        Its parameters.
+
+    Returns
+    -------
+    follows : bool
+        Whether no pole of [x; b] is outside the unit circle (eq. drift); True for a
+        model without drift.
+    """
+    if drift_of(structure) is None:
+        return True
+    A = error_matrix(structure, p)
+    return bool(np.isfinite(A).all() and _radius(A) <= 1.0 + ROUNDING)
+
+
+def _radius(A):
+    """Return the spectral radius."""
+    return np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+
+
 class Contractive(LeastSquares):
     """Replace A, or A - K C, by Q in the free vector of a criterion.
 
@@ -319,7 +347,10 @@ class Contractive(LeastSquares):
         norm : float
             Norm of the residual.
         """
-        return self.criterion.norm(self.to_free(free))
+        free, structure = self.to_free(free), self.criterion.structure
+        if not follows(structure, structure.split(free[: structure.n_params])):
+            return DIVERGED_NORM
+        return self.criterion.norm(free)
 
     def normal_equations(self, free):
         """Return J'J, J'r and |r|.
@@ -390,7 +421,8 @@ class Schur(LeastSquares):
         poles = np.linalg.eigvals(A)
         if self.structure.sampling is not None:
             poles = np.exp(np.minimum(poles.real, 1.0))  # of samples
-        if np.abs(poles).max(initial=0.0) > self.radius:
+        is_outside = np.abs(poles).max(initial=0.0) > self.radius
+        if is_outside or not follows(self.structure, p):
             return DIVERGED_NORM
         return self.criterion.norm(free)
 

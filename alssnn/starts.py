@@ -61,17 +61,19 @@ def initial_theta(structure, linear, experiments, rng, bounds=None, roots=None):
             else np.full(shape, np.sqrt(missing))
         )
     pick = rng.integers(len(experiments))
+    starts = linear.starts(structure.given)
     u, y = (signal[:START_SAMPLES] for signal in experiments[pick])
     X = simulate(
-        structure.lure(structure.join(p)), u, structure.initial_state(linear.x0[pick])
+        structure.lure(structure.join(p)), u, structure.initial_state(starts[pick])
     )
-    X = X[:-1, : structure.n_x0]
+    X = X[:-1]
     if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
         X = np.zeros_like(X)
-    y_hat = X @ linear.C.T + u @ linear.D.T
+    states = {axis: X[:, structure.cols[axis]] for axis in structure.states}
+    y_hat = X[:, : len(linear.A)] @ linear.C.T + u @ linear.D.T
     signals = {
         ONE: np.ones((len(u), 1)),
-        structure.states[0]: X,
+        **states,
         structure.measured: np.where(np.isnan(y), y_hat, y),
     }
     first = structure.nx

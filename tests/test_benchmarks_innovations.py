@@ -9,6 +9,7 @@ import pytest
 from alssnn import LinearStateSpace
 from benchmarks import (
     closed_loop_linear,
+    drift,
     one_step,
     predictor_step,
     process_noise,
@@ -138,3 +139,20 @@ def test_a_linear_model_of_innovations_holds_the_pendulum():
     model.fit(record.u, record.y)
     assert unstable.held(setting, record, model, 0.1)
     assert not unstable.held(setting, record, model, 3.0)  # it hangs already
+
+
+@pytest.mark.parametrize("kind", ["output", "input"])
+def test_no_predictor_is_better_than_that_of_the_walk(kind):
+    u, y = drift.make_record(0.02, kind, 0.0, 4000, 0)
+    model = LinearStateSpace(nx=3, noise="innovations", drift=kind).fit(u, y)
+    error = np.trace(model.noise_covariance_) / 2
+    assert error == pytest.approx(drift.least_error(0.02, kind), rel=0.05)
+    assert drift.least_error(0.003, kind) < drift.least_error(0.02, kind)
+
+
+def test_a_drift_beyond_its_limits_is_missed():
+    head = 0.02, "output", "open"
+    assert not drift.missed([(*head, "none", 0.5, 2.0, 1.0)])
+    assert not drift.missed([(*head, "output", 0.02, 1.01, 0.0)])
+    assert len(drift.missed([(*head, "output", 0.02, 1.10, 0.0)])) == 1
+    assert len(drift.missed([(*head, "output", 0.02, 1.01, np.nan)])) == 1

@@ -227,6 +227,12 @@ def _add_form(model):
 def _add_effort(model):
     """Add the options that say how long a training searches."""
     model.add_argument(
+        "--drift",
+        choices=["output", "input"],
+        help="with --innovations, a random walk that nobody measured, added to the "
+        "outputs or to the inputs: a sensor or a load that drifts",
+    )
+    model.add_argument(
         "--max-iter",
         type=count,
         metavar="N",
@@ -256,6 +262,8 @@ def run(args):
         0, or 1 if the one model that was asked for is worse than a linear one, or than
         the mean of the output, on the hidden part.
     """
+    if args.drift is not None and not args.innovations:
+        args.parser.error("--drift needs --innovations")
     models = args.models or [args.model]
     if models == ["ladder"]:
         models = list(LADDER)
@@ -293,6 +301,7 @@ def run(args):
         input_map=args.input_map,
         disturbances=list(range(len(args.input), len(inputs))) or None,
         noise="innovations" if args.innovations else "output",
+        drift=args.drift,
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,

@@ -84,6 +84,8 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
         if predicts and n <= len(u_i):
             X_hat, u_i = predicted(model, u_i, y_i, start)
             plant = model.plant_.arrived()
+            if plant.drift is not None:
+                plant = plant.with_disturbance(plant.drift)
             y_hat[part][n - 1 :] = run_on(plant, X_hat[: len(u_i) - n + 1], u_i, n - 1)
         elif n < len(u_i):
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
@@ -109,7 +111,7 @@ def predicted(model, u, y, x0):
     Returns
     -------
     X : ndarray of shape (N, nx)
-        States; row k uses inputs and outputs up to k - 1.
+        States, and what drifts behind them; row k uses inputs and outputs up to k - 1.
     u : ndarray of shape (N, nu)
         Inputs that have arrived.
     """
@@ -117,7 +119,11 @@ def predicted(model, u, y, x0):
     ((z, y),) = with_outputs(model._experiments(u, y, [slice(None)]))
     z, X = follow(structure, model._theta, x0 / model._x_scale, z, y)
     u = z[:, : len(scaling.u_scale)] * scaling.u_scale + scaling.u_offset
-    return X * model._x_scale, u
+    X[:, : model.nx_] *= model._x_scale
+    if structure.options.get("drift") is not None:
+        plant = model.plant_
+        X[:, model.nx_ :] *= plant.y_scale if plant.drift == "output" else plant.v_scale
+    return X, u
 
 
 def run_on(plant, X, u, steps):

@@ -57,6 +57,8 @@ class StateSpaceModel(
         Columns of u that are measured disturbances.
     K_ : ndarray of shape (nx, ny)
         Gain of the innovations; zero for ``noise="output"``.
+    K_b_ : ndarray of shape (nb, ny)
+        Gain of the innovations on a random walk, see `drift`; no rows without one.
     noise_covariance_ : ndarray of shape (ny, ny)
         Covariance of the training errors, one sample ahead or of the simulation.
     x0_ : ndarray of shape (n_experiments, nx)
@@ -118,6 +120,7 @@ class StateSpaceModel(
     time: str = take(Records, "time")
     hold: str = take(Records, "hold")
     substeps: int = take(Records, "substeps")
+    drift: Any = take(Records, "drift")
     dt: float = take(Records, "dt")
     max_iter: int = take(Records, "max_iter")
     tol: float = take(Records, "tol")

@@ -54,7 +54,7 @@ def snapshot(model, structure, step, point):
     theta, x0 = np.split(point, [structure.n_params])
     shown._structure, shown._theta = free_run(structure), theta
     result = OptimizeResult(
-        x0=x0.reshape(-1, structure.n_x0),
+        x0=x0.reshape(-1, structure.n_x0)[:, : structure.sizes["x"]],
         cost=step.cost,
         nfev=step.iteration + 1,
         success=False,

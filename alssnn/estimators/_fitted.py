@@ -176,6 +176,7 @@ def publish_parameters(model):
     model.G_ = p.get("G", np.zeros((nx, nd)))
     model.H_ = p.get("H", np.zeros((ny, nd)))
     model.K_ = p.get("K", np.zeros((nx, ny)))
+    model.K_b_ = p.get("K_b", np.zeros((0, ny)))
     model.nx_ = nx
     if "h_sees" in structure.options:
         model.h_sees_ = structure.options["h_sees"]

@@ -5,6 +5,7 @@ from numbers import Integral
 
 import numpy as np
 
+from ..drift import identify
 from ..given_system import GivenSystem
 from ..integrators import (
     count_integrators,
@@ -15,9 +16,8 @@ from ..linear_model import simulation_error
 from ..mapping import Held
 from ..orders import SAMPLES as ORDER_SAMPLES
 from ..orders import compare_orders
-from ..subspace import identify_linear
 from ._checks import order_choices
-from ._noise import is_predicting, n_measured
+from ._noise import is_predicting, predicted
 
 AUTO = "auto"
 
@@ -101,15 +101,15 @@ def plain_linear(estimator, experiments, nx, watch):
             order_choices(nx),
             feedthrough=getattr(estimator, "feedthrough", False),
             watch=watch,
-            n_measured=n_measured(estimator, experiments),
+            **predicted(estimator, experiments),
         )
         nx = estimator._orders.nx
-    return identify_linear(
+    return identify(
         experiments,
         nx,
         feedthrough=getattr(estimator, "feedthrough", False),
         watch=watch,
-        n_measured=n_measured(estimator, experiments),
+        **predicted(estimator, experiments),
         **estimator._refinement(),
     )
 

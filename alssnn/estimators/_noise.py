@@ -41,9 +41,16 @@ def check_noise(estimator):
     Raises
     ------
     ValueError
-        If integrators are held, or a linear start is given.
+        If integrators are held, or a linear start is given; if a random walk is
+        declared for other noise.
     """
     if not is_predicting(estimator):
+        if estimator.drift is not None:
+            raise ValueError(
+                f"`drift` must be None for noise={estimator.noise!r}, got "
+                f"{estimator.drift!r}. What drifts is told from what was measured: "
+                "take noise='innovations'."
+            )
         return
     if estimator.integrators not in ("auto", 0):
         raise ValueError(
@@ -145,8 +152,8 @@ def identified(estimator, experiments, previous, watch, held_out):
         return seen, *first
 
 
-def n_measured(estimator, experiments):
-    """Return how many inputs of the experiments of a fit are measured outputs.
+def predicted(estimator, experiments):
+    """Return what a linear model of the experiments of a fit predicts by.
 
     Parameters
     ----------
@@ -157,10 +164,30 @@ def n_measured(estimator, experiments):
 
     Returns
     -------
-    n : int
-        Number of last inputs; zero without innovations.
+    options : dict
+        Options `n_measured`, `drift` and `given` of `drift.identify`; none without
+        innovations.
     """
-    return experiments[0][1].shape[1] if is_predicting(estimator) else 0
+    if not is_predicting(estimator):
+        return {}
+    given = tuple(map(int, estimator.disturbances_))
+    return {"n_measured": experiments[0][1].shape[1], **walk(estimator), "given": given}
+
+
+def walk(estimator):
+    """Return the option of a structure that says where a random walk is.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+
+    Returns
+    -------
+    options : dict
+        Option `drift` of `models.state_space`; none without a walk.
+    """
+    return {} if estimator.drift is None else {"drift": estimator.drift}
 
 
 def fitted_view(estimator, structure):

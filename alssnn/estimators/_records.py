@@ -66,6 +66,11 @@ class Records:
     substeps : int, default=1
         Of ``time="continuous"``: steps of Runge and Kutta per sample, raised with a
         warning where a pole is too fast for them.
+    drift : {"output", "input"} or None, default=None
+        A disturbance that nobody measured and that drifts, of ``noise="innovations"``:
+        a random walk b+ = b + K_b eps (eq. drift), one per output behind the plant, or
+        one per input that is moved, before it, such as loads. Simulation and law leave
+        it out, observer and predictive control estimate it. None declares none.
     dt : float, default=1.0
         Sampling time, in seconds; ``time="continuous"`` asks for it.
     max_iter : int, default=100
@@ -97,6 +102,7 @@ class Records:
     time: str = option("discrete", [StrOptions({"discrete", CONTINUOUS})])
     hold: str = option("zoh", [StrOptions(set(HOLDS))])
     substeps: int = option(1, [POSITIVE])
+    drift: Any = option(None, [StrOptions({"output", "input"}), None])
     dt: float = option(1.0, [Interval(Real, 0, None, closed="neither")])
     max_iter: int = option(100, [POSITIVE])
     tol: float = option(1e-8, [Interval(Real, 0, None, closed="neither")])

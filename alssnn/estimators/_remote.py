@@ -83,7 +83,9 @@ def training_region(model, structure, x0, experiments):
         The region, in the user's units.
     """
     lure = structure.lure(model._theta)
-    scales = model._x_scale, model._scaling.u_scale, model._scaling.y_scale
+    nx = structure.sizes["x"]  # without a random walk
+    x_scale = np.broadcast_to(model._x_scale, nx)
+    scales = x_scale, model._scaling.u_scale, model._scaling.y_scale
     return Region.of_parts(
         lambda function: experiments.map(_Visit(lure, scales, function), x0)
     )
@@ -100,7 +102,9 @@ class _Visit:
 
     def _chunks(self, x0, u_s, y_s):
         lure, (x_scale, u_scale, y_scale) = self.lure, self.scales
-        nu = len(u_scale)  # behind them, a predictor is told the outputs
+        # behind them, a predictor is told the outputs
+        nx, nu = len(x_scale), len(u_scale)
         for part, u, X, y_hat in runs(lure, u_s, x0):
             y = np.where(np.isnan(y_s[part]), y_hat, y_s[part])
-            yield X * x_scale, u[:, :nu] * u_scale, y_hat * y_scale, y * y_scale
+            du = u[:, :nu] * u_scale
+            yield X[:, :nx] * x_scale, du, y_hat * y_scale, y * y_scale

@@ -151,8 +151,9 @@ def simulated(model, u, x0, eps=None):
     ((z, _),) = with_nodes(structure, [(scaling.scale_u(u, model.input_delay_), None)])
     if eps is not None and has_innovations(structure):
         structure, z = recording(structure), np.hstack([z, eps / scaling.y_scale])
-    lure = structure.observe(structure.measured).lure(model._theta)
-    y = outputs(lure, z, x0 / model._x_scale) * scaling.y_scale + scaling.y_offset
+    plain = structure.observe(structure.measured)
+    x0, lure = plain.initial_state(x0 / model._x_scale), plain.lure(model._theta)
+    y = outputs(lure, z, x0) * scaling.y_scale + scaling.y_offset
     return y if eps is None else y + eps
 
 
@@ -274,7 +275,7 @@ def labeled_data(model, u, y, experiment):
 
 
 def simulated_experiments(model, u, y, parts):
-    """Return scaled experiments as the structure of a fitted model takes them.
+    """Return scaled experiments as the structure of a model takes them.
 
     Parameters
     ----------
@@ -350,10 +351,9 @@ def prepare_records(model, u, y, experiment=None):
     """
     check_is_fitted(model)
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
-    y = np.asarray(y.reshape(len(y), -1), dtype=float)
-    records = []
-    experiments = simulated_experiments(model, u, y, parts)
-    for part, (u_s, y_s) in zip(parts, experiments, strict=True):
+    y, records = np.asarray(y.reshape(len(y), -1), dtype=float), []
+    pairs = simulated_experiments(model, u, y, parts)
+    for part, (u_s, y_s) in zip(parts, pairs, strict=True):
         start = min(model.n_init_samples, len(u_s) // 4)
         x0 = initial_state(model, u_s, y_s, start)
         raw = part, u[part], y[part]

@@ -31,13 +31,7 @@ from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._judge import as_found, not_worse
-from ._noise import (
-    fitted_view,
-    forms,
-    is_predicting,
-    least_gamma_h,
-    n_measured,
-)
+from ._noise import fitted_view, forms, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
 from ._warm_start import fits
@@ -177,7 +171,7 @@ class Ssnn(StateSpaceModel):
         if len(self.disturbances_):
             networks["disturbances"] = tuple(map(int, self.disturbances_))
         if is_predicting(self):
-            networks |= {"noise": self.noise, "h_sees": self.h_sees_}
+            networks |= walk(self) | {"noise": self.noise, "h_sees": self.h_sees_}
         return state_space(nx, nu, ny, **networks)
 
     def declare(self, nx, nu, ny, C):
@@ -416,7 +410,7 @@ class Ssnn(StateSpaceModel):
                 candidates,
                 feedthrough=self.feedthrough,
                 watch=watch,
-                n_measured=n_measured(self, experiments),
+                **predicted(self, experiments),
             )
         else:
             candidates = sorted(orders.models)

@@ -6,13 +6,16 @@ A constant d is added to the output or to the input of the whole model,
 
 with d+ = d, and estimated together with x: what is left at rest between model and plant
 ends up in d, so that a controller that takes d into account settles at its reference.
+
+A model that was fitted with a `drift` has identified d, and the gain that belongs to it
+(eq. drift).
 """
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from .checks import check_weight
-from .observer import PROCESS_NOISE, Observer, stationary_covariance
+from .observer import FIT_FLOOR, PROCESS_NOISE, Observer, stationary_covariance
 
 RANK = 1e-9  # smallest singular value, relative, of what must have full rank
 
@@ -28,12 +31,14 @@ class DisturbanceObserver(Observer):
         Covariance of the process noise per sample, as for `Observer`.
     R : array_like of shape (ny, ny) or None, default=None
         Covariance of the measurement noise, as for `Observer`.
-    disturbance : {"output", "input"}, default="output"
-        Whether d is added to y or to u. A model that integrates needs "input".
+    disturbance : {"output", "input"} or None, default=None
+        Whether d is added to y or to u. None means the `drift` that the model was
+        fitted with, "output" for one without. A model that integrates needs "input".
     Q_d : array_like of shape (nd, nd) or None, default=None
         Covariance of the change of d per sample, in the units of y or u squared. None
         means that d drifts by a hundredth of the standard deviation of the training
-        data per sample.
+        data per sample; or, where a drift of this kind was identified, that of K_b eps,
+        and with `Q` and `R` left out the gain is the identified one.
     gate : float or None, default=None
         Largest innovation that corrects the estimate in full, as for `Observer`.
 
@@ -64,20 +69,24 @@ class DisturbanceObserver(Observer):
     (1500, 5)
     """
 
-    def __init__(
-        self, model, Q=None, R=None, disturbance="output", Q_d=None, gate=None
-    ):
+    def __init__(self, model, Q=None, R=None, disturbance=None, Q_d=None, gate=None):
         super().__init__(model, Q, R, gate=gate)
+        is_free = Q is None and R is None and Q_d is None
+        if disturbance is None:
+            disturbance = self.plant.drift or "output"
         if not isinstance(disturbance, str) or disturbance not in ("output", "input"):
             raise ValueError(
                 f"`disturbance` must be 'output' or 'input', got {disturbance!r}. "
                 "Use 'input' if the model integrates."
             )
         self.disturbance = disturbance
+        K_b = self.plant.K_b
         self.plant = plant = self.plant.with_disturbance(disturbance)
         scale = plant.y_scale if disturbance == "output" else plant.v_scale
         if Q_d is None:
             Q_d = np.diag(PROCESS_NOISE * scale**2)
+            if plant.K is not None:
+                Q_d = K_b @ plant.noise_covariance @ K_b.T + FIT_FLOOR * Q_d
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
         self.Q = block_diag(self.Q, Q_d)
         self._start = block_diag(self._start, np.eye(len(scale)))
@@ -86,6 +95,8 @@ class DisturbanceObserver(Observer):
         _check_detectable(A * size / size[:, None], C / plant.y_scale[:, None])
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self._set_gain(C)
+        if plant.K is not None and is_free:
+            self._take_gain(A, C, plant.K)
         self.reset()
 
 

@@ -126,7 +126,7 @@ class Observer:
         self._set_gain(C)
         self.has_fitted_gain = False
         if K is not None and is_free and kind == "kalman":
-            self._take_gain(A[:nx, :nx], C[:, :nx], K)
+            self._take_gain(A, C, K)
         self.reset()
 
     @property
@@ -350,11 +350,14 @@ class Observer:
 
     def _take_gain(self, A, C, K):
         """Take the gain that predicts as K does, if there is one that is stable."""
+        known = np.diag(self._start) > 0  # the past of late inputs is
+        A, C = A[np.ix_(known, known)], C[:, known]
         M = np.linalg.lstsq(A, K, rcond=None)[0]
         predicts = np.linalg.norm(A @ M - K) <= SAME_GAIN * np.linalg.norm(K)
         poles = np.linalg.eigvals(A - K @ C)  # at the operating point: h sees y there
         if predicts and np.abs(poles).max() < 1:
-            self.gain = np.pad(M, ((0, len(self.gain) - len(M)), (0, 0)))
+            self.gain = np.zeros_like(self.gain)
+            self.gain[known] = M
             self._deviation = np.sqrt(np.diag(self.R))
             self.has_fitted_gain = True
 

@@ -48,6 +48,7 @@ def model_ladder(
     input_map="identity",
     disturbances=None,
     noise="output",
+    drift=None,
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -100,6 +101,8 @@ def model_ladder(
     noise : {"output", "innovations"}, default="output"
         Whether all models are fitted by the error of a simulation, or by the error one
         sample ahead, for noise of the process and records of a loop.
+    drift : {"output", "input"} or None, default=None
+        Random walk that nobody measured, of all models with ``noise="innovations"``.
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -160,6 +163,7 @@ def model_ladder(
         "input_map": input_map,
         "disturbances": disturbances,
         "noise": noise,
+        "drift": drift,
         "verbose": verbose,
     }
     choices = {

@@ -70,7 +70,8 @@ class LinearizingMPC:
         outputs in standard deviations, in a cost of which all terms are halved.
     observer : Observer, DisturbanceObserver or None, default=None
         Source of the estimates; None means ``DisturbanceObserver(model, gate=100)``,
-        which spikes of a sensor do not lead astray. Without a disturbance there is an
+        which spikes of a sensor do not lead astray, and which has the gain of a `drift`
+        that the model was fitted with (eq. drift). Without a disturbance there is an
         offset where the plant differs from the model. The controller steps and resets
         it.
     n_passes : int, default=2

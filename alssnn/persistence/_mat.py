@@ -84,6 +84,8 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
             "u_min": _column(law.u_min),
             "u_max": _column(law.u_max),
         },
+        "K": nothing if plant.K is None else plant.K,
+        "K_b": nothing if plant.K_b is None else plant.K_b,
         "M": nothing if export.M is None else export.M,
         "K_x": nothing if export.K_x is None else export.K_x,
         "K_z": export.K_z if export.integrates else nothing,

@@ -23,8 +23,7 @@ class Structure:
     inputs : tuple of str
         Axes that make up u; the first is the one that a controller moves.
     updates : dict of str to Signal
-        Next value of every state. The initial value of the first one is free; the
-        others start at zero.
+        Next value of every state.
     layers : dict of str to Signal
         What every axis of neurons sees, in the order of evaluation.
     signals : dict of str to Signal
@@ -46,6 +45,8 @@ class Structure:
         Keyword arguments of `models.state_space` that declare it again, but for C.
     sampling : Sampling or None
         How derivatives became updates (`continuous.sampled`), if they did.
+    free_starts : int
+        Number of first states with a free initial value; others start at zero.
     """
 
     sizes: dict
@@ -61,6 +62,7 @@ class Structure:
     activations: dict = field(default_factory=dict)
     options: dict = field(default_factory=dict)
     sampling: Any = None
+    free_starts: int = 1
 
     # -- views of the same equations ---------------------------------------------
 
@@ -147,9 +149,8 @@ class Structure:
         return reached
 
     @cached_property
-    def _needed(self):
-        first = list(self.updates)[:1]  # the state of the linear model
-        return self._reach({*self.channels, *first}, self.inputs)
+    def _needed(self):  # with the state of the linear model
+        return self._reach({*self.channels, *list(self.updates)[:1]}, self.inputs)
 
     @cached_property
     def states(self):
@@ -263,7 +264,8 @@ class Structure:
     @property
     def n_x0(self):
         """Return the number of free initial states."""
-        return self._total(self.states[:1])
+        free = list(self.updates)[: self.free_starts]
+        return self._total(axis for axis in self.states if axis in free)
 
     def initial_state(self, x0):
         """Return the state of the Lur'e form for a free initial state.
@@ -271,7 +273,7 @@ class Structure:
         Parameters
         ----------
         x0 : ndarray of shape (n_x0,)
-            Initial value of the first state axis; the others start at zero.
+            Initial values that are free; others are zero.
 
         Returns
         -------
