@@ -14,7 +14,6 @@ from ..watch import OUT_OF_TIME, late_fall
 from ._checks import output_weights
 from ._integrators import regular
 from ._noise import is_predicting
-from ._time import is_continuous
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
@@ -112,7 +111,7 @@ def warn_if_unstable(estimator):
     """
     A = regular(estimator, estimator.A_)
     poles = np.linalg.eigvals(A)
-    if is_continuous(estimator):
+    if estimator._structure.sampling is not None:
         poles = np.exp(poles * estimator.dt)
     radius = np.abs(poles).max(initial=0.0)
     if radius < 1:

@@ -21,6 +21,7 @@ from ..limits import Limits
 from ..mapping import Held
 from ..simulation import simulate
 from ..training import train
+from ._judge import own_judge
 from ._noise import identified, is_predicting
 from ._warn import warn_of_training
 
@@ -28,8 +29,9 @@ CONTINUOUS = "continuous"
 CLOSE = 1.5  # |pole| times a step of Runge and Kutta that is accurate enough
 FLOW_STEPS, FLOW_TOL = 50, 1e-4  # of the search for the same flow
 MOST = 20_000  # samples of it
-LESS = 0.5  # of the cost of the discrete model, from which a decay weighs less
-WEIGHINGS = 4  # of the decay, at most
+FIRST, DECADES = 0.1, 8  # decays that are tried, from that of the discrete model on
+GAIN = 0.98  # of the error on hidden samples, from which less decay is better
+HELPS = 0.96  # of the error of the linear model, from which networks help
 WORSE = 1.1  # error over that of the discrete model, from which something is wrong
 
 
@@ -147,22 +149,9 @@ def trained(estimator, experiments, previous, watch, held_out):
         estimator._decay = {**decay, "center": center}
     told = Held.of(with_nodes(structure, seen))
     theta = _same_flow(estimator, structure, structure.join(p), told, discrete, found)
-    near, cost = told, result.cost
-    if (samples := getattr(estimator, "coarse_samples", None)) is not None:
-        near = Held.of(told.stretch(samples))
-    for _ in range(WEIGHINGS):
-        outcome = _trained(estimator, near, structure, theta, watch, held_out)
-        result.nfev += outcome.nfev
-        theta, share, cost = outcome.theta, outcome.cost / cost, outcome.cost
-        decay = getattr(estimator, "_decay", None)
-        if not decay or not np.isfinite(decay["alpha"]) or share >= LESS:
-            break
-        # a decay was chosen for the error that the model before this one left
-        estimator._decay = {**decay, "alpha": share * decay["alpha"]}
-    if near.n_samples < told.n_samples:
-        outcome = _trained(estimator, told, structure, theta, watch, held_out)
-        result.nfev += outcome.nfev
-    outcome.nfev = result.nfev
+    theta, steps = _with_less_decay(estimator, told, structure, theta, watch)
+    outcome = _trained(estimator, told, structure, theta, watch, held_out)
+    outcome.nfev += steps + result.nfev
     if outcome.cost > WORSE**2 * result.cost and watch.reason is None:
         error, least = (100 * np.sqrt(cost) for cost in (outcome.cost, result.cost))
         warn_of_training(
@@ -191,6 +180,38 @@ def _same_flow(estimator, structure, theta, experiments, discrete, found):
     free = limits.clip(theta)
     result = limits.minimize(criterion, free, max_iter=FLOW_STEPS, tol=FLOW_TOL)
     return result.x if np.isfinite(result.cost) else theta
+
+
+def _with_less_decay(estimator, experiments, structure, theta, watch):
+    """Return parameters of the decay that hidden samples ask for, and the steps."""
+    decay = getattr(estimator, "_decay", None)
+    if decay is None or estimator.alpha != "auto" or structure.nw == 0:
+        return theta, 0
+    near = experiments
+    if estimator.coarse_samples is not None:
+        near = Held.of(experiments.stretch(estimator.coarse_samples))
+    cuts = [3 * len(y) // 4 for _, y in near]
+    pairs = list(zip(near, cuts, strict=True))
+    seen = Held.of([(z[:c], y[:c]) for (z, y), c in pairs])
+    judge = own_judge(estimator, [(z[c:], y[c:]) for (z, y), c in pairs])
+    helped = np.isfinite(decay["alpha"])
+    alpha = decay["alpha"] if helped else FIRST
+    noise, best, steps, misses = 1.0, (np.inf, decay, theta), 0, 0
+    if not helped:  # the linear model is what has to be beaten
+        best = HELPS * judge.rmse(structure, theta, noise), decay, theta
+    for _ in range(DECADES):
+        estimator._decay = {"center": theta, **decay, "alpha": alpha}
+        outcome = _trained(estimator, seen, structure, theta, watch, None)
+        theta, steps = outcome.theta, steps + outcome.nfev
+        error = judge.rmse(structure, theta, min(outcome.cost, 1.0))
+        misses = 0 if error < GAIN * best[0] else misses + 1
+        if misses == 0:
+            best = error, estimator._decay, theta
+        if misses == 2 or watch.reason is not None:
+            break
+        alpha /= 10.0
+    _, estimator._decay, theta = best
+    return theta, steps
 
 
 def goes_on(estimator, previous):
