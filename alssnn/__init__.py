@@ -4,7 +4,7 @@
 inputs and outputs. The law u = v - h(y) cancels h, and what g leaves is penalized.
 """
 
-from . import datasets, metrics
+from . import datasets, excitation, metrics, nonparametric
 from .activations import Activation
 from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, load
 from .experiments import stack_experiments
@@ -21,8 +21,10 @@ __all__ = [
     "LinearStateSpace",
     "Linearizability",
     "datasets",
+    "excitation",
     "load",
     "metrics",
     "model_ladder",
+    "nonparametric",
     "stack_experiments",
 ]
