@@ -8,6 +8,7 @@ from . import datasets, excitation, metrics, nonparametric
 from .activations import Activation
 from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, load
 from .experiments import stack_experiments
+from .first_look import look
 from .ladder import model_ladder
 from .linearizability import Linearizability
 
@@ -23,6 +24,7 @@ __all__ = [
     "datasets",
     "excitation",
     "load",
+    "look",
     "metrics",
     "model_ladder",
     "nonparametric",

@@ -11,8 +11,9 @@ G, and 95 % bands of |G|, cover the truth.  Levels are mean squares over the lin
 and their error the one of the mean over seeds; in brackets the largest one of a seed.
 
 Then: how often a linear plant is called nonlinear at 5 % (400 seeds), the local
-polynomial method on other records, and measured records, where there are any
-(`ALSSNN_DATA_HOME`).  Without --quick the tables go to doc/benchmarks/nonparametric.md.
+polynomial method on other records, the test for any input (300 seeds), and measured
+records, where there are any (`ALSSNN_DATA_HOME`).  Without --quick the tables go to
+doc/benchmarks/nonparametric.md.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from scipy.signal import butter, freqz, lfilter
 import alssnn
 from alssnn.datasets import fetch_silverbox
 from alssnn.excitation import multisine, steps
+from alssnn.first_look import nonlinearity
 from alssnn.nonparametric import best_linear_approximation, local_polynomial
 from benchmarks._tables import OUT, machine
 
@@ -264,6 +266,48 @@ def local(seeds):
     return rows
 
 
+KINDS = {
+    "white noise": {},
+    "steps, noise of a pole at 0.9": {"hold": 8, "pole": 0.9},
+    "2 x 2, noise of a pole at 0.9": {"nu": 2, "pole": 0.9},
+    "2 x 2, noise of the process, gaps": {"nu": 2, "process": 0.5, "gaps": 5},
+    "two experiments": {"parts": 2},
+    "lightly damped": {"system": ([0, 0.1], [1, -1.9, 0.97])},
+}
+
+
+def any_input(seeds):
+    """Return the lines of the table of the test (eq. reset) for records of any kind."""
+    rows = [
+        "| record of 1,500 samples | linear | + 0.2 x² | + 0.2 x³ |",
+        "|---|---|---|---|",
+    ]
+    for kind, options in KINDS.items():
+        called = np.zeros(3)
+        for seed in range(seeds):
+            rng, nu = np.random.default_rng(seed), options.get("nu", 1)
+            hold, pole = options.get("hold", 1), options.get("pole", 0.0)
+            u = np.repeat(rng.standard_normal((1500 // hold + 1, nu)), hold, axis=0)[
+                :1500
+            ]
+            w = u + options.get("process", 0.0) * rng.standard_normal(u.shape)
+            x = lfilter(*options.get("system", FIRST), w, axis=0)
+            x *= 0.5 / x.std(axis=0)
+            e = 0.1 * lfilter([1], [1, -pole], rng.standard_normal(x.shape), axis=0)
+            mix = np.array([[1, 0.5], [0, 1]])[:nu, :nu]
+            experiment = np.repeat(np.arange(options.get("parts", 1)), 1500)
+            experiment = experiment[:: options.get("parts", 1)]
+            for i, z in enumerate((x, x + 0.2 * x**2, x + 0.2 * x**3)):
+                y = z @ mix + e * np.sqrt(1 - pole**2)
+                y[rng.integers(1500, size=options.get("gaps", 0)), 0] = np.nan
+                p, _ = nonlinearity(u, y, experiment)
+                called[i] += p < 0.05
+        cells = [f"{100 * share:.1f} %" for share in called / seeds]
+        rows.append(f"| {kind} | {' | '.join(cells)} |")
+        print(rows[-1], flush=True)
+    return rows
+
+
 def measured():
     """Return the lines of the table of measured records, and why some are missing."""
     rows = [
@@ -317,6 +361,7 @@ def main(arguments=None):
         "Plants": plants(seeds),
         "Linear plants that are called nonlinear at 5 %": linear(20 * seeds),
         "Local polynomial method": local(seeds),
+        "Records of any kind that are called nonlinear at 5 %": any_input(15 * seeds),
         "Measured records": measured(),
     }
     if options.quick:

@@ -320,6 +320,16 @@ def test_a_gap_begins_a_new_experiment():
     np.testing.assert_array_equal(one.covariance, two.covariance)
 
 
+def test_the_sampling_time_is_that_of_the_excitation_or_given():
+    excitation = steps(300, dt=0.1, random_state=0)
+    y = measured(excitation)
+    assert local_polynomial(excitation, y).dt == 0.1
+    assert local_polynomial(excitation, y, dt=0.2).dt == 0.2
+    series = pd.Series(excitation.u[:, 0], name="valve")  # has a `dt` of its own
+    result = local_polynomial(series, y)
+    assert result.dt == 1.0 and result.input_names == ("valve",)
+
+
 def test_a_wider_window_is_smoother():
     rng = np.random.default_rng(0)
     u = rng.standard_normal((3000, 1))

@@ -16,8 +16,9 @@ A gap in y ends an experiment, and behind it begins another one, with a new tran
 import numpy as np
 
 from ..checks import count, sampling_time
-from ._records import Records
+from ..excitation import Excitation
 from ._response import BestLinearApproximation, error_covariance
+from .records import Records
 
 FREEDOM = 8  # degrees of freedom of the noise, at least
 LINES = 500  # frequencies at which a long record is evaluated, by default
@@ -89,7 +90,9 @@ def local_polynomial(
     >>> bool(response.covers((1 + 0.5 / z)[:, None, None]).mean() > 0.9)
     True
     """
-    dt = sampling_time(getattr(u, "dt", 1.0) if dt is None else dt)
+    if dt is None:
+        dt = u.dt if isinstance(u, Excitation) else 1.0
+    dt = sampling_time(dt)
     records = Records.of(u, y, experiment)
     degree = count("degree", degree, 0)
     dof = max(FREEDOM, 2 * records.ny) if dof is None else count("dof", dof, 1)

@@ -19,7 +19,6 @@ from scipy.special import chdtrc, fdtrc
 
 from ..checks import sampling_time
 from ..excitation import Excitation
-from ._records import Records
 from ._response import BestLinearApproximation, error_covariance
 from ._spectra import (
     average,
@@ -28,6 +27,7 @@ from ._spectra import (
     refuse_copies,
     right_inverse,
 )
+from .records import Records
 
 NEIGHBORS = 6  # lines over which a level is averaged
 ROUNDING = 1e-10  # of the largest line of an output: less is no noise, no distortion
