@@ -163,6 +163,21 @@ def test_curves_are_seen(curve, nu):
         assert p_value < 1e-3 and 0 < share < 1
 
 
+def test_noise_that_went_around_a_loop_is_no_nonlinearity():
+    called = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        r = np.repeat(rng.uniform(-1.5, 1.5, 76), 8)
+        w, u, y, x = rng.standard_normal(600), np.empty(600), np.empty(600), (0.0, 0.0)
+        for k in range(600):
+            y[k] = 0.15 * x[0] + 0.1 * x[1]
+            u[k] = r[k] - 0.4 * y[k]
+            x = 1.6 * x[0] - 0.8 * x[1] + u[k] + 0.5 * w[k], x[0]
+        y += 0.01 * rng.standard_normal(600)
+        called.append(nonlinearity(u, y)[0] < 0.05)
+    assert np.mean(called) < 0.15  # 0.05 but for chance
+
+
 def test_gaps_units_and_experiments_do_not_matter():
     u, y = make(curve=lambda x: x + 0.05 * x**2)
     one = nonlinearity(u, y)
