@@ -52,22 +52,16 @@ print("no linear model below:", bla.total_rms)
 # the best linear approximation is another one: the spring is stiffer on average.
 
 _, ax = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
-for amplitude in (0.2, 0.8):
-    sparse = multisine(
-        2048,
-        grid="odd-random",
-        n_realizations=1,
-        low=-amplitude,
-        high=amplitude,
-        **options,
-    )
+for amplitude, color in ((0.2, "C0"), (0.6, "C1")):
+    limits = {"low": -amplitude, "high": amplitude}
+    sparse = multisine(2048, grid="odd-random", n_realizations=1, **limits, **options)
     fast = best_linear_approximation(sparse, measure(sparse))
-    f = fast.frequencies
-    ax[0].loglog(f, np.abs(fast.G[:, 0, 0]), label=f"|u| < {amplitude}")
-    for level, style in (("odd", "-"), ("even", ":"), ("noise", "--")):
-        ax[1].loglog(
-            f, getattr(fast, level)[:, 0], style, label=f"{level}, |u| < {amplitude}"
-        )
+    f, label = fast.frequencies, f"|u| < {amplitude}"
+    ax[0].semilogy(f, np.abs(fast.G[:, 0, 0]), color, label=label)
+    for level, marker in (("odd", "-"), ("even", "."), ("noise", "--")):
+        rms = getattr(fast, level)[:, 0]
+        rms = np.where(rms > 0, rms, np.nan)  # nothing but noise was seen there
+        ax[1].semilogy(f, rms, color + marker, label=f"{level}, {label}")
 ax[0].set(xlabel="frequency [Hz]", ylabel="|G|")
 ax[1].set(xlabel="frequency [Hz]", ylabel="rms of a line")
 for one in ax:

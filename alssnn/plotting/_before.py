@@ -81,7 +81,7 @@ class ExcitationDisplay:
                 lines, level = _spectrum(u[:period, i], one.lines)
                 if one.lines is not None:
                     style |= {"marker": ".", "linestyle": "none"}
-                spectrum.loglog(lines / (period * one.dt), level, **style)
+                spectrum.semilogy(lines / (period * one.dt), level, **style)
             for limit in (one.low[i], one.high[i]):
                 signal.axhline(limit, color="0.4", linestyle="--", linewidth=0.8)
             signal.set_ylabel(one.names[i])
@@ -168,14 +168,14 @@ class ApproximationDisplay:
                 band = f"{100 * self.level:g} %"
                 limits = low[:, i, j], high[:, i, j]
                 here.fill_between(f, *limits, color="0.8", label=band)
-                here.loglog(f, np.abs(one.G[:, i, j]), **response)
+                here.semilogy(f, np.abs(one.G[:, i, j]), **response)
                 for name, std, style in (
                     ("standard error", one.std, LEVELS["distortion"][1]),
                     ("that of noise", one.noise_std, LEVELS["noise"][1]),
                 ):
                     if np.isfinite(std[:, i, j]).any():
                         dots = {**error, "color": style["color"]}
-                        here.loglog(f, std[:, i, j], label=name, **dots)
+                        here.semilogy(f, std[:, i, j], label=name, **dots)
                 end = BELOW * _smallest(one.std[:, i, j], one.noise_std[:, i, j])
                 here.set_ylim(min(end, BELOW * _smallest(np.abs(one.G[:, i, j]))))
                 here.set_ylabel(f"{one.output_names[i]} / {one.input_names[j]}")
@@ -187,7 +187,7 @@ class ApproximationDisplay:
                     continue  # its parts are drawn
                 values = np.where(values > 0, values, np.nan)  # the axis is logarithmic
                 if np.isfinite(values).any():
-                    here.loglog(f, values, label=label, **style)
+                    here.semilogy(f, values, label=label, **style)
             here.set_ylabel(f"rms of a line, {one.output_names[i]}")
             finish(here, legend="above" if i == 0 else False)
         for here in axes[-1]:
