@@ -181,6 +181,20 @@ def test_distortion_is_that_of_many_realizations():
     assert np.all(np.isnan(bla.even)) and np.all(np.isnan(bla.odd))  # a full grid
 
 
+def test_lists_and_labels_are_the_same_record():
+    excitation = multisine(64, random_state=0)
+    y = measured(excitation, 0.1)[:, 0]
+    one = best_linear_approximation(excitation, y)
+    parts = np.split(y, 4)
+    two = best_linear_approximation(excitation, parts)
+    three = best_linear_approximation(excitation.experiments, parts, period=64)
+    for other in (two, three):
+        np.testing.assert_array_equal(other.G, one.G)
+        np.testing.assert_array_equal(other.covariance, one.covariance)
+    pair = local_polynomial([excitation.u, excitation.u], [y, y])
+    assert pair.G.shape[1:] == (1, 1)
+
+
 def test_periods_with_gaps_do_not_count():
     excitation = multisine(64, n_periods=6, random_state=0)
     y = measured(excitation, 0.1)
@@ -486,7 +500,7 @@ def copies():
         (lambda: best_linear_approximation(GOOD, Y, dt=-1), "`dt` must be a positive"),
         (
             lambda: best_linear_approximation([GOOD.u], Y, period=64),
-            "must both be lists of records",
+            "`y` must be a list of records as `u` is",
         ),
         (
             lambda: best_linear_approximation([GOOD.u], [Y], [1], period=64),

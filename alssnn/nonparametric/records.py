@@ -68,16 +68,17 @@ class Records:
         """
         names = None
         if isinstance(u, Excitation):
-            experiment = u.experiment if experiment is None else experiment
-            u, names = u.u, u.names
-            if is_list_of_records(y):
-                y = np.concatenate([np.asarray(part) for part in y])
-        if is_list_of_records(u) != is_list_of_records(y):
-            raise ValueError(
-                "`u` and `y` must both be lists of records, or both arrays, got one "
-                "list. Give a list of one array per experiment twice."
-            )
+            names = u.names
+            if experiment is None and _is_list(y) and len(y) == u.n_experiments:
+                u = u.experiments
+            else:
+                experiment = u.experiment if experiment is None else experiment
+                u = u.u
         if is_list_of_records(u):
+            if not _is_list(y):
+                raise ValueError(
+                    "`y` must be a list of records as `u` is, one array per experiment."
+                )
             if experiment is not None:
                 raise ValueError(
                     "`experiment` must be None for lists, whose items are the "
@@ -99,6 +100,11 @@ class Records:
             tuple(signal_names(names, "u", u.shape[1])),
             tuple(signal_names(output_names, "y", y.shape[1])),
         )
+
+
+def _is_list(y):
+    """Tell whether y is a list of records, which may have one dimension."""
+    return isinstance(y, list | tuple) and all(np.ndim(part) > 0 for part in y)
 
 
 def _names(z):
