@@ -109,9 +109,9 @@ def multisine(
     See (eq. multisine). Peaks are reduced by clipping, of all experiments together:
     the waveform is clipped, and of its spectrum the phases are kept, 300 times
     (E. van der Ouderaa, J. Schoukens, J. Renneboog, IEEE Transactions on
-    Instrumentation and Measurement 37(1), 1988), for 600 nu FFTs of an input and a
-    realization. The first sample of an experiment may
-    be anywhere within the limits: bring the plant there slowly if `rate` matters.
+    Instrumentation and Measurement 37(1), 1988), by 600 nu FFTs of an input and a
+    realization. The first sample of an experiment may be anywhere within the limits:
+    bring the plant there slowly if `rate` matters.
 
     Examples
     --------
