@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
+from scipy.stats import f as f_distribution
 
 import alssnn
 from alssnn import cli
@@ -151,6 +152,29 @@ def test_slow_and_fast_sampling():
 def test_the_level_of_the_test_is_its_level():
     called = [nonlinearity(*make(seed, 800, 2))[0] < 0.05 for seed in range(100)]
     assert 0 <= np.mean(called) < 0.12  # 0.05 but for chance
+
+
+def test_it_is_an_f_test_of_two_regressions():
+    """The oracle: sums of squares of both, by NumPy's least squares."""
+    u, y = (z[:, 0] for z in make(0, 400))
+    n = 30
+    past = [np.ones(400 - n), *(y[n - i : 400 - i] for i in range(1, n + 1))]
+    inputs = [u[n - i : 400 - i] for i in range(n + 1)]
+    X, target = np.column_stack([*past, *inputs]), y[n:]
+    theta = np.linalg.lstsq(X, target)[0]
+    # powers of deviations from the means, as the test takes them
+    p = (X @ theta - y.mean()) / y.std()
+    q = (X[:, n + 1 :] - u.mean()) @ theta[n + 1 :] / y.std()
+    Z = np.column_stack([p**2, p**3, q**2, q**3, p * q, p**2 * q, p * q**2])
+    less, more = (
+        np.sum((target - A @ np.linalg.lstsq(A, target)[0]) ** 2)
+        for A in (X, np.hstack([X, Z]))
+    )
+    freedom = 400 - n - X.shape[1] - 7
+    F = (less - more) / 7 / (more / freedom)
+    p_value, share = nonlinearity(u, y)
+    assert p_value == pytest.approx(f_distribution.sf(F, 7, freedom), rel=1e-6)
+    assert share == pytest.approx(1 - more / less, rel=1e-6)
 
 
 @pytest.mark.parametrize(

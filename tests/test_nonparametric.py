@@ -259,19 +259,28 @@ def test_units_of_the_data_are_those_of_the_result():
 
 
 def test_covariances_of_entries_are_those_of_many_records():
-    """Errors of two entries that share an output are correlated as is said."""
-    excitation = multisine(64, 2, n_realizations=3, n_periods=3, random_state=0)
+    """Errors of entries are correlated, and complex, as is said: at every line.
+
+    Three experiments of two inputs that are not orthogonal, so that errors of the two
+    columns of G depend on each other.
+    """
+    u = np.tile(np.random.default_rng(0).standard_normal((3, 1, 16, 2)), (1, 3, 1, 1))
+    u = list(u.reshape(3, 48, 2))
     shaped = np.array([[1.0, 0.8], [0.0, 0.6]])
     errors, said = [], []
-    for seed in range(400):
-        e = np.random.default_rng(seed).standard_normal((len(excitation), 2)) @ shaped
-        bla = best_linear_approximation(excitation, excitation.u + e)
-        errors.append(bla.G - np.eye(2))
-        said.append(bla.covariance)
-    d = np.reshape(errors, (400, -1, 4))
-    found = np.einsum("ski,skj->kij", d, d.conj()).mean(axis=0) / 400
-    mean = np.mean(said, axis=(0, 1))
-    np.testing.assert_allclose(mean, found, atol=0.04 * np.abs(found).max())
+    for seed in range(1000):
+        e = np.random.default_rng(seed).standard_normal((3, 48, 2)) @ shaped
+        bla = best_linear_approximation(
+            u, [a + b for a, b in zip(u, e, strict=True)], period=16, lines=range(1, 8)
+        )
+        errors.append((bla.G - np.eye(2)).reshape(-1, 4))
+        said.append(bla.noise_covariance)
+    found = np.einsum("ski,skj->kij", errors, np.conj(errors)) / 1000
+    for ours, theirs in zip(np.mean(said, axis=0), found, strict=True):
+        size = np.sqrt(np.outer(np.diag(theirs), np.diag(theirs)).real)
+        # correlations of 1,000 errors, five standard deviations of chance
+        np.testing.assert_allclose(ours / size, theirs / size, atol=5 / np.sqrt(1000))
+    assert np.abs(found.imag / size).max() > 0.5  # or it would not matter
 
 
 # -- local polynomials -----------------------------------------------------------------
