@@ -4,6 +4,8 @@
 inputs and outputs. The law u = v - h(y) cancels h, and what g leaves is penalized.
 """
 
+from importlib import import_module
+
 from . import datasets, metrics
 from .activations import Activation
 from .estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, load
@@ -21,8 +23,31 @@ __all__ = [
     "LinearStateSpace",
     "Linearizability",
     "datasets",
+    "excitation",
     "load",
+    "look",
     "metrics",
     "model_ladder",
+    "nonparametric",
     "stack_experiments",
 ]
+
+# what comes before a model is loaded when it is asked for
+_LATER = {
+    "excitation": "excitation",
+    "look": "first_look",
+    "nonparametric": "nonparametric",
+}
+
+
+def __getattr__(name):
+    """Return what is loaded late, by name."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = import_module(f".{_LATER[name]}", __name__)
+    return module.look if name == "look" else module
+
+
+def __dir__():
+    """Return all names, those that are loaded late, too."""
+    return sorted({*globals(), *_LATER})

@@ -754,7 +754,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"alssnn {alssnn.__version__}\n"
 
 
-COMMANDS = ["demo", "fit", "validate", "report", "control", "export"]
+COMMANDS = ["demo", "excite", "look", "fit", "validate", "report", "control", "export"]
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])

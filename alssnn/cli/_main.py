@@ -8,10 +8,10 @@ import warnings
 import numpy as np
 
 from .. import __version__
-from . import _control, _demo, _export, _fit, _report, _validate
+from . import _control, _demo, _excite, _export, _fit, _look, _report, _validate
 from ._arguments import new_parser
 
-COMMANDS = (_demo, _fit, _validate, _report, _control, _export)
+COMMANDS = (_demo, _excite, _look, _fit, _validate, _report, _control, _export)
 
 DESCRIPTION = """\
 Identify nonlinear plants as models made for control: x+ = A x + B (u + h(y)) + g(x, u),
@@ -21,6 +21,8 @@ y = C x. The feedback u = v - h(y) cancels h; what is left from v to y is nearly
 EPILOG = """\
 examples:
   alssnn demo                                         the package in a minute
+  alssnn excite multisine --input u -o excitation.csv  a signal to record with
+  alssnn look plant.csv --input u --output y          what is in a record
   alssnn fit plant.csv --input u --output y           models of your own record
   alssnn fit plant.csv --input u --output y --model al --save plant.npz
   alssnn validate plant.npz --data plant.csv --last 0.5

@@ -10,6 +10,7 @@ display is needed. Give axes of ``matplotlib.pyplot.subplots`` to see them in a 
 """
 
 from ._axes import COLORS
+from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
 from ._ladder import plot_ladder
@@ -22,8 +23,10 @@ from ._trade_off import GammaPathDisplay
 
 __all__ = [
     "COLORS",
+    "ApproximationDisplay",
     "BodeDisplay",
     "CertificateDisplay",
+    "ExcitationDisplay",
     "GammaPathDisplay",
     "LoopDisplay",
     "NonlinearityDisplay",

@@ -1,0 +1,136 @@
+"""`alssnn excite`: a signal to record a plant with, as CSV."""
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+
+from ..excitation import multisine, prbs, steps, swept_sine
+from ._arguments import (
+    add_command,
+    add_output,
+    count,
+    count_or_zero,
+    figure_name,
+    finite,
+    positive,
+)
+
+KINDS: dict[str, Callable] = {
+    "multisine": multisine,
+    "steps": steps,
+    "prbs": prbs,
+    "swept-sine": swept_sine,
+}
+
+EPILOG = """\
+Columns of the file: time, the inputs, experiment. Play every experiment from the same
+operating point, add the columns of the measured outputs, and the file is a record for
+`alssnn fit --experiment experiment`. Several inputs take one value of --low, --high,
+--rate and --at for all, or one each. What belongs to another signal is an error.
+
+examples:
+  alssnn excite multisine --input valve --low 0 --high 10 --dt 0.05 -o excitation.csv
+  alssnn excite multisine --input u v --dt 0.01 --band 0.5 20 --grid odd-random \\
+      --realizations 1 -o excitation.csv --figure excitation.png
+  alssnn excite steps --input heater --low 0 --high 100 --dt 1 --samples 3600 \\
+      --hold 30 600 --rate 5 -o steps.csv
+"""
+
+
+def add(commands):
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    """
+    parser = add_command(
+        commands,
+        "excite",
+        run,
+        "Write an excitation that keeps the limits of the actuators.",
+        EPILOG,
+        help="write a signal to record a plant with",
+    )
+    parser.add_argument("kind", choices=list(KINDS), help="kind of signal")
+    parser.add_argument(
+        "--input", nargs="+", default=["u"], metavar="COL", help="names of the inputs"
+    )
+    parser.add_argument("--dt", type=positive, default=1.0, help="sampling time in s")
+    for flag, name, kind, text in (
+        ("--low", "low", finite, "lowest values (default: -1)"),
+        ("--high", "high", finite, "highest values (default: 1)"),
+        ("--rate", "rate", positive, "largest changes per second (default: any)"),
+        ("--at", "operating_point", finite, "operating points (default: the middle)"),
+    ):
+        parser.add_argument(
+            flag, dest=name, type=kind, nargs="+", metavar="VALUE", help=text
+        )
+    for flag, name, text in (
+        ("--periods", "n_periods", "periods of every experiment"),
+        ("--realizations", "n_realizations", "independent draws"),
+        ("--period", "period", "samples of a period (multisine)"),
+        ("--samples", "n_samples", "samples of an experiment (steps, swept-sine)"),
+        ("--bits", "n_bits", "bits of the shift register (prbs)"),
+        ("--bit-samples", "bit", "samples of a bit (prbs)"),
+    ):
+        parser.add_argument(flag, dest=name, type=count, metavar="N", help=text)
+    for flag, name, text in (
+        ("--band", "band", "frequencies in Hz (multisine, swept-sine)"),
+        ("--hold", "hold", "shortest and longest time between steps in s (steps)"),
+    ):
+        parser.add_argument(
+            flag, dest=name, type=finite, nargs=2, metavar=("LOW", "HIGH"), help=text
+        )
+    parser.add_argument(
+        "--grid", choices=["full", "odd", "odd-random"], help="lines (multisine)"
+    )
+    parser.add_argument(
+        "--reduce-crest",
+        action="store_true",
+        default=None,
+        help="lower peaks, for linear plants (multisine)",
+    )
+    parser.add_argument(
+        "--seed", type=count_or_zero, default=0, metavar="N", help="seed (default: 0)"
+    )
+    add_output(parser, "FILE.csv", "file to write", Path("excitation.csv"))
+    parser.add_argument(
+        "--figure", type=figure_name, metavar="FILE", help="draw it: .png, .pdf or .svg"
+    )
+
+
+def run(args):
+    """Run the command.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+    """
+    make = KINDS[args.kind]
+    given = {name: value for name, value in vars(args).items() if value is not None}
+    for name in ("run", "parser", "kind", "input", "seed", "output_file", "figure"):
+        given.pop(name, None)
+    if "bit" in given:
+        given["hold"] = given.pop("bit")
+    elif args.kind == "prbs" and "hold" in given:
+        args.parser.error("--hold belongs to steps: take --bit-samples for prbs")
+    known = inspect.signature(make).parameters
+    foreign = sorted(set(given) - set(known))
+    if "hold" in given and args.kind not in ("steps", "prbs"):
+        foreign = sorted({*foreign, "hold"})
+    if foreign:
+        args.parser.error(f"{', '.join(foreign)} does not belong to {args.kind}")
+    if "n_samples" in known and "n_samples" not in given:
+        args.parser.error(f"{args.kind} needs --samples")
+    given |= {"nu": len(args.input), "names": args.input, "random_state": args.seed}
+    excitation = make(**given)
+    args.output_file.parent.mkdir(parents=True, exist_ok=True)
+    excitation.to_csv(args.output_file)
+    print(f"{excitation!r}: {args.output_file}")
+    if args.figure is not None:
+        args.figure.parent.mkdir(parents=True, exist_ok=True)
+        excitation.plot().figure_.savefig(args.figure)
+        print(f"Figure: {args.figure}")

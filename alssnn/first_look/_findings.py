@@ -1,0 +1,80 @@
+"""What is found in a record, and how it is said."""
+
+import textwrap
+from dataclasses import dataclass
+
+WIDTH = 79  # characters of a line
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Hold one answer about a record.
+
+    Parameters
+    ----------
+    name : str
+        What was asked.
+    value : float
+        The number behind the sentence; nan if it could not be told.
+    sentence : str
+        The answer, with what to do if something is to be done.
+    attention : bool
+        Whether something is to be done, or known before a fit.
+    """
+
+    name: str
+    value: float
+    sentence: str
+    attention: bool
+
+
+@dataclass(frozen=True, repr=False)
+class FirstLook:
+    """Hold what was found in a record; printed, it is a page in words.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        Answers, in the order in which they matter.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> u = rng.standard_normal((600, 1))
+    >>> y = np.convolve(u[:, 0], [0, 0, 0, 1.0, 0.5])[:600]
+    >>> y = y + 0.05 * rng.standard_normal(600)
+    >>> page = alssnn.look(u, y)
+    >>> page["delay"].value, page["nonlinearity"].attention
+    (2.0, False)
+    >>> print(page["gaps"].sentence)
+    All outputs were measured at all samples.
+    """
+
+    findings: tuple[Finding, ...]
+
+    def __getitem__(self, name):
+        """Return the finding of a name."""
+        for finding in self.findings:
+            if finding.name == name:
+                return finding
+        raise KeyError(f"{name!r}: there are {[one.name for one in self.findings]}")
+
+    def __iter__(self):
+        """Iterate over the findings."""
+        return iter(self.findings)
+
+    def __repr__(self):
+        """Return the names of what needs attention."""
+        names = [one.name for one in self.findings if one.attention]
+        return f"FirstLook(attention={names})"
+
+    def __str__(self):
+        """Return the page; an exclamation mark stands where attention is due."""
+        lines = []
+        for one in self.findings:
+            mark = "!" if one.attention else " "
+            head = f"{mark} {one.name:14s}"
+            lines += textwrap.wrap(
+                one.sentence, WIDTH, initial_indent=head, subsequent_indent=" " * 16
+            )
+        return "\n".join(lines)

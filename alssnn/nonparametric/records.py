@@ -1,0 +1,138 @@
+"""Records as lists of experiments, all messages in the words of the user."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..excitation import Excitation
+from ..experiments import is_list_of_records, split_experiments, stack_experiments
+from ..names import signal_names
+
+REMEDY = {
+    "u": "Fill the gap, or cut the record there.",
+    "y": "Outputs that were not measured are nan.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """Hold the experiments of a record.
+
+    Parameters
+    ----------
+    pairs : list of tuple of ndarray
+        Pairs (u, y) of shapes (N, nu) and (N, ny); y is nan where it was not measured.
+    labels : list
+        Labels of the experiments.
+    input_names, output_names : tuple of str
+        Names of the signals.
+    """
+
+    pairs: list
+    labels: list
+    input_names: tuple
+    output_names: tuple
+
+    @property
+    def nu(self):
+        """Return the number of inputs."""
+        return len(self.input_names)
+
+    @property
+    def ny(self):
+        """Return the number of outputs."""
+        return len(self.output_names)
+
+    @classmethod
+    def of(cls, u, y, experiment=None):
+        """Check a record and split it into experiments.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu) or (N,), list of them, or Excitation
+            Inputs.
+        y : array_like of shape (N, ny) or (N,), or list of them
+            Outputs; nan where not measured.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+
+        Returns
+        -------
+        records : Records
+            The experiments.
+
+        Raises
+        ------
+        ValueError
+            If the signals are no records, or do not fit each other.
+        """
+        names = None
+        if isinstance(u, Excitation):
+            names = u.names
+            if experiment is None and _is_list(y) and len(y) == u.n_experiments:
+                u = u.experiments
+            else:
+                experiment = u.experiment if experiment is None else experiment
+                u = u.u
+        if is_list_of_records(u):
+            if not _is_list(y):
+                raise ValueError(
+                    "`y` must be a list of records as `u` is, one array per experiment."
+                )
+            if experiment is not None:
+                raise ValueError(
+                    "`experiment` must be None for lists, whose items are the "
+                    "experiments."
+                )
+            u, y, experiment = stack_experiments(u, y)
+        names = _names(u) if names is None else names
+        output_names = _names(y)
+        u, y = _signal(u, "u"), _signal(y, "y")
+        if len(u) != len(y):
+            raise ValueError(
+                "`u` and `y` must have the same number of samples, got "
+                f"{len(u)} and {len(y)}."
+            )
+        parts, labels = split_experiments(len(u), experiment)
+        return cls(
+            [(u[part], y[part]) for part in parts],
+            labels,
+            tuple(signal_names(names, "u", u.shape[1])),
+            tuple(signal_names(output_names, "y", y.shape[1])),
+        )
+
+
+def _is_list(y):
+    """Tell whether y is a list of records, which may have one dimension."""
+    return isinstance(y, list | tuple) and all(np.ndim(part) > 0 for part in y)
+
+
+def _names(z):
+    """Return names of columns, or None."""
+    if hasattr(z, "columns"):
+        return [str(name) for name in z.columns]
+    name = getattr(z, "name", None)
+    return [str(name)] if isinstance(name, str) else None
+
+
+def _signal(z, name):
+    """Return a signal as columns of floats."""
+    try:
+        array = np.asarray(z)
+        real = array.dtype.kind in "biuf"
+    except ValueError:  # ragged
+        array, real = np.empty(0), False
+    if not real or array.ndim not in (1, 2) or not array.size:
+        raise ValueError(
+            f"`{name}` must be real numbers of shape (N,) or (N, n{name}), got shape "
+            f"{array.shape} and dtype {array.dtype}. Time runs down the rows."
+        )
+    array = array.reshape(len(array), -1).astype(float, copy=False)
+    wrong = np.isinf(array) if name == "y" else ~np.isfinite(array)
+    if wrong.any():
+        k, i = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"`{name}` must be finite, got {array[k, i]} at sample {k} of column {i}. "
+            f"{REMEDY[name]}"
+        )
+    return array

@@ -1,0 +1,241 @@
+"""A first look finds what was spoiled, and nothing in a good record."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+from scipy.stats import f as f_distribution
+
+import alssnn
+from alssnn import cli
+from alssnn.excitation import multisine
+from alssnn.first_look import nonlinearity
+
+FIRST = butter(2, 0.1)
+NAMES = [
+    "record",
+    "gaps",
+    "saturation",
+    "quantization",
+    "outliers",
+    "inputs",
+    "delay",
+    "nonlinearity",
+    "accuracy",
+    "sampling",
+]
+
+
+def make(seed=0, N=1500, nu=1, curve=lambda x: x, delay=0):
+    """Return inputs and noisy outputs of a plant with a curve at its output."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((N, nu))
+    late = np.vstack([np.zeros((delay, nu)), u[: N - delay]])
+    x = lfilter(*FIRST, late, axis=0)
+    return u, curve(x) + 0.01 * rng.standard_normal((N, nu))
+
+
+@pytest.fixture(scope="module")
+def good():
+    return make()
+
+
+def test_a_good_record_needs_no_attention(good):
+    page = alssnn.look(*good, dt=0.1)
+    assert [one.name for one in page] == NAMES
+    assert [one.name for one in page if one.attention] == []
+    assert page["record"].value == 1500 and "150 s" in page["record"].sentence
+    share = 0.01 / np.std(good[1])
+    assert page["accuracy"].value == pytest.approx(share, rel=0.1)
+    assert repr(page) == "FirstLook(attention=[])"
+    assert all(len(line) < 80 for line in str(page).splitlines())
+    with pytest.raises(KeyError, match="'noise': there are"):
+        page["noise"]
+
+
+def spiked(u, y):
+    y = y.copy()
+    y[[100, 700]] += 3
+    return u, y
+
+
+SPOILED = {
+    "gaps": (
+        lambda u, y: (u, np.where(np.arange(1500)[:, None] < 150, np.nan, y)),
+        0.1,
+    ),
+    "saturation": (lambda u, y: (u, np.minimum(y, 0.5)), None),
+    "quantization": (lambda u, y: (u, np.round(y / 0.05) * 0.05), None),
+    "outliers": (spiked, 2),
+    "inputs": (lambda u, y: (np.hstack([u, u**0]), y), 1),
+    "record": (lambda u, y: (u[:150], y[:150]), 150),
+}
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_what_is_spoiled_is_found(good, name):
+    spoil, value = SPOILED[name]
+    page = alssnn.look(*spoil(*good))
+    assert page[name].attention
+    if value is not None:
+        assert page[name].value == value
+    others = set(NAMES[:6]) - {name}
+    assert not any(page[other].attention for other in others)
+    assert f"! {name}" in str(page)
+
+
+def test_numbers_of_limits_and_steps(good):
+    u, y = good
+    page = alssnn.look(u, np.minimum(y, 0.5))
+    assert page["saturation"].value == pytest.approx(np.mean(y > 0.5))
+    step = 0.05 / np.round(y / 0.05).std() / 0.05
+    page = alssnn.look(u, np.round(y / 0.05) * 0.05)
+    assert page["quantization"].value == pytest.approx(step)
+
+
+def test_waves_and_steps_are_no_spikes():
+    t = np.arange(2000)
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, 100), 20)
+    y = u + np.sin(0.3 * t) + 0.01 * rng.standard_normal(2000)  # edges, and crests
+    assert alssnn.look(u, y)["outliers"].value == 0
+    y[1000] += 1
+    page = alssnn.look(u, y)
+    assert page["outliers"].value == 1 and "sample 1000" in page["outliers"].sentence
+
+
+def test_delays_and_inputs_that_move_together():
+    u, y = make(delay=6)
+    page = alssnn.look(u, y)
+    assert page["delay"].value == pytest.approx(6, abs=1)
+    assert f"input_delay=[{page['delay'].value:.0f}]" in page["delay"].sentence
+    rng = np.random.default_rng(1)
+    both = np.hstack([u, u + 0.01 * rng.standard_normal(u.shape)])
+    page = alssnn.look(both, y)
+    assert page["inputs"].value > 0.99 and "u[0] and u[1]" in page["inputs"].sentence
+
+
+def test_a_periodic_record_tells_noise_from_distortion():
+    excitation = multisine(256, dt=0.1, random_state=0)
+    rng = np.random.default_rng(0)
+    clean = np.concatenate([u + 0.3 * u**2 for u in excitation.experiments])
+    page = alssnn.look(excitation, clean + 0.01 * rng.standard_normal(clean.shape))
+    assert page["nonlinearity"].attention
+    assert "between realizations" in page["nonlinearity"].sentence
+    assert "no model at all below 0.010" in page["accuracy"].sentence
+    assert page["gaps"].value == 0
+
+
+def test_what_cannot_be_told_is_said():
+    u, y = make(N=20)
+    page = alssnn.look(u, y)
+    assert np.isnan(page["accuracy"].value)
+    assert "got at most 20 samples" in page["accuracy"].sentence
+    page = alssnn.look(u, 0 * y)
+    assert "at rest" in page["delay"].sentence
+
+
+def test_slow_and_fast_sampling():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.standard_normal(60), 100)
+    slow = lfilter(*butter(2, 0.005), u)
+    page = alssnn.look(u, slow + 1e-4 * rng.standard_normal(6000))
+    assert page["sampling"].attention and "times longer" in page["sampling"].sentence
+    u = rng.standard_normal(2000)
+    page = alssnn.look(u, u + 0.01 * rng.standard_normal(2000))
+    assert "Sample faster" in page["sampling"].sentence
+    assert page["sampling"].value == pytest.approx(2, abs=0.1)
+
+
+# -- the test for nonlinearity ---------------------------------------------------------
+
+
+def test_the_level_of_the_test_is_its_level():
+    called = [nonlinearity(*make(seed, 800, 2))[0] < 0.05 for seed in range(100)]
+    assert 0 <= np.mean(called) < 0.12  # 0.05 but for chance
+
+
+def test_it_is_an_f_test_of_two_regressions():
+    """The oracle: sums of squares of both, by NumPy's least squares."""
+    u, y = (z[:, 0] for z in make(0, 400))
+    n = 30
+    past = [np.ones(400 - n), *(y[n - i : 400 - i] for i in range(1, n + 1))]
+    inputs = [u[n - i : 400 - i] for i in range(n + 1)]
+    X, target = np.column_stack([*past, *inputs]), y[n:]
+    theta = np.linalg.lstsq(X, target)[0]
+    # powers of deviations from the means, as the test takes them
+    p = (X @ theta - y.mean()) / y.std()
+    q = (X[:, n + 1 :] - u.mean()) @ theta[n + 1 :] / y.std()
+    Z = np.column_stack([p**2, p**3, q**2, q**3, p * q, p**2 * q, p * q**2])
+    less, more = (
+        np.sum((target - A @ np.linalg.lstsq(A, target)[0]) ** 2)
+        for A in (X, np.hstack([X, Z]))
+    )
+    freedom = 400 - n - X.shape[1] - 7
+    F = (less - more) / 7 / (more / freedom)
+    p_value, share = nonlinearity(u, y)
+    assert p_value == pytest.approx(f_distribution.sf(F, 7, freedom), rel=1e-6)
+    assert share == pytest.approx(1 - more / less, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "curve", [lambda x: x + 0.1 * x**2, lambda x: x + 0.1 * x**3, np.tanh, np.abs]
+)
+@pytest.mark.parametrize("nu", [1, 2])
+def test_curves_are_seen(curve, nu):
+    for seed in range(5):
+        p_value, share = nonlinearity(*make(seed, 1000, nu, curve))
+        assert p_value < 1e-3 and 0 < share < 1
+
+
+def test_noise_that_went_around_a_loop_is_no_nonlinearity():
+    called = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        r = np.repeat(rng.uniform(-1.5, 1.5, 76), 8)
+        w, u, y, x = rng.standard_normal(600), np.empty(600), np.empty(600), (0.0, 0.0)
+        for k in range(600):
+            y[k] = 0.15 * x[0] + 0.1 * x[1]
+            u[k] = r[k] - 0.4 * y[k]
+            x = 1.6 * x[0] - 0.8 * x[1] + u[k] + 0.5 * w[k], x[0]
+        y += 0.01 * rng.standard_normal(600)
+        called.append(nonlinearity(u, y)[0] < 0.05)
+    assert np.mean(called) < 0.15  # 0.05 but for chance
+
+
+def test_gaps_units_and_experiments_do_not_matter():
+    u, y = make(curve=lambda x: x + 0.05 * x**2)
+    one = nonlinearity(u, y)
+    two = nonlinearity(1e3 * u + 5, 1e-4 * y - 7)
+    np.testing.assert_allclose(two, one, rtol=1e-6)
+    parts = nonlinearity([u[:700], u[700:]], [y[:700], y[700:]])
+    labels = nonlinearity(u, y, np.repeat([0, 1], [700, 800]))
+    assert parts == labels
+    gaps = y.copy()
+    gaps[400:410] = np.nan
+    assert nonlinearity(u, gaps)[0] < 1e-6
+    assert np.isnan(nonlinearity(u[:10], y[:10])).all()
+
+
+def test_an_exact_linear_record_is_linear():
+    u, _ = make()
+    assert nonlinearity(u, lfilter(*FIRST, u, axis=0))[0] > 0.05
+    assert nonlinearity(u, 2 * u)[0] > 0.05
+    assert nonlinearity(0 * u, 0 * u)[0] == 1
+
+
+# -- the command -----------------------------------------------------------------------
+
+
+def test_the_command_prints_the_page(tmp_path, capsys):
+    excitation = multisine(128, random_state=0, names=["valve"])
+    path = tmp_path / "plant.csv"
+    excitation.to_csv(path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    y = excitation.u[:, 0] ** 2
+    rows = [f"{line},{v:.9g}" for line, v in zip(lines[1:], y, strict=True)]
+    path.write_text("\n".join([lines[0] + ",level", *rows]), encoding="utf-8")
+    argv = ["look", path, "--input", "valve", "--output", "level", "--dt", 0.1]
+    argv += ["--experiment", "experiment", "--period", 128]
+    assert cli.main([str(arg) for arg in argv]) == 0
+    out = capsys.readouterr().out
+    assert "! nonlinearity" in out and "4 experiments" in out
