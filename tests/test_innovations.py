@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 from alssnn.criterion import Criterion
@@ -548,6 +549,14 @@ def test_warm_starts_keep_what_h_sees_unless_it_is_asked_for(
     assert model.history_[0].label == "linear"
     model.set_params(h_sees="auto", nx=3).fit(*loop_record)
     assert sees[4:] == ["measured", "predicted"]
+
+
+def test_networks_that_do_not_help_a_predictor_do_not_predict():
+    u, y = make_record(150, h=nothing)
+    options = {"n_h": 2, "n_init": 1, "max_iter": 20, "random_state": 0}
+    model = alssnn.FlSsnn(nx=2, noise="innovations", **options)
+    with pytest.warns(ConvergenceWarning, match="do not predict hidden samples better"):
+        model.fit(u, y)
 
 
 def test_gaps_are_predicted_by_the_form_that_was_chosen(loop_record, monkeypatch):

@@ -442,8 +442,9 @@ class Ssnn(StateSpaceModel):
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
         if watch.reason is None:  # else nobody knows whether they would help
+            verb = "predict" if is_predicting(self) else "simulate"
             warn_of_training(
-                f"The networks of {type(self).__name__} do not simulate hidden samples "
+                f"The networks of {type(self).__name__} do not {verb} hidden samples "
                 "better than the linear model, which is returned. Try another `nx`, a "
                 "longer record, or `LinearStateSpace`.",
             )
