@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils import Bunch
 
 import alssnn
 from alssnn.criterion import Criterion
@@ -551,12 +552,12 @@ def test_warm_starts_keep_what_h_sees_unless_it_is_asked_for(
     assert sees[4:] == ["measured", "predicted"]
 
 
-def test_networks_that_do_not_help_a_predictor_do_not_predict():
-    u, y = make_record(150, h=nothing)
-    options = {"n_h": 2, "n_init": 1, "max_iter": 20, "random_state": 0}
-    model = alssnn.FlSsnn(nx=2, noise="innovations", **options)
+def test_networks_that_do_not_help_a_predictor_do_not_predict(loop_record, monkeypatch):
+    monkeypatch.setattr(_ssnn, "search", lambda *_, **__: Bunch(helps=False, curve={}))
+    model = alssnn.FlSsnn(nx=2, n_h=2, noise="innovations", random_state=0)
     with pytest.warns(ConvergenceWarning, match="do not predict hidden samples better"):
-        model.fit(u, y)
+        model.fit(*loop_record)
+    assert model.alpha_ == np.inf
 
 
 def test_gaps_are_predicted_by_the_form_that_was_chosen(loop_record, monkeypatch):
