@@ -349,7 +349,8 @@ def _solve(pairs, model, offset):
             JJ, Jr, _ = restricted.normal_equations(free[mask])
     except FloatingPointError:  # they overflow: the model is left as it is
         return model
-    size = np.sqrt(np.maximum(np.diag(JJ), np.finfo(float).tiny))
+    # the initial state of an experiment that was never measured moves nothing
+    size = np.sqrt(np.where(np.diag(JJ) > 0, np.diag(JJ), 1.0))
     step = lstsq(JJ / np.outer(size, size), -Jr / size)[0] / size
     theta, x0 = criterion.split(restricted.complete(free[mask] + step))
     return replace(model, **criterion.structure.split(theta), x0=x0)

@@ -222,8 +222,31 @@ def deviance(structure, theta, x0, experiments):
     return float(np.linalg.slogdet(Lambda + EXACT * np.eye(len(Lambda)))[1])
 
 
+def surprise(structure, theta, experiments):
+    """Return how unlikely a record is to a predictor that is told nothing but y.
+
+    Parameters
+    ----------
+    structure : Structure
+        Predictor.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    experiments : Held
+        What was `told`.
+
+    Returns
+    -------
+    surprise : float
+        The `deviance` where its states begin at rest, and where it fills the gaps of y
+        by what it predicts itself: a model that hangs on an exact start, or on what
+        gaps were filled with in its training, is much surprised.
+    """
+    x0 = np.zeros((len(experiments), structure.n_x0))
+    return deviance(structure, theta, x0, bridged(structure, theta, x0, experiments))
+
+
 def likeliest(outcomes, experiments):
-    """Return the predictor to which a record is the least surprise (eq. deviance).
+    """Return the predictor of the least deviance (eq. deviance).
 
     Parameters
     ----------
@@ -240,8 +263,8 @@ def likeliest(outcomes, experiments):
     if len(outcomes) == 1:
         return outcomes[0]
 
-    def surprise(outcome):
+    def unlikely(outcome):
         structure, theta, result = outcome[0]
         return deviance(structure, theta, result.x0, experiments)
 
-    return min(outcomes, key=surprise)
+    return min(outcomes, key=unlikely)

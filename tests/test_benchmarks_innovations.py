@@ -1,6 +1,7 @@
 """The benchmarks of innovations measure what they say, and keep what was missed."""
 
 import sys
+from functools import partial
 from types import ModuleType
 
 import numpy as np
@@ -10,6 +11,7 @@ from alssnn import LinearStateSpace
 from benchmarks import (
     closed_loop_linear,
     drift,
+    noisy_plants,
     one_step,
     predictor_step,
     process_noise,
@@ -156,3 +158,37 @@ def test_a_drift_beyond_its_limits_is_missed():
     assert not drift.missed([(*head, "output", 0.02, 1.01, 0.0)])
     assert len(drift.missed([(*head, "output", 0.02, 1.10, 0.0)])) == 1
     assert len(drift.missed([(*head, "output", 0.02, 1.01, np.nan)])) == 1
+
+
+@pytest.mark.parametrize("plant", noisy_plants.PLANTS)
+def test_noisy_plants_are_bounded_and_noisy(plant):
+    make = noisy_plants.PLANTS[plant]
+    records = [make(np.random.default_rng(seed), 800) for seed in (0, 0, 1)]
+    (u, y), again, other = records
+    np.testing.assert_array_equal(u, again[0])
+    np.testing.assert_array_equal(y, again[1])
+    assert len(u) == len(y) == 800 and not np.array_equal(u, other[0])
+    assert np.nanmax(np.abs(y)) < 3
+    assert np.isnan(y).mean() == pytest.approx(0.1 * (plant == "cells"), abs=0.02)
+
+
+def test_rows_of_noisy_plants_are_relative_to_the_linear_model(monkeypatch):
+    class Constant(LinearStateSpace):
+        alpha_ = np.inf
+
+        def predict_ahead(self, u, y):
+            return np.zeros_like(y)
+
+    models = {"lti": partial(LinearStateSpace, nx=1), "none": partial(Constant, nx=1)}
+    monkeypatch.setattr(noisy_plants, "MODELS", models)
+    row, worse = noisy_plants.row_of("tank", 300, 0)
+    assert row[:3] == ("tank", "300", "0") and 0.05 < float(row[3]) < 0.2
+    assert float(row[4].removesuffix("=")) > 5  # a level of one, in units of 0.2
+    assert row[4].endswith("=") and worse == 1
+    assert "- 300 samples: 1 of 1 fits are worse" in noisy_plants.table([(row, worse)])
+    for ratio, worse in ((1.02, 0), (1.03, 1), (np.nan, 1)):
+        errors = {"lti": 0.1, "none": 0.1 * ratio}
+        monkeypatch.setattr(
+            noisy_plants, "compare", lambda *_, e=errors: (e, set(), "")
+        )
+        assert noisy_plants.row_of("tank", 300, 0)[1] == worse

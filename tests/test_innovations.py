@@ -6,6 +6,8 @@ import control
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils import Bunch
 
 import alssnn
 from alssnn.criterion import Criterion
@@ -513,6 +515,73 @@ def test_warm_start_goes_on_from_the_predictor(loop_record):
     first = model.fit(*loop_record).cost_
     assert model.set_params(max_iter=20).fit(*loop_record).cost_ <= first
     assert model.history_[0].cost == pytest.approx(first, rel=0.05)
+
+
+@pytest.mark.parametrize("alpha", [1e-4, "auto"])
+def test_warm_starts_keep_what_h_sees_unless_it_is_asked_for(
+    loop_record, alpha, monkeypatch
+):
+    sees = []
+
+    def recorded(structure, *args, **options):
+        sees.append(structure.options["h_sees"])
+        return train(structure, *args, **options)
+
+    monkeypatch.setattr(_ssnn, "train", recorded)
+    model = alssnn.FlSsnn(
+        nx=2,
+        n_h=2,
+        feedback="output",
+        n_init=1,
+        alpha=alpha,
+        max_iter=5,
+        random_state=0,
+        noise="innovations",
+        warm_start=True,
+    ).fit(*loop_record)
+    chosen = model.h_sees_
+    (other,) = {"measured", "predicted"} - {chosen}
+    assert sees == ["measured", "predicted"]
+    # "auto" has chosen: the other one, which was left behind, would begin anew
+    assert model.fit(*loop_record).history_[0].label == "train"
+    assert sees[2:] == [chosen]
+    model.set_params(h_sees=other).fit(*loop_record)
+    assert sees[3:] == [other] and model.h_sees_ == other
+    assert model.history_[0].label == "linear"
+    model.set_params(h_sees="auto", nx=3).fit(*loop_record)
+    assert sees[4:] == ["measured", "predicted"]
+
+
+def test_networks_that_do_not_help_a_predictor_do_not_predict(loop_record, monkeypatch):
+    monkeypatch.setattr(_ssnn, "search", lambda *_, **__: Bunch(helps=False, curve={}))
+    model = alssnn.FlSsnn(nx=2, n_h=2, noise="innovations", random_state=0)
+    with pytest.warns(ConvergenceWarning, match="do not predict hidden samples better"):
+        model.fit(*loop_record)
+    assert model.alpha_ == np.inf
+
+
+def test_gaps_are_predicted_by_the_form_that_was_chosen(loop_record, monkeypatch):
+    u, y = loop_record
+    y = np.where(np.arange(len(y)) % 20 == 0, np.nan, y)
+    forms = []
+
+    def recorded(structure, *args, **options):
+        forms.append(structure.options["h_sees"])
+        return train(structure, *args, **options)
+
+    monkeypatch.setattr(_ssnn, "train", recorded)
+    options = {"n_h": 2, "n_init": 1, "alpha": 1e-4, "max_iter": 4, "random_state": 0}
+    alssnn.FlSsnn(nx=2, feedback="output", noise="innovations", **options).fit(u, y)
+    assert forms[:2] == ["measured", "predicted"] and len(forms) == 3
+
+
+def test_options_set_after_the_fit_leave_the_weight_of_h(loop_record):
+    options = {"n_h": 2, "n_init": 1, "alpha": 1e-4, "max_iter": 4, "random_state": 0}
+    model = alssnn.FlSsnn(
+        nx=2, feedback="output", noise="innovations", h_sees="measured", **options
+    ).fit(*loop_record)
+    before = model.bic(*loop_record)
+    assert model.set_params(noise="output").bic(*loop_record) == before
 
 
 def test_an_unstable_plant_from_its_loop():

@@ -434,3 +434,22 @@ def test_the_contractive_basis_leaves_integrators_alone(rng):
     for k in range(4):
         power, same = np.linalg.matrix_power(A, k), np.linalg.matrix_power(other.A, k)
         np.testing.assert_allclose(model.C @ power @ model.B, other.C @ same @ other.B)
+
+
+def test_an_experiment_that_was_never_measured_asks_for_nothing():
+    rng = np.random.default_rng(0)
+    us, ys = [], []
+    for n in (200, 400):
+        u, x, y = np.repeat(rng.uniform(-1, 1, n // 5), 5), np.zeros(2), np.empty(n)
+        for k in range(n):
+            y[k] = x[0] + 0.01 * rng.standard_normal()
+            w = 0.05 * rng.standard_normal(2)
+            x = np.array([[0.8, 0.1], [-0.1, 0.7]]) @ x + 0.4 * np.tanh(u[k]) + w
+        us.append(u[:, None])
+        ys.append(y)
+    alone = LinearStateSpace(nx=2, integrators=1).fit(us[1], ys[1])
+    model = LinearStateSpace(nx=2, integrators=1)
+    model.fit(us, [np.full(200, np.nan), ys[1]])
+    assert np.abs(model.x0_).max() < 100
+    scores = (m.score(us[1], ys[1]) for m in (model, alone))
+    assert np.subtract(*scores) == pytest.approx(0.0, abs=0.05)

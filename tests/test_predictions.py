@@ -9,7 +9,16 @@ import alssnn
 from alssnn.innovations import predictor, with_outputs
 from alssnn.mapping import Held
 from alssnn.models import state_space
-from alssnn.predictions import GAP, bridged, deviance, follow, likeliest, pieces, told
+from alssnn.predictions import (
+    GAP,
+    bridged,
+    deviance,
+    follow,
+    likeliest,
+    pieces,
+    surprise,
+    told,
+)
 from alssnn.simulation import outputs
 
 RNG = np.random.default_rng(0)
@@ -91,6 +100,44 @@ def test_a_gap_is_filled_by_what_is_predicted():
         np.testing.assert_allclose(X[k], x, atol=1e-12)
         np.testing.assert_allclose(z[k, 1:], seen, atol=1e-12)
         x = p["A"] @ x + p["B"] @ u[k] + p["K"] @ (seen - y_hat)
+
+
+def test_a_record_is_a_surprise_to_what_hangs_on_its_start_or_on_fillings():
+    theta, u, y = record(2000, spread=(0.1, 0.1))
+    y[50:60], y[1::9, 0] = np.nan, np.nan
+    experiments = told([(u, y)])
+    good = surprise(STRUCTURE, theta, experiments)
+    filled = bridged(STRUCTURE, theta, np.zeros((1, 1)), experiments)
+    assert good == deviance(STRUCTURE, theta, np.zeros((1, 1)), filled)
+    lines = deviance(STRUCTURE, theta, np.zeros((1, 1)), experiments)
+    assert good == pytest.approx(lines)  # without K nothing is seen of them
+    p = {**STRUCTURE.split(theta), "K": [[1.5, 0.0]]}  # A - K C = -1: never forgets
+    hanging = STRUCTURE.join(p)
+    assert surprise(STRUCTURE, hanging, experiments) > good + 1
+
+
+@pytest.mark.parametrize("spoiled", [0, 1])
+def test_a_training_on_predicted_gaps_that_spoils_the_model_is_left_out(
+    spoiled, monkeypatch
+):
+    _, u, y = record(spread=(0.1, 0.1))
+    y[::10] = np.nan
+    identify, outcomes = alssnn.LinearStateSpace._identify, []
+
+    def identified(self, *args):
+        structure, theta, result = identify(self, *args)
+        if len(outcomes) == spoiled:
+            p = structure.split(theta)
+            theta = structure.join({**p, "A": p["A"] + 0.4})
+            result.cost = 0.0  # by its own account it is the best of all
+        outcomes.append(theta)
+        return structure, theta, result
+
+    monkeypatch.setattr(alssnn.LinearStateSpace, "_identify", identified)
+    model = alssnn.LinearStateSpace(nx=1, noise="innovations").fit(u, y)
+    assert len(outcomes) == 2
+    np.testing.assert_array_equal(model._theta, outcomes[1 - spoiled])
+    assert (model.cost_ > 0) and len(model.singular_values_)
 
 
 def test_an_option_set_after_the_fit_changes_nothing():

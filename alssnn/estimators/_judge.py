@@ -196,8 +196,9 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     if _loses(estimator, plain, found, linear, experiments):
         return None
     if watch.reason is None:  # else the training might have come out of it
+        what = "prediction" if is_predicting(estimator) else "simulation"
         warn_of_training(
-            f"Training {type(estimator).__name__} on all samples made its simulation "
+            f"Training {type(estimator).__name__} on all samples made its {what} "
             "of this record, from initial states estimated as in `score`, worse than "
             "that of the linear model. The model that the search found is returned "
             "instead; it may fit less well than a full training. Try a smaller `nx`, a "

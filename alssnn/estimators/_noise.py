@@ -4,7 +4,7 @@ import numpy as np
 
 from ..innovations import INNOVATION, has_innovations, predictor
 from ..mapping import Held
-from ..predictions import bridged, error_covariance, told
+from ..predictions import bridged, error_covariance, surprise, told
 from ..watch import INTERRUPTED
 from ._warn import warn_of_training
 
@@ -127,6 +127,8 @@ def identified(estimator, experiments, previous, watch, held_out):
     -----
     Gaps of y are bridged by straight lines first. Where there are any, a second
     training sees what the first model predicts there, unless the fit has ended by then.
+    It may fit too well what is not measured: the model that goes on is the one to which
+    the record is the smaller `surprise`.
     """
     seen = training_data(estimator, experiments)
     lost = 0.0
@@ -141,15 +143,17 @@ def identified(estimator, experiments, previous, watch, held_out):
     first = fitted, theta, result = estimator._identify(seen, previous, watch, held_out)
     if lost == 0 or watch.reason is not None:
         return seen, *first
-    attributes = dict(vars(estimator))
+    attributes, whole = dict(vars(estimator)), seen
     try:
         whole = bridged(fitted, theta, result.x0, seen)
-        return whole, *estimator._identify(whole, (fitted, theta), watch, held_out)
+        second = estimator._identify(whole, (fitted, theta), watch, held_out)
+        if surprise(*second[:2], seen) <= surprise(fitted, theta, seen):
+            return whole, *second
     except KeyboardInterrupt as interrupt:  # before there is a second model
         watch.stop(INTERRUPTED, interrupt)
-        estimator._reset(attributes)
         result.update(success=False, message=INTERRUPTED)
-        return seen, *first
+    estimator._reset(attributes)
+    return whole, *first
 
 
 def predicted(estimator, experiments):
@@ -246,26 +250,6 @@ def noise_covariance(estimator, structure, x0, experiments):
     return Lambda * np.outer(scale, scale)
 
 
-def forms(estimator):
-    """Return what h may see in the predictors that are to compete.
-
-    Parameters
-    ----------
-    estimator : Ssnn
-        Estimator in its fit.
-
-    Returns
-    -------
-    forms : list of str
-        One or two of "measured" and "predicted".
-    """
-    choice = getattr(estimator, "h_sees", PREDICTED)
-    sees_y = getattr(estimator, "n_h", 0) != 0 and estimator.feedback == "output"
-    if not is_predicting(estimator) or not sees_y:
-        return [PREDICTED]
-    return [MEASURED, PREDICTED] if choice == "auto" else [choice]
-
-
 def least_gamma_h(estimator):
     """Return the weight of h that settles what is of A and K, and what of h.
 
@@ -280,5 +264,6 @@ def least_gamma_h(estimator):
         A small share of what the linear model leaves, if h sees the measured outputs:
         the data cannot tell L y of h from A and K there (eq. innovations). Else zero.
     """
-    sees_y_m = is_predicting(estimator) and estimator.h_sees_ == MEASURED
+    # by the fit, whatever option was set behind it
+    sees_y_m = getattr(estimator, "h_sees_", PREDICTED) == MEASURED
     return SPLIT * estimator._linear_cost if sees_y_m else 0.0

@@ -31,10 +31,10 @@ from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._judge import as_found, not_worse
-from ._noise import fitted_view, forms, is_predicting, least_gamma_h, predicted, walk
+from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
-from ._warm_start import fits
+from ._warm_start import forms, goes_on
 from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -249,7 +249,7 @@ class Ssnn(StateSpaceModel):
     def _identify(self, experiments, previous, watch, held_out):
         outcomes, before = [], dict(vars(self))
         before.pop("h_sees_", None)
-        for form in forms(self):
+        for form in forms(self, previous):
             told = {"h_sees_": form} if is_predicting(self) else {}
             self._reset({**before, **told})
             outcome = self._train(experiments, previous, watch, held_out)
@@ -261,12 +261,9 @@ class Ssnn(StateSpaceModel):
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
         max_iter = self.max_iter
-        chosen = self._decay or {"alpha": 0.0}
+        chosen, continues = self._decay or {"alpha": 0.0}, goes_on(self, previous)
         self._decay = None
         is_auto = self.alpha == "auto"
-        # a search that left the linear model is repeated: there is nothing to go on
-        left = is_auto and not np.isfinite(chosen["alpha"])
-        continues = previous is not None and not left and fits(self, previous)
         if continues:
             plain, starts, fallback = previous[0], [previous[1]], None
             # "auto" goes on with what the fit that is continued has chosen
@@ -445,8 +442,9 @@ class Ssnn(StateSpaceModel):
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
         if watch.reason is None:  # else nobody knows whether they would help
+            verb = "predict" if is_predicting(self) else "simulate"
             warn_of_training(
-                f"The networks of {type(self).__name__} do not simulate hidden samples "
+                f"The networks of {type(self).__name__} do not {verb} hidden samples "
                 "better than the linear model, which is returned. Try another `nx`, a "
                 "longer record, or `LinearStateSpace`.",
             )

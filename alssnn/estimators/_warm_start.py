@@ -1,10 +1,32 @@
-"""Whether a fit can go on from the last one."""
+"""Whether a fit can go on from the last one, and with which predictors."""
 
 import numpy as np
 
 from ..innovations import free_run, state_matrix
 from ..limits import Limits
 from ._integrators import regular, with_integrators
+from ._noise import MEASURED, PREDICTED, is_predicting
+
+
+def goes_on(estimator, previous):
+    """Tell whether a fit goes on from the last one.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit, with what the last one has left.
+    previous : tuple of (Structure, ndarray) or None
+        Structure of the last fit, as training saw it, and its parameters.
+
+    Returns
+    -------
+    goes_on : bool
+        Whether it `fits`, and has networks: a search that left the linear model is
+        repeated.
+    """
+    decay = estimator._decay
+    left = estimator.alpha == "auto" and decay and not np.isfinite(decay["alpha"])
+    return previous is not None and not left and fits(estimator, previous)
 
 
 def fits(estimator, previous):
@@ -38,6 +60,34 @@ def fits(estimator, previous):
         return False
     if wanted.shapes != structure.shapes or wanted.activations != structure.activations:
         return False
+    if wanted.options.get("h_sees") != structure.options.get("h_sees"):
+        return False  # of the same shapes
     held = with_integrators(estimator, estimator._held_weights(structure), structure)
     # else its networks saw more
     return bool(np.all(Limits(structure, bounds=held).clip(theta) == theta))
+
+
+def forms(estimator, previous):
+    """Return what h may see in the predictors that are to compete.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit, with what the last one has left.
+    previous : tuple of (Structure, ndarray) or None
+        Structure and parameters from which a fit goes on.
+
+    Returns
+    -------
+    forms : list of str
+        One or two of "measured" and "predicted"; a fit that goes on keeps to what the
+        one before has chosen.
+    """
+    choice = getattr(estimator, "h_sees", PREDICTED)
+    sees_y = getattr(estimator, "n_h", 0) != 0 and estimator.feedback == "output"
+    if not is_predicting(estimator) or not sees_y:
+        return [PREDICTED]
+    if choice != "auto":
+        return [choice]
+    has_chosen = hasattr(estimator, "h_sees_") and goes_on(estimator, previous)
+    return [estimator.h_sees_] if has_chosen else [MEASURED, PREDICTED]
