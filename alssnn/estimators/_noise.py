@@ -10,6 +10,7 @@ from ._warn import warn_of_training
 
 INNOVATIONS = "innovations"
 SPLIT = 1e-3  # of the error of the linear model: least weight of h(y_m)
+HELD = 1e-5  # least weight of h of a law that is held for a sample
 MOST_LOST = 0.3  # share of an output that may be missing without a warning
 PREDICTED, MEASURED = "predicted", "measured"
 
@@ -251,7 +252,7 @@ def noise_covariance(estimator, structure, x0, experiments):
 
 
 def least_gamma_h(estimator):
-    """Return the weight of h that settles what is of A and K, and what of h.
+    """Return the weight of h that settles what is linear, and what of h.
 
     Parameters
     ----------
