@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..continuous import HOLDS
 from ..ladder import LADDER, PRESETS
 from ..tables import read_csv, read_steps
 from ._arguments import (
@@ -75,7 +76,7 @@ def add(commands):
     )
     _add_data(fit.add_argument_group("data"))
     models = fit.add_argument_group("models")
-    for add_some in (_add_models, _add_weights, _add_form, _add_effort):
+    for add_some in (_add_models, _add_weights, _add_form, _add_time, _add_effort):
         add_some(models)
     fit.add_argument(
         "--save",
@@ -224,6 +225,21 @@ def _add_form(model):
     )
 
 
+def _add_time(model):
+    """Add the options of models in continuous time."""
+    model.add_argument(
+        "--continuous",
+        action="store_true",
+        help="fit equations of derivatives: one model for every sampling time",
+    )
+    model.add_argument(
+        "--hold",
+        choices=HOLDS,
+        help="with --continuous, what the inputs do between samples: zoh if a computer "
+        "set them (default), linear or cubic if they were measured",
+    )
+
+
 def _add_effort(model):
     """Add the options that say how long a training searches."""
     model.add_argument(
@@ -264,6 +280,10 @@ def run(args):
     """
     if args.drift is not None and not args.innovations:
         args.parser.error("--drift needs --innovations")
+    if args.hold is not None and not args.continuous:
+        args.parser.error("--hold needs --continuous")
+    if args.continuous and args.dt is args.parser.get_default("dt"):
+        args.parser.error("--continuous needs --dt, the sampling time in seconds")
     models = args.models or [args.model]
     if models == ["ladder"]:
         models = list(LADDER)
@@ -288,7 +308,8 @@ def run(args):
         y,
         experiment=experiment,
         test_size=args.test_size,
-        dt=args.dt,
+        # an integer where 1.0 would be taken for the default
+        dt=1 if args.continuous and args.dt == 1.0 else args.dt,
         nx=args.nx,
         n_h=args.n_h,
         n_g=args.n_g,
@@ -302,6 +323,8 @@ def run(args):
         disturbances=list(range(len(args.input), len(inputs))) or None,
         noise="innovations" if args.innovations else "output",
         drift=args.drift,
+        time="continuous" if args.continuous else "discrete",
+        hold=args.hold or "zoh",
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,

@@ -148,7 +148,7 @@ def identified(estimator, experiments, previous, watch, held_out):
     try:
         whole = bridged(fitted, theta, result.x0, seen)
         second = estimator._identify(whole, (fitted, theta), watch, held_out)
-        if surprise(*second[:2], seen) <= surprise(fitted, theta, seen):
+        if surprise(second[0], second[1], seen) <= surprise(fitted, theta, seen):
             return whole, *second
     except KeyboardInterrupt as interrupt:  # before there is a second model
         watch.stop(INTERRUPTED, interrupt)

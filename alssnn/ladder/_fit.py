@@ -49,6 +49,9 @@ def model_ladder(
     disturbances=None,
     noise="output",
     drift=None,
+    time="discrete",
+    hold="zoh",
+    substeps=1,
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -103,6 +106,12 @@ def model_ladder(
         sample ahead, for noise of the process and records of a loop.
     drift : {"output", "input"} or None, default=None
         Random walk that nobody measured, of all models with ``noise="innovations"``.
+    time : {"discrete", "continuous"}, default="discrete"
+        Whether the equations give the next sample or derivatives (eq. derivative).
+    hold : {"zoh", "linear", "cubic"}, default="zoh"
+        What u does between samples, in continuous time.
+    substeps : int, default=1
+        Steps of Runge and Kutta per sample, in continuous time.
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -164,6 +173,9 @@ def model_ladder(
         "disturbances": disturbances,
         "noise": noise,
         "drift": drift,
+        "time": time,
+        "hold": hold,
+        "substeps": substeps,
         "verbose": verbose,
     }
     choices = {
