@@ -233,6 +233,14 @@ def _add_effort(model):
         "outputs or to the inputs: a sensor or a load that drifts",
     )
     model.add_argument(
+        "--horizon",
+        type=count,
+        default=1,
+        metavar="K",
+        help="with --innovations, samples over which predictions are trained "
+        "(default: %(default)s)",
+    )
+    model.add_argument(
         "--max-iter",
         type=count,
         metavar="N",
@@ -262,8 +270,9 @@ def run(args):
         0, or 1 if the one model that was asked for is worse than a linear one, or than
         the mean of the output, on the hidden part.
     """
-    if args.drift is not None and not args.innovations:
-        args.parser.error("--drift needs --innovations")
+    for option, default in (("drift", None), ("horizon", 1)):
+        if getattr(args, option) != default and not args.innovations:
+            args.parser.error(f"--{option} needs --innovations")
     models = args.models or [args.model]
     if models == ["ladder"]:
         models = list(LADDER)
@@ -302,6 +311,7 @@ def run(args):
         disturbances=list(range(len(args.input), len(inputs))) or None,
         noise="innovations" if args.innovations else "output",
         drift=args.drift,
+        horizon=args.horizon,
         max_iter=args.max_iter,
         n_init=args.n_init,
         models=models,

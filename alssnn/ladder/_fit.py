@@ -49,6 +49,7 @@ def model_ladder(
     disturbances=None,
     noise="output",
     drift=None,
+    horizon=1,
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -103,6 +104,9 @@ def model_ladder(
         sample ahead, for noise of the process and records of a loop.
     drift : {"output", "input"} or None, default=None
         Random walk that nobody measured, of all models with ``noise="innovations"``.
+    horizon : int, default=1
+        Samples over which predictions are trained, in all models with
+        ``noise="innovations"``.
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -164,6 +168,7 @@ def model_ladder(
         "disturbances": disturbances,
         "noise": noise,
         "drift": drift,
+        "horizon": horizon,
         "verbose": verbose,
     }
     choices = {
