@@ -12,7 +12,7 @@ from sklearn.utils import Bunch
 import alssnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_inverted_pendulum
-from alssnn.estimators import _ssnn
+from alssnn.estimators import _horizon
 from alssnn.feedback import Observer, closed_loop, lqi
 from alssnn.innovations import (
     free_run,
@@ -253,7 +253,7 @@ def test_the_weight_that_splits_what_h_and_K_say(
         asked.append(weights)
         return train(*args, weights=weights, **options)
 
-    monkeypatch.setattr(_ssnn, "train", recorded)
+    monkeypatch.setattr(_horizon, "train", recorded)
     options = {"n_h": 2, "n_init": 1, "max_iter": 1, "alpha": 1e-3, "random_state": 0}
     for gamma_h in (0.0, 0.5):
         alssnn.FlSsnn(
