@@ -58,8 +58,8 @@ class Records:
         Of ``noise="innovations"``: number k of samples over which predictions are
         trained, y_t to y_t+k-1 from what was measured before t (eq. horizon). One is
         the likelihood; where the model is too simple for the plant, more samples trade
-        it for better predictions further ahead. A trial step takes about ten times as
-        long for five samples, fifty times for ten.
+        it for better predictions further ahead. A trial step takes about eight times as
+        long for five samples, 25 times for ten.
     time : {"discrete", "continuous"}, default="discrete"
         Whether the equations give the next sample or the derivatives (eq. derivative):
         A, B, G and g then have the unit of time in seconds, and one model serves every
