@@ -11,6 +11,7 @@ from alssnn import LinearStateSpace
 from benchmarks import (
     closed_loop_linear,
     drift,
+    horizon,
     noisy_plants,
     one_step,
     predictor_step,
@@ -192,3 +193,23 @@ def test_rows_of_noisy_plants_are_relative_to_the_linear_model(monkeypatch):
             noisy_plants, "compare", lambda *_, e=errors: (e, set(), "")
         )
         assert noisy_plants.row_of("tank", 300, 0)[1] == worse
+
+
+def test_a_horizon_that_does_not_help_every_time_is_missed():
+    head = "linear", "open"
+    errors = (0.1,) * 5
+    assert not horizon.missed([(*head, 1, *errors, 0, 1.0, 4)])
+    assert not horizon.missed([(*head, 5, *errors, 4, 1.0, 4)])
+    (text,) = horizon.missed([(*head, 5, *errors, 3, 1.0, 4)])
+    assert "3 of 4" in text
+
+
+def test_the_record_of_a_horizon_is_linear_without_h():
+    u, y = horizon.make_record(True, 0.0, 400, 0)
+    v, z = horizon.make_record(False, 0.0, 400, 0)
+    np.testing.assert_array_equal(u, v)
+    found = [
+        LinearStateSpace(nx=4, operating_point="zero").fit(u, one).score(u, one)
+        for one in (y, z)
+    ]
+    assert found[0] > found[1] + 0.005

@@ -174,7 +174,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
     options += ["--gamma-h", "0.001", "--alpha", "0.1", "--stability", "none"]
     options += ["--feedback", "output", "--input-map", "monotone", "--innovations"]
-    options += ["--drift", "input"]
+    options += ["--drift", "input", "--horizon", "3"]
     assert run_fit(plant, *options, "--quiet") == 0
     np.testing.assert_allclose(seen.pop("u"), RECORD.u, rtol=1e-8)
     np.testing.assert_allclose(seen.pop("y"), RECORD.y, rtol=1e-8)
@@ -196,6 +196,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "disturbances": None,
         "noise": "innovations",
         "drift": "input",
+        "horizon": 3,
         "n_init": 2,
         "random_state": 5,
         "dt": 0.1,
@@ -234,6 +235,7 @@ def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
         (["--dt", "fast"], "argument --dt: must be a positive number, got fast"),
         (["--models", "arx"], "argument --models: invalid choice: 'arx'"),
         (["--drift", "input"], "--drift needs --innovations"),
+        (["--horizon", "2"], "--horizon needs --innovations"),
     ],
 )
 def test_wrong_usage_of_fit(plant, argv, message, capsys):

@@ -312,6 +312,7 @@ def test_predictive_control_has_no_offset(fitted):
         u = mpc.step(r, y)
         x = A @ x + B @ (u + load * is_input)
     np.testing.assert_allclose(y, r, atol=1e-6)
+    assert np.all(mpc.observer.largest_innovation >= 2 * model.plant_.y_scale)
 
 
 def test_networks_with_a_load_that_drifts(tmp_path):

@@ -12,7 +12,7 @@ from sklearn.utils import Bunch
 import alssnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_inverted_pendulum
-from alssnn.estimators import _ssnn
+from alssnn.estimators import _horizon, _ssnn
 from alssnn.feedback import Observer, closed_loop, lqi
 from alssnn.innovations import (
     free_run,
@@ -253,7 +253,7 @@ def test_the_weight_that_splits_what_h_and_K_say(
         asked.append(weights)
         return train(*args, weights=weights, **options)
 
-    monkeypatch.setattr(_ssnn, "train", recorded)
+    monkeypatch.setattr(_horizon, "train", recorded)
     options = {"n_h": 2, "n_init": 1, "max_iter": 1, "alpha": 1e-3, "random_state": 0}
     for gamma_h in (0.0, 0.5):
         alssnn.FlSsnn(
@@ -527,7 +527,7 @@ def test_warm_starts_keep_what_h_sees_unless_it_is_asked_for(
         sees.append(structure.options["h_sees"])
         return train(structure, *args, **options)
 
-    monkeypatch.setattr(_ssnn, "train", recorded)
+    monkeypatch.setattr(_horizon, "train", recorded)
     model = alssnn.FlSsnn(
         nx=2,
         n_h=2,
@@ -569,7 +569,7 @@ def test_gaps_are_predicted_by_the_form_that_was_chosen(loop_record, monkeypatch
         forms.append(structure.options["h_sees"])
         return train(structure, *args, **options)
 
-    monkeypatch.setattr(_ssnn, "train", recorded)
+    monkeypatch.setattr(_horizon, "train", recorded)
     options = {"n_h": 2, "n_init": 1, "alpha": 1e-4, "max_iter": 4, "random_state": 0}
     alssnn.FlSsnn(nx=2, feedback="output", noise="innovations", **options).fit(u, y)
     assert forms[:2] == ["measured", "predicted"] and len(forms) == 3

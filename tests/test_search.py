@@ -14,7 +14,7 @@ from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
-from alssnn.estimators import _ssnn
+from alssnn.estimators import _horizon, _ssnn
 from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
@@ -735,7 +735,7 @@ def test_what_was_chosen_survives_a_pickle(fitted):
 
 def spoil(monkeypatch, reason=None):
     """Let a training on all samples end with a wrong model, or be ended with one."""
-    real = _ssnn.train
+    real = _horizon.train
 
     def spoiled(penalized, experiments, starts, *, watch, **options):
         result = real(penalized, experiments, starts, watch=watch, **options)
@@ -745,7 +745,7 @@ def spoil(monkeypatch, reason=None):
             watch.stop(reason)
         return result
 
-    monkeypatch.setattr(_ssnn, "train", spoiled)
+    monkeypatch.setattr(_horizon, "train", spoiled)
 
 
 @pytest.fixture(scope="module")

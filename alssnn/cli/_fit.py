@@ -249,6 +249,14 @@ def _add_effort(model):
         "outputs or to the inputs: a sensor or a load that drifts",
     )
     model.add_argument(
+        "--horizon",
+        type=count,
+        default=1,
+        metavar="K",
+        help="with --innovations, samples over which predictions are trained "
+        "(default: %(default)s)",
+    )
+    model.add_argument(
         "--max-iter",
         type=count,
         metavar="N",
@@ -278,8 +286,9 @@ def run(args):
         0, or 1 if the one model that was asked for is worse than a linear one, or than
         the mean of the output, on the hidden part.
     """
-    if args.drift is not None and not args.innovations:
-        args.parser.error("--drift needs --innovations")
+    for option, default in (("drift", None), ("horizon", 1)):
+        if getattr(args, option) != default and not args.innovations:
+            args.parser.error(f"--{option} needs --innovations")
     if args.hold is not None and not args.continuous:
         args.parser.error("--hold needs --continuous")
     if args.continuous and args.dt is args.parser.get_default("dt"):
@@ -323,6 +332,7 @@ def run(args):
         disturbances=list(range(len(args.input), len(inputs))) or None,
         noise="innovations" if args.innovations else "output",
         drift=args.drift,
+        horizon=args.horizon,
         time="continuous" if args.continuous else "discrete",
         hold=args.hold or "zoh",
         max_iter=args.max_iter,

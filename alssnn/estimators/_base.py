@@ -117,6 +117,7 @@ class StateSpaceModel(
     initial_state: str = take(Records, "initial_state")
     disturbances: Any = take(Records, "disturbances")
     noise: str = take(Records, "noise")
+    horizon: int = take(Records, "horizon")
     time: str = take(Records, "time")
     hold: str = take(Records, "hold")
     substeps: int = take(Records, "substeps")
@@ -373,7 +374,7 @@ class StateSpaceModel(
         """Tell whether the user shapes the linear model beyond its identification."""
         shapes = (self.linear_start, self.output_weight)
         shaped = bool(self.bounds) or any(shape is not None for shape in shapes)
-        return shaped or self._at_rest
+        return shaped or self._at_rest or self.horizon > 1
 
     def _scaled_bounds(self, structure, contractive=False):
         bounds = check_bounds(

@@ -6,12 +6,14 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
+from ..horizon import ahead
 from ..initial_states import WINDOW, estimate_x0
 from ..linear_model import simulation_error
 from ..stability import hold_off
 from ..training import Validation
 from ..watch import OUT_OF_TIME, late_fall
 from ._checks import output_weights
+from ._horizon import judge_over_horizon, over_horizon
 from ._integrators import regular
 from ._noise import is_predicting
 from ._warn import warn_of_training
@@ -241,7 +243,8 @@ def as_found(
     elif x0 is None:
         x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
     weight = output_weights(estimator.output_weight, plain.sizes["y"])
-    criterion = Criterion(plain, experiments, weights={"y": weight})
+    *data, weights = over_horizon(estimator, plain, experiments, {"y": weight})
+    criterion = Criterion(*data, weights=weights)
     return OptimizeResult(
         theta=theta,
         x0=x0,
@@ -255,9 +258,10 @@ def _loses(estimator, plain, result, linear, experiments):
     """Tell whether the error of a fit exceeds that of the linear model by 2 %."""
     if not experiments.is_here:
         return False
-    judge = own_judge(estimator, experiments)
+    judge = judge_over_horizon(estimator, own_judge(estimator, experiments))
     structure, theta, fit = linear.as_fit()
     start = Criterion(structure, experiments)
     noise = start.norm(start.join(theta, fit.x0)) ** 2
-    least = judge.rmse(structure, theta, min(noise, 1.0))
+    linear, plain = (ahead(one, estimator.horizon) for one in (structure, plain))
+    least = judge.rmse(linear, theta, min(noise, 1.0))
     return judge.rmse(plain, result.theta, min(result.cost, 1.0)) > 1.02 * least

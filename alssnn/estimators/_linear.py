@@ -1,7 +1,7 @@
 """The linear estimator: N4SID, then refinement."""
 
-from ..training import train
 from ._base import StateSpaceModel
+from ._horizon import trained
 from ._networks import Networks
 from ._options import estimator, take
 
@@ -82,11 +82,13 @@ class LinearStateSpace(StateSpaceModel):
             return self._linear_start(near, watch).as_fit(self.disturbances_)
         linear = self._linear_start(near, watch)
         structure, theta, _ = linear.as_fit(self.disturbances_)
-        result = train(
+        result = trained(
+            self,
             structure,
             experiments,
             [theta],
             weights={"y": self._output_weight(len(linear.C))},
+            radius=linear.radius if self.horizon > 1 else None,
             bounds=self._scaled_bounds(structure),
             at_rest=self._at_rest,
             max_iter=self.max_iter,

@@ -42,8 +42,8 @@ def check_noise(estimator):
     Raises
     ------
     ValueError
-        If integrators are held, or a linear start is given; if a random walk is
-        declared for other noise.
+        If integrators are held, or a linear start is given; if a random walk or a
+        horizon is asked for with other noise.
     """
     if not is_predicting(estimator):
         if estimator.drift is not None:
@@ -51,6 +51,12 @@ def check_noise(estimator):
                 f"`drift` must be None for noise={estimator.noise!r}, got "
                 f"{estimator.drift!r}. What drifts is told from what was measured: "
                 "take noise='innovations'."
+            )
+        if estimator.horizon > 1:
+            raise ValueError(
+                f"`horizon` must be 1 for noise={estimator.noise!r}, got "
+                f"{estimator.horizon}. The error of a simulation has no horizon: take "
+                "noise='innovations' for predictions that begin at what was measured."
             )
         return
     if estimator.integrators not in ("auto", 0):

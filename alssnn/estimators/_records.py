@@ -54,6 +54,12 @@ class Records:
         simulation; or noise of the process, too, by the error one sample ahead with a
         gain K (eq. innovations): for records with disturbances that nobody measured,
         of a loop that was closed, or of an unstable plant.
+    horizon : int, default=1
+        Of ``noise="innovations"``: number k of samples over which predictions are
+        trained, y_t to y_t+k-1 from what was measured before t (eq. horizon). One is
+        the likelihood; where the model is too simple for the plant, more samples trade
+        it for better predictions further ahead. A trial step takes about eight times as
+        long for five samples, 25 times for ten.
     time : {"discrete", "continuous"}, default="discrete"
         Whether the equations give the next sample or the derivatives (eq. derivative):
         A, B, G and g then have the unit of time in seconds, and one model serves every
@@ -99,6 +105,7 @@ class Records:
     initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
     disturbances: Any = option(None, ["array-like", str, Integral, None])
     noise: str = option("output", [StrOptions({"output", INNOVATIONS})])
+    horizon: int = option(1, [POSITIVE])
     time: str = option("discrete", [StrOptions({"discrete", CONTINUOUS})])
     hold: str = option("zoh", [StrOptions(set(HOLDS))])
     substeps: int = option(1, [POSITIVE])

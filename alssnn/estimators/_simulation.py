@@ -101,8 +101,7 @@ def simulate(model, u, experiment=None, x0="rest", *, noise=False, random_state=
         Initial states, as for `predict`.
     noise : bool, default=False
         Whether noise of the covariance `noise_covariance_` is drawn: innovations,
-        which go through the plant, of ``noise="innovations"``; else white noise of
-        the sensors. Without, the result is that of `predict`.
+        which go through the plant, of ``noise="innovations"``; else white noise.
     random_state : int, RandomState instance or None, default=None
         Source of the noise.
 

@@ -21,12 +21,12 @@ from ..predictions import likeliest
 from ..search import Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
-from ..training import train
 from ..watch import INTERRUPTED
 from ._base import StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
 from ._disturbances import checked
 from ._held_out import hold_out
+from ._horizon import trained
 from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
@@ -306,7 +306,8 @@ class Ssnn(StateSpaceModel):
         penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(snapshot, self, plain)
-        result = train(
+        result = trained(
+            self,
             penalized,
             experiments,
             starts,
@@ -460,7 +461,8 @@ class Ssnn(StateSpaceModel):
         """Return the linear model as the user shapes it, networks held at zero."""
         p = plain.split(theta)
         held = {name: (p[name], p[name]) for name in plain.network_parameters}
-        result = train(
+        result = trained(
+            self,
             plain,
             experiments,
             [theta],

@@ -89,7 +89,13 @@ def parameter_covariance(model, u, y, experiment=None):
         p = weighting_p_value(*simulated, weight, noise, F, fit.free)
     P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
     reason = ""
-    if p < WEIGHTING_LEVEL:
+    if model.horizon > 1:
+        reason = (
+            f"The fit has weighed predictions over `horizon`={model.horizon} samples, "
+            "whose errors are not independent. Fit with horizon=1."
+        )
+        warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
+    elif p < WEIGHTING_LEVEL:
         reason = (
             "The fit moves more than noise allows when its color is weighed "
             f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."

@@ -49,6 +49,7 @@ def model_ladder(
     disturbances=None,
     noise="output",
     drift=None,
+    horizon=1,
     time="discrete",
     hold="zoh",
     substeps=1,
@@ -106,6 +107,9 @@ def model_ladder(
         sample ahead, for noise of the process and records of a loop.
     drift : {"output", "input"} or None, default=None
         Random walk that nobody measured, of all models with ``noise="innovations"``.
+    horizon : int, default=1
+        Samples over which predictions are trained, in all models with
+        ``noise="innovations"``.
     time : {"discrete", "continuous"}, default="discrete"
         Whether the equations give the next sample or derivatives (eq. derivative).
     hold : {"zoh", "linear", "cubic"}, default="zoh"
@@ -173,6 +177,7 @@ def model_ladder(
         "disturbances": disturbances,
         "noise": noise,
         "drift": drift,
+        "horizon": horizon,
         "time": time,
         "hold": hold,
         "substeps": substeps,

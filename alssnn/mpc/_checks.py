@@ -53,6 +53,7 @@ def check_ahead(name, value, horizon, n, last):
 
 
 GATE = 100.0  # standard deviations: far beyond what a sound loop shows
+SPREAD = 2.0  # standard deviations of y, which a gate lets pass where y drifts
 
 
 def check_observer(observer, plant):
@@ -78,7 +79,11 @@ def check_observer(observer, plant):
         If it is one of another model.
     """
     if observer is None:
-        return DisturbanceObserver(plant, gate=GATE)
+        gate = GATE
+        if plant.drift is not None:  # at the start nobody knows where the walk is
+            spread = plant.y_scale / np.sqrt(np.diag(plant.noise_covariance))
+            gate = max(gate, SPREAD * float(spread.max()))
+        return DisturbanceObserver(plant, gate=gate)
     if not isinstance(observer, Observer):
         raise TypeError(
             f"`observer` must be an Observer, got {type(observer).__name__}. Use "

@@ -70,10 +70,11 @@ class LinearizingMPC:
         outputs in standard deviations, in a cost of which all terms are halved.
     observer : Observer, DisturbanceObserver or None, default=None
         Source of the estimates; None means ``DisturbanceObserver(model, gate=100)``,
-        which spikes of a sensor do not lead astray, and which has the gain of a `drift`
-        that the model was fitted with (eq. drift). Without a disturbance there is an
-        offset where the plant differs from the model. The controller steps and resets
-        it.
+        which spikes of a sensor do not lead astray. If the model was fitted with a
+        `drift`, it has the identified gain (eq. drift), and a gate of two standard
+        deviations of y at least, for the drift begins anywhere. An observer without a
+        disturbance leaves an offset where the plant differs from the model. The
+        controller steps and resets it.
     n_passes : int, default=2
         How many programs are solved per sample, each with h and the residual along the
         plan of the one before.
