@@ -45,14 +45,17 @@ class Sampling:
         What u does between samples.
     substeps : int
         Steps of Runge and Kutta per sample.
+    dt : float
+        Sampling time, in seconds.
     """
 
     derivative: Structure
     hold: str = "zoh"
     substeps: int = 1
+    dt: float = 1.0
 
 
-def sampled(structure, hold="zoh", substeps=1):
+def sampled(structure, hold="zoh", substeps=1, dt=1.0):
     """Return the map from sample to sample of equations of derivatives (eq. rk4).
 
     Parameters
@@ -63,6 +66,8 @@ def sampled(structure, hold="zoh", substeps=1):
         What u does between samples.
     substeps : int, default=1
         Steps of Runge and Kutta per sample.
+    dt : float, default=1.0
+        Sampling time, in seconds, for those who ask.
 
     Returns
     -------
@@ -120,7 +125,7 @@ def sampled(structure, hold="zoh", substeps=1):
         layers=layers,
         signals=signals,
         activations=activations,
-        sampling=Sampling(structure, hold, substeps),
+        sampling=Sampling(structure, hold, substeps, dt),
     )
 
 
@@ -218,7 +223,8 @@ def held(structure, substeps=None):
     sampling = structure.sampling
     if sampling is None:
         return structure
-    view = sampled(sampling.derivative, "zoh", substeps or sampling.substeps)
+    substeps = substeps or sampling.substeps
+    view = sampled(sampling.derivative, "zoh", substeps, sampling.dt)
     return view.observe(*structure.channels)
 
 
@@ -244,7 +250,7 @@ def with_nodes(structure, experiments):
     return [(np.hstack([u[:], between(u[:], *how)]), y) for u, y in experiments]
 
 
-def per_second(structure, p, dt):
+def per_second(structure, p):
     """Return parameters of derivatives by seconds instead of samples.
 
     Parameters
@@ -253,8 +259,6 @@ def per_second(structure, p, dt):
         Structure of a model.
     p : dict of str to ndarray
         Parameters by name, time in samples.
-    dt : float
-        Sampling time.
 
     Returns
     -------
@@ -264,6 +268,7 @@ def per_second(structure, p, dt):
     """
     if structure.sampling is None:
         return p
+    dt = structure.sampling.dt
     changed = {name: p[name] / dt for name in leading(structure) if name in p}
     return {**p, **changed}
 
@@ -335,6 +340,31 @@ def rates(A, fastest=FASTEST):
     size = np.abs(logarithm)
     logarithm *= np.minimum(1.0, fastest / np.maximum(size, fastest))
     return np.real(vectors * logarithm @ np.linalg.inv(vectors))
+
+
+def is_resolved(A, substeps, slack):
+    """Tell whether steps of Runge and Kutta have the poles of a state matrix.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix of derivatives, time in samples.
+    substeps : int
+        Steps per sample.
+    slack : float
+        Relative error of a pole that is accepted.
+
+    Returns
+    -------
+    is_resolved : bool
+        Whether the logarithm of a step, R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, is z for
+        all poles z.
+    """
+    z = np.linalg.eigvals(A).astype(complex) / substeps
+    z = z[np.abs(z) > ROUNDING]
+    R = 1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))
+    with np.errstate(divide="ignore"):
+        return bool(np.all(np.abs(np.log(R) - z) <= slack * np.abs(z)))
 
 
 def converted(structure, p, hold="zoh"):

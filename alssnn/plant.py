@@ -26,7 +26,7 @@ import numpy as np
 
 from . import forms
 from .lure import Lure
-from .rates import Rates, as_samples
+from .rates import Rates, as_samples, checked_time
 from .region import Region
 from .signals import Signals
 from .simulation import neuron_gains, regressors
@@ -144,19 +144,21 @@ class Plant(Signals):
         Raises
         ------
         ValueError
-            If the plant is one of discrete time, or inputs arrive late by times that
-            are no multiples of `dt`.
+            If the plant is one of discrete time or was changed (`late`, `linearized`),
+            or inputs arrive late by times that are no multiples of `dt`.
         """
+        dt = checked_time(dt)
         if dt == self.dt:
             return self
         if self.rates is None:
             raise ValueError(
                 f"`dt` must be {self.dt:g} s, that of a plant in discrete time, got "
-                f"{dt!r}. Fit the model with time='continuous'."
+                f"{dt!r}. Fit the model with time='continuous', and take `plant_.at` "
+                "before anything else."
             )
         delay = as_samples(self.delay * self.dt, dt)
         forms = self.rates.forms(dt)
-        return replace(self, **forms, dt=float(dt), delay=delay)
+        return replace(self, **forms, dt=dt, delay=delay)
 
     def arrived(self):
         """Return the plant of inputs that have arrived, as prepared records have them.
@@ -187,6 +189,7 @@ class Plant(Signals):
             form = forms.with_virtual(form, forms.only_input(form, self.moved))
         return replace(
             self,
+            rates=None,
             form=forms.late_inputs(form, self.delay, self.moved),
             delay=np.zeros_like(self.delay),
             n_late=n,
@@ -219,7 +222,7 @@ class Plant(Signals):
                 "the model integrates."
             )
         form = forms.disturbed(self.lure, kind, self.moved)
-        return replace(self, form=form, K=self.gain_with(kind), drift=None)
+        return replace(self, rates=None, form=form, K=self.gain_with(kind), drift=None)
 
     def close(self):
         """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).
@@ -254,7 +257,10 @@ class Plant(Signals):
         form = Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma)
         form = forms.with_virtual(form, forms.only_input(form, self.moved))
         return replace(
-            self, form=form, law_form=Lure(np.eye(nv, n + 1, n - nv), 0, n, 0)
+            self,
+            rates=None,
+            form=form,
+            law_form=Lure(np.eye(nv, n + 1, n - nv), 0, n, 0),
         )
 
     # -- numbers ---------------------------------------------------------------------

@@ -1,13 +1,16 @@
 """Equations in continuous time as a plant keeps them, for any sampling time."""
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
 from . import forms
-from .continuous import FASTEST, derivative, held, leading
+from .continuous import derivative, held, is_resolved, leading
 from .structures import Structure
 
+COARSE = 0.02  # relative error of a pole that a plant may have
+MOST = 40  # steps of Runge and Kutta in a sample
 WHOLE = 1e-6  # share of a sample by which a delay may miss a multiple of it
 
 
@@ -23,14 +26,11 @@ class Rates:
         Its parameters, time in samples of `dt`.
     units : dict of str to ndarray
         The user's units over those of theta, by axis.
-    dt : float
-        Sampling time of theta, in seconds.
     """
 
     structure: Structure
     theta: np.ndarray
     units: dict
-    dt: float
 
     def forms(self, dt):
         """Return the forms of a plant that is sampled at some time, inputs held.
@@ -48,19 +48,46 @@ class Rates:
         Raises
         ------
         ValueError
-            If `dt` is no positive number.
+            If `dt` is so long that its steps could not be counted.
         """
-        if not (np.isfinite(dt) and dt > 0):
-            raise ValueError(f"`dt` must be a positive time in seconds, got {dt!r}.")
-        ratio, p = dt / self.dt, self.structure.split(self.theta)
+        ratio, p = dt / self.structure.sampling.dt, self.structure.split(self.theta)
         p = {**p, **{name: ratio * p[name] for name in leading(self.structure)}}
-        # as many steps as the fit took in this time, and as poles need to be stable
-        fastest = np.abs(np.linalg.eigvals(p["A"])).max(initial=0.0)
-        wanted = max(self.structure.sampling.substeps * ratio, fastest / FASTEST)
-        substeps = max(1, int(np.ceil(wanted * (1.0 - WHOLE))))
+        # as many steps as the fit took in this time, and as poles need
+        substeps = max(1, round(self.structure.sampling.substeps * ratio + 0.5 - WHOLE))
+        while substeps <= MOST and not is_resolved(p["A"], substeps, COARSE):
+            substeps += 1
+        if substeps > MOST:
+            raise ValueError(
+                f"`dt` must be shorter for this model, got {dt:g} s, which takes more "
+                f"than {MOST} steps of Runge and Kutta. Step the plant several times, "
+                "or fit it to a record of that sampling time."
+            )
         view = held(self.structure, substeps)
         made = forms.of_structure(view, view.join(p), self.units)
         return {name: made[name] for name in ("form", "law_form")}
+
+
+def checked_time(dt):
+    """Return a sampling time.
+
+    Parameters
+    ----------
+    dt : float
+        What a user gave, in seconds.
+
+    Returns
+    -------
+    dt : float
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If it is no positive number.
+    """
+    if not isinstance(dt, Real) or isinstance(dt, bool) or not 0 < float(dt) < np.inf:
+        raise ValueError(f"`dt` must be a positive time in seconds, got {dt!r}.")
+    return float(dt)
 
 
 def as_samples(delay, dt):
@@ -92,7 +119,7 @@ def as_samples(delay, dt):
     return samples.astype(int)
 
 
-def kept(structure, theta, units, dt):
+def kept(structure, theta, units):
     """Return what a plant keeps of equations in continuous time.
 
     Parameters
@@ -103,8 +130,6 @@ def kept(structure, theta, units, dt):
         Its parameters.
     units : dict of str to ndarray
         The user's units over those of theta, by axis.
-    dt : float
-        Sampling time, in seconds.
 
     Returns
     -------
@@ -113,4 +138,4 @@ def kept(structure, theta, units, dt):
     """
     if derivative(structure) is structure:
         return None
-    return Rates(structure, theta, units, dt)
+    return Rates(structure, theta, units)

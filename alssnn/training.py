@@ -49,6 +49,7 @@ def train(
     watch=None,
     validation=None,
     fallback=None,
+    x0=None,
     **options,
 ):
     """Train networks from several starts, coarse to fine.
@@ -93,6 +94,9 @@ def train(
     fallback : ndarray of shape (n_params,) or None, default=None
         Parameters from which the stage on all samples starts if those of the coarse
         stages simulate them worse.
+    x0 : ndarray of shape (n_experiments, n_x0) or None, default=None
+        Initial states at the starts, if the first stage is on all samples; None
+        estimates them.
     **options : dict
         ``method``, ``max_iter`` and ``tol`` of `optimizers.minimize`.
 
@@ -130,7 +134,8 @@ def train(
     if is_coarse:
         first_limits = Limits(structure, phi, bounds, radius=radius)
     stages = list(zip(labels[: len(criteria)], criteria, strict=True))
-    best = _best_start(stages, starts, first_limits, watch, n_jobs, options)
+    x0 = None if is_coarse else x0
+    best = _best_start(stages, starts, first_limits, watch, n_jobs, options, x0)
     if is_coarse:
         # as much work on the middle stretch as on all samples
         n_steps = polish_iter * experiments.n_samples // middle
@@ -157,12 +162,12 @@ def train(
     return best
 
 
-def _best_start(stages, starts, limits, watch, n_jobs, options):
+def _best_start(stages, starts, limits, watch, n_jobs, options, x0=None):
     """Descend from all starts, in parallel, and return the best result."""
     calls = [
         # in a tuple a start is part of its task; a cluster would place a bare array
         # on one worker, and lose it with that worker
-        (_of_start(stages, i, len(starts)), (theta,), limits, watch.fork(), options)
+        (_of_start(stages, i, len(starts)), (theta, x0), limits, watch.fork(), options)
         for i, theta in enumerate(starts)
     ]
     found = {}
@@ -178,7 +183,7 @@ def _best_start(stages, starts, limits, watch, n_jobs, options):
         watch.stop(INTERRUPTED, interrupt)
     results = [found[i] for i in sorted(found)]
     if not results:  # interrupted while all worked elsewhere: the start is a model
-        results = [_descend(stages, (starts[0],), limits, watch, options)]
+        results = [_descend(stages, (starts[0], x0), limits, watch, options)]
     for result in results:
         watch.history += result.history
     key = "cost" if options["validation"] is None else "validation_rmse"
@@ -222,7 +227,7 @@ def _of_start(stages, i, n_starts):
 
 def _descend(stages, start, limits, watch, options):
     """Minimize one criterion after the other, each from the optimum of the last."""
-    (theta,), x0, steps = start, None, 0
+    (theta, x0), steps = start, 0
     for label, criterion in stages:
         result = _stage(
             criterion, theta, limits, x0, watch=watch, label=label, **options

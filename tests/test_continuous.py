@@ -457,9 +457,88 @@ def test_poles_too_fast_for_a_step_are_told():
     u = rng.standard_normal((400, 1))
     fast = control.sample_system(control.tf([30], [1, 31, 30]), 0.1)
     y = np.ravel(control.forced_response(fast, inputs=u[:, 0]).outputs)
-    with pytest.warns(UserWarning, match="`substeps` is raised from 1 to 2"):
+    with pytest.warns(UserWarning, match="`substeps` is raised from 1 to 3"):
         model = alssnn.LinearStateSpace(nx=2, dt=0.1, time="continuous").fit(u, y)
     assert model.score(u, y) > 0.99
+    assert model.A_.shape == (2, 2) and model.fitted_.structure.sampling.substeps == 3
+
+
+@pytest.mark.parametrize("pole", [-1.2 + 12j, -1.4 + 28j, -8.0 + 0j])
+def test_rates_are_right_where_one_step_would_not_do(pole):
+    dt, u = 0.1, steps(800, 4)[:, None]
+    poles = [pole, pole.conjugate()] if pole.imag else [pole]
+    plant = control.tf([np.abs(pole) ** len(poles)], np.poly(poles).real)
+    exact = control.sample_system(plant, dt)
+    y = np.ravel(control.forced_response(exact, inputs=u[:, 0]).outputs)
+    model = alssnn.LinearStateSpace(nx=len(poles), dt=dt, time="continuous").fit(u, y)
+    found = np.linalg.eigvals(model.A_)
+    assert np.abs(found - pole).min() < 0.03 * np.abs(pole)
+
+
+def test_slow_states_begin_where_the_discrete_model_says():
+    rng = np.random.default_rng(1)
+    u = 5.0 + np.repeat(rng.uniform(-1, 1, (75, 1)), 8, axis=0)
+    slow = control.ss(control.tf([1.0], np.poly([-0.02, -1.0 + 2j, -1.0 - 2j])))
+    exact = control.sample_system(slow, 0.2)
+    y = np.ravel(control.forced_response(exact, inputs=u[:, 0]).outputs)
+    misses = []
+    for options in ({}, {"time": "continuous"}):
+        model = alssnn.LinearStateSpace(nx=3, dt=0.2, **options).fit(u, y)
+        y_hat = model.predict(u, x0="training")
+        misses.append(np.std(y - y_hat) / y.std())
+    assert misses[1] < 2 * misses[0] + 2e-3
+
+
+def test_a_plant_that_was_changed_has_one_rate(swing):
+    plant = swing.plant_
+    for changed in (plant.linearized(), plant.with_disturbance("output")):
+        with pytest.raises(ValueError, match=r"take `plant_\.at` before anything else"):
+            changed.at(0.1)
+    for wrong in (0, -1.0, np.nan, np.inf, None, "a", True, [0.1]):
+        with pytest.raises(ValueError, match="positive time in seconds"):
+            plant.at(wrong)
+    with pytest.raises(ValueError, match="must be shorter"):
+        plant.at(200.0)
+
+
+def test_the_sampling_time_of_the_fit_stays(swing, noisy, tmp_path):
+    model = pickle.loads(pickle.dumps(swing))
+    A, step = model.A_, model.plant_.form.Theta
+    model.set_params(dt=0.1, time="discrete", hold="cubic")
+    again = pickle.loads(pickle.dumps(model))
+    again._made = None  # as if nobody had asked for the plant before
+    assert again.plant_.dt == 0.2
+    np.testing.assert_array_equal(again.plant_.form.Theta, step)
+    model.save(tmp_path / "model.alssnn")
+    loaded = alssnn.load(tmp_path / "model.alssnn")
+    np.testing.assert_array_equal(loaded.A_, A)
+    np.testing.assert_array_equal(loaded.predict(noisy[0]), swing.predict(noisy[0]))
+
+
+def test_frequency_responses_are_those_of_the_loop(swing):
+    from alssnn.validation import frequency_response
+
+    f = np.array([0.1, 0.4])
+    system = swing.to_statespace()
+    expected = system(2j * np.pi * f)
+    np.testing.assert_allclose(frequency_response(system, f)[:, 0, 0], expected)
+    held_ = frequency_response(swing.to_statespace(dt=0.2), f)[:, 0, 0]
+    assert np.abs(np.abs(held_ / expected) - 1).max() < 0.05
+
+
+def test_a_report_says_the_equations_of_derivatives(swing, noisy, tmp_path):
+    path = tmp_path / "report.html"
+    swing.report(path, *noisy)
+    text = path.read_text(encoding="utf-8")
+    assert "x&#x27; = A x + B" in text and "per second" in text
+
+
+def test_experiments_of_one_sample_do_no_harm(noisy):
+    u, y = noisy
+    model = alssnn.FlSsnn(
+        nx=2, n_h=2, dt=0.2, time="continuous", n_init=1, max_iter=5, random_state=0
+    ).fit([u[:300], u[300:301]], [y[:300], y[300:301]])
+    assert np.isfinite(model.cost_)
 
 
 def test_late_inputs(noisy):

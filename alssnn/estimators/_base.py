@@ -49,8 +49,8 @@ class StateSpaceModel(
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Linear part in the user's units (deviations); B and D have a column for every
-        input that is moved.
+        Linear part in the user's units (deviations), A and B per second in continuous
+        time; B and D have a column for every input that is moved.
     G_, H_ : ndarray of shape (nx, nd), (ny, nd)
         What measured disturbances add to the states and to the outputs.
     disturbances_ : ndarray of int of shape (nd,)

@@ -166,7 +166,7 @@ def publish_parameters(model):
     scaling, structure = model._scaling, model._structure
     model.disturbances_ = structure.given
     p = {**structure.constants, **structure.split(model._theta)}
-    p = per_second(structure, structure.rescale(p, model._units()), model.dt)
+    p = per_second(structure, structure.rescale(p, model._units()))
     for name, (low, high) in (model.bounds or {}).items():
         p[name] = np.clip(p[name], low, high)  # units round, bounds do not
     model.params_ = Bunch(**p)

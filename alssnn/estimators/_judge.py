@@ -114,7 +114,7 @@ def warn_if_unstable(estimator):
     A = regular(estimator, estimator.A_)
     poles = np.linalg.eigvals(A)
     if estimator._structure.sampling is not None:
-        poles = np.exp(poles * estimator.dt)
+        poles = np.exp(poles * estimator._structure.sampling.dt)
     radius = np.abs(poles).max(initial=0.0)
     if radius < 1:
         return
@@ -159,6 +159,22 @@ def warn_if_unsettled(estimator, watch):
         f"{type(estimator).__name__} stopped after {estimator.n_iter_} trial steps "
         f"{reason} or `tol`, or continue with `warm_start=True`."
         f"{settled if np.isfinite(fall) else ''}",
+    )
+
+
+def warn_left_linear(estimator):
+    """Warn that a fit returns its linear model.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+    """
+    verb = "predict" if is_predicting(estimator) else "simulate"
+    warn_of_training(
+        f"The networks of {type(estimator).__name__} do not {verb} hidden samples "
+        "better than the linear model, which is returned. Try another `nx`, a longer "
+        "record, or `LinearStateSpace`."
     )
 
 

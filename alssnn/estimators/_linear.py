@@ -35,7 +35,8 @@ class LinearStateSpace(StateSpaceModel):
     Attributes
     ----------
     A_, B_, C_, D_ : ndarray
-        Matrices in the user's units (deviations).
+        Matrices in the user's units (deviations); A and B per second in continuous
+        time.
     params_ : Bunch
         All parameters by name, in the user's units.
     orders_ : dict

@@ -64,7 +64,7 @@ def make_plant(model):
         u_scale=scaling.u_scale,
         y_scale=scaling.y_scale,
         x_scale=np.broadcast_to(model._x_scale, nx),
-        dt=float(model.dt),
+        dt=sampling_time(model),
         inputs=signal_names(getattr(model, "feature_names_in_", None), "u", nu),
         outputs=signal_names(model.output_names_, "y", len(model.C_)),
         name=type(model).__name__,
@@ -72,5 +72,22 @@ def make_plant(model):
         noise=model.cost_,
         noise_covariance=model.noise_covariance_,
         region=getattr(model, "_region", None),
-        rates=kept(structure, theta, units, float(model.dt)),
+        rates=kept(structure, theta, units),
     )
+
+
+def sampling_time(model):
+    """Return the sampling time of a fitted model, in seconds.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    dt : float
+        In continuous time that of the record, whatever became of the option since.
+    """
+    sampling = model._structure.sampling
+    return float(model.dt if sampling is None else sampling.dt)

@@ -9,6 +9,8 @@ from ..simulation import runs
 from ._checks import order_choices
 from ._disturbances import check_disturbances
 from ._integrators import find_integrators
+from ._noise import check_noise
+from ._time import check_time
 
 
 def fit_remote(model, experiments):
@@ -29,6 +31,8 @@ def fit_remote(model, experiments):
     watch = model._watch()
     model._validate_params()
     order_choices(model.nx)
+    check_noise(model)
+    check_time(model)
     if getattr(model, "validation_fraction", None) is not None:
         raise ValueError(
             "`validation_fraction` must be None for experiments on a cluster, got "

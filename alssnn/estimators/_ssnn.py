@@ -30,12 +30,12 @@ from ._horizon import trained
 from ._input_map import as_large_as_u, completed, patience, searched
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
-from ._judge import as_found, not_worse
+from ._judge import as_found, not_worse, warn_left_linear
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
+from ._time import is_continuous
 from ._warm_start import forms, goes_on
-from ._warn import warn_of_training
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
 SETTLED = "as many steps as hidden samples allow"
@@ -442,13 +442,9 @@ class Ssnn(StateSpaceModel):
         theta = self._start(plain, linear, near, 0, roots=(0.0, 0.0))
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
-        if watch.reason is None:  # else nobody knows whether they would help
-            verb = "predict" if is_predicting(self) else "simulate"
-            warn_of_training(
-                f"The networks of {type(self).__name__} do not {verb} hidden samples "
-                "better than the linear model, which is returned. Try another `nx`, a "
-                "longer record, or `LinearStateSpace`.",
-            )
+        # in continuous time they may help yet; and unless all was tried, nobody knows
+        if watch.reason is None and not is_continuous(self):
+            warn_left_linear(self)
         if self._shapes_linear():
             return self._shaped(plain, theta, experiments, watch)
         x0 = linear.x0 if experiments.is_here else None  # of a stretch elsewhere

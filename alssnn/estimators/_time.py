@@ -8,11 +8,11 @@ train through the steps of Runge and Kutta (eq. rk4).
 import numpy as np
 
 from ..continuous import (
-    FASTEST,
     converted,
     damped,
     derivative,
     flow,
+    is_resolved,
     sampled,
     with_nodes,
 )
@@ -21,12 +21,13 @@ from ..limits import Limits
 from ..mapping import Held
 from ..simulation import simulate
 from ..training import train
-from ._judge import own_judge
+from ._judge import own_judge, warn_left_linear
 from ._noise import identified, is_predicting
 from ._warn import warn_of_training
 
 CONTINUOUS = "continuous"
-CLOSE = 1.5  # |pole| times a step of Runge and Kutta that is accurate enough
+CLOSE = 0.01  # relative error of a pole that steps of Runge and Kutta may have
+FEWEST = 4  # samples of an experiment that tells something of a decay
 FLOW_STEPS, FLOW_TOL = 50, 1e-4  # of the search for the same flow
 MOST = 20_000  # samples of it
 FIRST, DECADES = 0.1, 8  # decays that are tried, from that of the discrete model on
@@ -129,7 +130,7 @@ def trained(estimator, experiments, previous, watch, held_out):
     if previous is not None and goes_on(estimator, previous):
         structure, theta = previous
         told = Held.of(with_nodes(structure, Held.of(experiments)))
-        outcome = _trained(estimator, told, structure, theta, watch, held_out)
+        outcome = _trained(estimator, told, structure, theta, None, watch, held_out)
         return told, structure, outcome.theta, outcome
     seen, discrete, theta, result = identified(
         estimator, experiments, None, watch, held_out
@@ -142,22 +143,29 @@ def trained(estimator, experiments, previous, watch, held_out):
     found = theta, result.x0
     A = discrete.split(theta)["A"]
     p = in_time(theta)
-    structure = sampled(discrete, estimator.hold, _substeps(estimator, p["A"]))
+    how = estimator.hold, _substeps(estimator, p["A"]), float(estimator.dt)
+    structure = sampled(discrete, *how)
     decay = getattr(estimator, "_decay", None)
     if decay and "center" in decay:
         center = structure.join(in_time(decay["center"]))
         estimator._decay = {**decay, "center": center}
     told = Held.of(with_nodes(structure, seen))
     theta = _same_flow(estimator, structure, structure.join(p), told, discrete, found)
-    theta, steps = _with_less_decay(estimator, told, structure, theta, watch)
-    outcome = _trained(estimator, told, structure, theta, watch, held_out)
+    start = theta, result.x0
+    theta, x0, steps = _with_less_decay(estimator, told, structure, start, watch)
+    outcome = _trained(estimator, told, structure, theta, x0, watch, held_out)
     outcome.nfev += steps + result.nfev
-    if outcome.cost > WORSE**2 * result.cost and watch.reason is None:
-        error, least = (100 * np.sqrt(cost) for cost in (outcome.cost, result.cost))
+    decay = getattr(estimator, "_decay", None)
+    if decay and not np.isfinite(decay["alpha"]) and watch.reason is None:
+        warn_left_linear(estimator)
+    error = _misses(structure, outcome.theta, outcome.x0, told)
+    least = _misses(discrete, *found, seen)
+    if error > WORSE * least and watch.reason is None:
         warn_of_training(
-            f"The model in continuous time misses {error:.3g} % of the output, a "
-            f"discrete one {least:.3g} %. Try another `hold`, which says what u does "
-            f"between samples and is {estimator.hold!r}, or more `substeps`."
+            f"The model in continuous time misses {100 * error:.3g} % of the output, a "
+            f"discrete one {100 * least:.3g} %. Try another `hold`, which says what u "
+            f"does between samples and is {estimator.hold!r}, more `substeps`, or a "
+            "smaller `nx`."
         )
     return told, structure, outcome.theta, outcome
 
@@ -182,16 +190,29 @@ def _same_flow(estimator, structure, theta, experiments, discrete, found):
     return result.x if np.isfinite(result.cost) else theta
 
 
-def _with_less_decay(estimator, experiments, structure, theta, watch):
-    """Return parameters of the decay that hidden samples ask for, and the steps."""
+def _misses(structure, theta, x0, experiments):
+    """Return the error of a simulation over the standard deviation of the outputs."""
+    criterion = Criterion(structure.observe(structure.measured), experiments)
+    norm = criterion.norm(criterion.join(theta, x0))
+    return norm / np.sqrt(structure.sizes[structure.measured])
+
+
+def _with_less_decay(estimator, experiments, structure, start, watch):
+    """Return parameters of the decay that hidden samples ask for, x0, and the steps."""
+    theta, x0 = start
     decay = getattr(estimator, "_decay", None)
     if decay is None or estimator.alpha != "auto" or structure.nw == 0:
-        return theta, 0
+        return theta, x0, 0
     near = experiments
     if estimator.coarse_samples is not None:
         near = Held.of(experiments.stretch(estimator.coarse_samples))
-    cuts = [3 * len(y) // 4 for _, y in near]
-    pairs = list(zip(near, cuts, strict=True))
+    pairs = [(pair, 3 * len(pair[1]) // 4) for pair in near]
+    starts = x0 if len(x0) == len(pairs) and near[0][0] is experiments[0][0] else None
+    if starts is not None:
+        starts = starts[[cut >= FEWEST for _, cut in pairs]]
+    pairs = [(pair, cut) for pair, cut in pairs if cut >= FEWEST]
+    if not pairs:
+        return theta, x0, 0
     seen = Held.of([(z[:c], y[:c]) for (z, y), c in pairs])
     judge = own_judge(estimator, [(z[c:], y[c:]) for (z, y), c in pairs])
     helped = np.isfinite(decay["alpha"])
@@ -201,7 +222,7 @@ def _with_less_decay(estimator, experiments, structure, theta, watch):
         best = HELPS * judge.rmse(structure, theta, noise), decay, theta
     for _ in range(DECADES):
         estimator._decay = {"center": theta, **decay, "alpha": alpha}
-        outcome = _trained(estimator, seen, structure, theta, watch, None)
+        outcome = _trained(estimator, seen, structure, theta, starts, watch, None)
         theta, steps = outcome.theta, steps + outcome.nfev
         error = judge.rmse(structure, theta, min(outcome.cost, 1.0))
         misses = 0 if error < GAIN * best[0] else misses + 1
@@ -211,7 +232,7 @@ def _with_less_decay(estimator, experiments, structure, theta, watch):
             break
         alpha /= 10.0
     _, estimator._decay, theta = best
-    return theta, steps
+    return theta, x0, steps
 
 
 def goes_on(estimator, previous):
@@ -233,6 +254,8 @@ def goes_on(estimator, previous):
     sampling = structure.sampling
     if sampling is None or sampling.hold != estimator.hold:
         return False
+    if sampling.dt != estimator.dt:
+        return False
     if sampling.substeps < estimator.substeps or "C" not in structure.constants:
         return False
     nx, ny = structure.sizes["x"], structure.sizes["y"]
@@ -249,10 +272,12 @@ def goes_on(estimator, previous):
 
 def _substeps(estimator, A):
     """Return the steps of Runge and Kutta per sample; warn if it takes more."""
-    fastest = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
-    needed = int(np.ceil(fastest / CLOSE))
-    if needed <= estimator.substeps:
-        return estimator.substeps
+    needed = estimator.substeps
+    while not is_resolved(A, needed, CLOSE):
+        needed += 1
+    if needed == estimator.substeps:
+        return needed
+    fastest = np.abs(np.linalg.eigvals(A)).max()
     warn_of_training(
         f"`substeps` is raised from {estimator.substeps} to {needed}: a pole of "
         f"modulus {fastest / estimator.dt:.3g} rad/s is too fast for steps of "
@@ -262,13 +287,15 @@ def _substeps(estimator, A):
     return needed
 
 
-def _trained(estimator, experiments, structure, theta, watch, held_out):
+def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
     """Return what the last stages make of parameters of derivatives."""
     judge = None
     if held_out is not None:
         judge = held_out.of(lambda pairs: with_nodes(structure, pairs))
     penalized, terms = estimator._criterion_terms(structure)
     theta = _finite(structure, theta, experiments)
+    if x0 is not None and not np.isfinite(_misses(structure, theta, x0, experiments)):
+        x0 = None
     bounds = _bounds(estimator, structure, theta)
     decay = dict(getattr(estimator, "_decay", None) or {})
     if not np.isfinite(decay.get("alpha", 0.0)):  # the networks did not help
@@ -294,6 +321,7 @@ def _trained(estimator, experiments, structure, theta, watch, held_out):
         tol=estimator.tol,
         watch=watch,
         validation=judge,
+        x0=x0,
         **settings,
     )
     _check_rates(structure, result.theta, estimator.dt)
@@ -305,8 +333,10 @@ def _bounds(estimator, structure, theta):
     bounds = estimator._scaled_bounds(structure)
     if "A" in bounds:  # of integrators: their derivatives do not see them
         low, high = bounds["A"]
-        fixed = low == high
-        bounds["A"] = tuple(np.where(fixed, 0.0, bound) for bound in (low, high))
+        held = low == high
+        A = structure.split(theta)["A"]
+        value = np.where(low == np.eye(len(low)), 0.0, A)  # the others are the user's
+        bounds["A"] = tuple(np.where(held, value, bound) for bound in (low, high))
     decay = getattr(estimator, "_decay", None) or {"alpha": 0.0}
     if not np.isfinite(decay["alpha"]):  # the networks did not help
         p = structure.split(theta)
@@ -334,12 +364,12 @@ def _finite(structure, theta, experiments):
 
 def _check_rates(structure, theta, dt):
     """Warn where steps of Runge and Kutta are no solution of the equations."""
-    substeps = structure.sampling.substeps
-    fastest = np.abs(np.linalg.eigvals(structure.split(theta)["A"])).max(initial=0.0)
-    if fastest > FASTEST * substeps:
+    A, substeps = structure.split(theta)["A"], structure.sampling.substeps
+    if not is_resolved(A, substeps, 2 * CLOSE):
+        fastest = np.abs(np.linalg.eigvals(A)).max()
         warn_of_training(
             f"A pole of modulus {fastest / dt:.3g} rad/s is too fast for {substeps} "
-            f"steps of Runge and Kutta per sample of {dt:.3g} s: the equations are "
-            "stiff, and the model holds at this rate only. Take more `substeps`, a "
-            "smaller `nx`, or time='discrete'."
+            f"steps of Runge and Kutta per sample of {dt:.3g} s: A is right at this "
+            "sampling time only. Take more `substeps`, a smaller `nx`, or "
+            "time='discrete'."
         )

@@ -23,6 +23,7 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
+from ._plant import sampling_time
 from ._simulation import labeled_data, simulated_experiments
 
 
@@ -111,7 +112,7 @@ def parameter_covariance(model, u, y, experiment=None):
         n_samples=fit.n_samples,
         structure=model._structure,
         units=model._units(),
-        dt=model.dt,
+        dt=sampling_time(model),
         input_delay=model.input_delay_,
         noise=noise.rescale(scale),
         p_weighting=p,

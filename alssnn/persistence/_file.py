@@ -90,7 +90,7 @@ def save(model, path):
         "params": {k: _encode_param(k, v) for k, v in model.get_params(False).items()},
         "structure": {
             "sizes": [structure.sizes["x"], equations.nu, structure.sizes["y"]],
-            "sampling": sampling and [sampling.hold, sampling.substeps],
+            "sampling": sampling and [sampling.hold, sampling.substeps, sampling.dt],
             "constants": list(structure.constants),
             "given": [int(i) for i in structure.given],
             "options": {k: _encode_param(k, v) for k, v in structure.options.items()},

@@ -104,7 +104,7 @@ class BodeDisplay:
         ValueError
             If an option is out of range, or the band or the axes do not fit.
         """
-        sys = model.to_statespace()
+        sys = model.to_statespace(dt=model.plant_.dt)  # as the loop sees it
         moved, outputs = model.plant_.moved, column_names(model)[1]
         nu = len(moved)
         amplitudes = np.asarray(amplitudes, dtype=float)

@@ -88,13 +88,14 @@ def equations(model):
     """
     plant = model.plant_
     inputs, outputs = column_names(model)
-    per_second = "per second" if model.time == "continuous" else ""
+    is_continuous = model.fitted_.structure.sampling is not None
+    per_second = "per second" if is_continuous else ""
     linear = {
         "A": (model.A_, per_second),
         "B": (model.B_, per_second),
         "C": (model.C_, ""),
         "D": (model.D_, ""),
-        "G": (model.G_, f"of {_disturbances(model)}"),
+        "G": (model.G_, f"of {_disturbances(model)} {per_second}".rstrip()),
         "H": (model.H_, f"of {_disturbances(model)}"),
         "u_e": (plant.u_offset, f"operating point of {', '.join(inputs)}"),
         "y_e": (plant.y_offset, f"operating point of {', '.join(outputs)}"),
@@ -136,7 +137,8 @@ def _in_words(model):
     of_v = f"({du} + h({s}))" if h else du
     if not model.plant_.is_explicit:
         of_v = f"phi({du}, {s})"
-    state = f"x+ = A x + B {of_v}" + (" + G dd" if nd else "")
+    x_next = "x+" if model.fitted_.structure.sampling is None else "x'"
+    state = f"{x_next} = A x + B {of_v}" + (" + G dd" if nd else "")
     output = "y - y_e = C x" + (f" + D {du}" if np.any(model.D_) else "")
     output += " + H dd" if np.any(model.H_) else ""
     return [

@@ -24,17 +24,18 @@ def frequency_response(sys, frequencies):
     Parameters
     ----------
     sys : control.StateSpace
-        Discrete-time system (A, B, C, D, dt).
+        System (A, B, C, D, dt), of continuous time if dt = 0.
     frequencies : array_like of shape (n,)
         Frequencies, in Hz.
 
     Returns
     -------
     G : ndarray of complex, shape (n, ny, nu)
-        C (z I - A)^-1 B + D at z = exp(2 pi j f dt).
+        C (z I - A)^-1 B + D at z = exp(2 pi j f dt), or at 2 pi j f.
     """
-    z = np.exp(2j * np.pi * np.asarray(frequencies) * sys.dt)
-    pencil = z[:, None, None] * np.eye(len(sys.A)) - sys.A
+    s = 2j * np.pi * np.asarray(frequencies)
+    point = s if sys.dt == 0 else np.exp(s * sys.dt)
+    pencil = point[:, None, None] * np.eye(len(sys.A)) - sys.A
     return sys.C @ np.linalg.solve(pencil, sys.B[None]) + sys.D
 
 
