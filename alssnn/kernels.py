@@ -64,17 +64,18 @@ def _compiled(twin=None):
 
 def _advance_loop(base, P, E, layers, codes, W, x, X):
     nw = W.shape[1]
+    first, seen, weight = E
     q = np.empty(P.shape[0], dtype=P.dtype)
     w = np.empty(nw, dtype=P.dtype)
     for k in range(base.shape[0]):
         np.dot(P, x, q)
         q += base[k]
         for i in range(codes.shape[0]):
-            a, b, first, code = layers[i, 0], layers[i, 1], layers[i, 2], codes[i]
+            a, b, code = layers[i, 0], layers[i, 1], codes[i]
             for j in range(a, b):  # scalars: a view costs more than a short loop
                 v = q[j]
-                for m in range(first, a):
-                    v += E[j, m] * w[m]
+                for m in range(first[j], first[j + 1]):
+                    v += weight[m] * w[seen[m]]
                 if code == TANH:
                     w[j] = np.tanh(v)
                 elif code == SIGMOID:
@@ -100,8 +101,9 @@ def advance(base, P, E, layers, sigma, W, x, X):
         Part of [v; x+] that depends on neither x nor w.
     P : ndarray of shape (nw + nx, nx)
         Part of [v; x+] that is linear in x.
-    E : ndarray of shape (nw, nw)
-        Weights between neurons.
+    E : ndarray of shape (nw, nw) or tuple of ndarray
+        Weights between neurons: a matrix for the original; for the twin the weights
+        that are not zero, row by row, as `back_propagate` has them, the places first.
     layers : ndarray of int of shape (n_layers, 3)
         First and last neuron (exclusive) of every layer, and the first that it sees.
     sigma : sequence of length n_layers

@@ -38,6 +38,28 @@ GAINS_BYTES = 400_000  # gains of some samples then: about the second cache
 DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
 
 
+def weight_lists(E):
+    """Return the weights that are not zero as lists, one per row.
+
+    Parameters
+    ----------
+    E : ndarray of shape (n, n_columns)
+        Weights.
+
+    Returns
+    -------
+    first : ndarray of int of shape (n + 1,)
+        Places where the list of every row starts, and the end of the last one.
+    seen : ndarray of int of shape (n_weights,)
+        Their columns.
+    weight : ndarray of shape (n_weights,)
+        The weights.
+    """
+    lists = csr_array(E)
+    # unsigned: compiled loops then need not ask whether they count from the end
+    return lists.indptr, lists.indices.astype(np.uintp), lists.data
+
+
 class Stepper:
     """Step one Lur'e form; what does not depend on the record is prepared once.
 
@@ -56,7 +78,7 @@ class Stepper:
         self._Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]]).T
         self._c = np.concatenate([lure.b, lure.c[:nx]])
         self._W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
-        self._E = np.ascontiguousarray(lure.E, dtype=dtype)
+        self._E: np.ndarray | tuple = np.ascontiguousarray(lure.E, dtype=dtype)
         self._layers = np.array(
             [
                 (a.start, a.stop, b.start)
@@ -75,6 +97,7 @@ class Stepper:
         plain = OTHER in codes or self.dtype.kind != "f" or lure.implicit
         if advance.is_compiled and not plain:
             self._kernel, self._sigma = advance, codes
+            self._E = weight_lists(self._E)
         else:
             self._kernel, self._sigma = advance.plain, values
 
@@ -436,9 +459,8 @@ class _Deep:
         self.lure, self.direct = lure, direct
         own = direct.gain_map[:, nw:]
         self.initial = np.hstack([W, np.zeros((len(W), own.shape[1])), M_x])
-        seen = csr_array(np.hstack([lure.E, own, lure.V[:, :nx]]))
         self.n_gains = direct.gain_map.shape[1]  # behind them: H of all rows
-        self.lists = (seen.indptr, seen.indices, seen.data)
+        self.lists = weight_lists(np.hstack([lure.E, own, lure.V[:, :nx]]))
         self.layers = np.array([(a.start, a.stop) for a in lure.layers])
         self.signal_map = csr_array(direct.signal_map[:, nx + lure.nu + nw + 1 :].T)
         self.length = max(8, GAINS_BYTES // (8 * self.initial.size))

@@ -1,7 +1,6 @@
 import control
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 
 from alssnn import kernels
 from alssnn.activations import ACTIVATIONS
@@ -13,6 +12,7 @@ from alssnn.simulation import (
     chunk_length,
     sensitivities,
     simulate,
+    weight_lists,
 )
 from helpers import assert_jacobian, random_theta, simulate_linear
 
@@ -134,8 +134,11 @@ def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
     states = [np.zeros((L, nx)), np.zeros((L, nx))]
     functions = [activation.value] * n_neurons
     codes = np.full(n_neurons, activation.code)
-    compiled = codes if kernels.advance.is_compiled else functions
-    kernels.advance(base, P, E, layers, compiled, W, np.ones(nx), states[0])
+    given = E, layers, functions
+    if kernels.advance.is_compiled:
+        seen = E * (np.arange(n_neurons) >= first[:, None])
+        given = weight_lists(seen), layers, codes
+    kernels.advance(base, P, *given, W, np.ones(nx), states[0])
     kernels.advance.plain(base, P, E, layers, functions, W, np.ones(nx), states[1])
     np.testing.assert_allclose(*states, rtol=1e-13)
 
@@ -215,7 +218,7 @@ def test_gains_go_back_through_the_neurons_that_see_them(rng, L):
     initial = rng.standard_normal((n_rows, nw + further))
     slope = rng.standard_normal((L, nw))
     layers = np.array([[0, 1], [1, 2], [2, 3], [3, 5], [5, 7]])
-    lists = csr_array(seen)
+    lists = weight_lists(seen)
     expected = np.empty((L, n_rows, nw + further))
     for k in range(L):  # W R by its definition
         E = seen[:, :nw]
@@ -224,7 +227,7 @@ def test_gains_go_back_through_the_neurons_that_see_them(rng, L):
         expected[k] = np.hstack([WR, initial[:, nw:] + WR @ seen[:, nw:]])
     for kernel in (kernels.back_propagate, kernels.back_propagate.plain):
         out = np.full(expected.shape, np.nan)
-        kernel(initial, slope, layers, lists.indptr, lists.indices, lists.data, out)
+        kernel(initial, slope, layers, *lists, out)
         np.testing.assert_allclose(out, expected, atol=1e-10)
 
 
