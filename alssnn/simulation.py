@@ -34,7 +34,7 @@ from .kernels import advance, back_propagate, differentiate
 SIMULATION_CHUNK = 1024  # samples between two tests for divergence
 SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
 MANY_LAYERS = 8  # beyond: their weights as a list, most of them being zero
-GAINS_BYTES = 400_000  # gains of some samples then: about the second cache
+GAINS_BYTES = 1_600_000  # gains of some samples then: more leave the caches
 DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
 
 
