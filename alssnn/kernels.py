@@ -1,4 +1,4 @@
-"""Kernels: the three inner loops that are worth compiling.
+"""Kernels: the inner loops that are worth compiling.
 
 Each kernel is plain NumPy.  When numba is installed (extra `fast`) a compiled
 function takes its place on the first call: the same source where NumPy and numba
@@ -13,10 +13,13 @@ import numpy as np
 from scipy import LowLevelCallable
 from scipy.linalg import cython_blas
 from scipy.linalg.blas import dgemm
+from scipy.sparse import csr_array
 
 from .activations import IDENTITY, RELU, SIGMOID, TANH
 
-DIAGONAL, CONSTANT, VARYING = range(3)  # kinds of products in `differentiate`
+# Kinds of products in `differentiate`; the last: with the three rows that follow
+DIAGONAL, CONSTANT, VARYING, FOUR = range(4)
+SIDE_BY_SIDE = 8  # samples that the twin of `back_propagate` treats in one loop
 
 
 class Kernel:
@@ -61,17 +64,18 @@ def _compiled(twin=None):
 
 def _advance_loop(base, P, E, layers, codes, W, x, X):
     nw = W.shape[1]
+    first, seen, weight = E
     q = np.empty(P.shape[0], dtype=P.dtype)
     w = np.empty(nw, dtype=P.dtype)
     for k in range(base.shape[0]):
         np.dot(P, x, q)
         q += base[k]
         for i in range(codes.shape[0]):
-            a, b, first, code = layers[i, 0], layers[i, 1], layers[i, 2], codes[i]
+            a, b, code = layers[i, 0], layers[i, 1], codes[i]
             for j in range(a, b):  # scalars: a view costs more than a short loop
                 v = q[j]
-                for m in range(first, a):
-                    v += E[j, m] * w[m]
+                for m in range(first[j], first[j + 1]):
+                    v += weight[m] * w[seen[m]]
                 if code == TANH:
                     w[j] = np.tanh(v)
                 elif code == SIGMOID:
@@ -97,8 +101,9 @@ def advance(base, P, E, layers, sigma, W, x, X):
         Part of [v; x+] that depends on neither x nor w.
     P : ndarray of shape (nw + nx, nx)
         Part of [v; x+] that is linear in x.
-    E : ndarray of shape (nw, nw)
-        Weights between neurons.
+    E : ndarray of shape (nw, nw) or tuple of ndarray
+        Weights between neurons: a matrix for the original; for the twin the weights
+        that are not zero, row by row, as `back_propagate` has them, the places first.
     layers : ndarray of int of shape (n_layers, 3)
         First and last neuron (exclusive) of every layer, and the first that it sees.
     sigma : sequence of length n_layers
@@ -142,9 +147,31 @@ def _differentiate_loop(FH, table, constants, gains, signals, S, J):
                 for p in range(n):
                     out[p] += f0 * S[j, p] + f1 * S[j + 1, p] + f2 * S[j + 2, p]
                 j += 3
-            for o in range(table.shape[0]):
+            o = -1
+            while o + 1 < table.shape[0]:
+                o += 1
                 start, stop, c, a, b, g, s, kind = table[o]
                 if r < start or r >= stop:
+                    continue
+                if kind == FOUR:  # the same entries four times: a quarter of the stores
+                    row = gains[k, r]
+                    g1, g2, g3 = table[o + 1, 5], table[o + 2, 5], table[o + 3, 5]
+                    s1, s2, s3 = table[o + 1, 6], table[o + 2, 6], table[o + 3, 6]
+                    o += 3
+                    for i in range(a):
+                        f0, f1, f2, f3 = (
+                            row[g + i],
+                            row[g1 + i],
+                            row[g2 + i],
+                            row[g3 + i],
+                        )
+                        for j in range(b):
+                            out[c + i * b + j] += (
+                                f0 * signals[k, s + j]
+                                + f1 * signals[k, s1 + j]
+                                + f2 * signals[k, s2 + j]
+                                + f3 * signals[k, s3 + j]
+                            )
                     continue
                 if kind == DIAGONAL:
                     c += (r - start) * b
@@ -177,11 +204,12 @@ def differentiate(FH, table, constants, gains, signals, S, J):
         Direct derivatives G and D as products: first and last row (exclusive), first
         column, a, b, places of gain and signal, kind. Parameter (i, j) of a products
         (a, b) adds ``gain[i] * signal[j]`` to its column in every row; if `DIAGONAL`,
-        to row i alone, with the gain ``constants[row, 0]``.
+        to row i alone, with the gain ``constants[row, 0]``. `FOUR` is `VARYING`, and
+        the three rows that follow have the same parameters, and that kind.
     constants : ndarray of shape (nx + nz, n_constants)
         Gains of kind `CONSTANT`.
-    gains : ndarray of shape (L, nx + nz, n_gains)
-        Gains of kind `VARYING`.
+    gains : ndarray of shape (L, nx + nz, >= n_gains)
+        Gains of kinds `VARYING` and `FOUR`.
     signals : ndarray of shape (L, n_signals)
         Right factors.
     S : ndarray of shape (nx, n)
@@ -213,6 +241,69 @@ def differentiate(FH, table, constants, gains, signals, S, J):
         S_t = T_k[:nx].T
     S[:] = T[-1, :nx]
     J[:, :, :n] = T[:, nx:]
+
+
+def _back_propagate_loop(initial, slope, layers, first, onto, weight, out):
+    n_rows, n_columns = initial.shape
+    L, nw = slope.shape
+    # samples innermost: every weight then meets one long run of numbers
+    n = n_rows * SIDE_BY_SIDE
+    G = np.empty((n_columns, n))
+    for k in range(0, L, SIDE_BY_SIDE):
+        m = min(SIDE_BY_SIDE, L - k)
+        for c in range(n_columns):
+            for r in range(n_rows):
+                G[c, r * SIDE_BY_SIDE : (r + 1) * SIDE_BY_SIDE] = initial[r, c]
+        for i in range(nw - 1, -1, -1):
+            own = G[i]
+            for r in range(n_rows):
+                for j in range(m):
+                    own[r * SIDE_BY_SIDE + j] *= slope[k + j, i]
+            for t in range(first[i], first[i + 1]):
+                other, value = G[onto[t]], weight[t]
+                for j in range(n):
+                    other[j] += value * own[j]
+        for j in range(m):
+            for r in range(n_rows):
+                for c in range(n_columns):
+                    out[k + j, r, c] = G[c, r * SIDE_BY_SIDE + j]
+
+
+@_compiled(_back_propagate_loop)
+def back_propagate(initial, slope, layers, first, onto, weight, out):
+    """Propagate gains back through neurons that see few others (eq. sens).
+
+    Parameters
+    ----------
+    initial : ndarray of shape (n_rows, n_columns)
+        Gains of the neurons' values, then those of what else the neurons see.
+    slope : ndarray of shape (L, nw)
+        Derivatives sigma' of the neurons.
+    layers : ndarray of int of shape (n_layers, 2)
+        First and last neuron (exclusive) of every layer.
+    first : ndarray of int of shape (nw + 1,)
+        Places in `onto` and `weight` where the list of every neuron starts, and the
+        end of the last one.
+    onto : ndarray of int of shape (n_weights,)
+        Columns that the neurons see: earlier neurons, or columns behind all of them.
+    weight : ndarray of shape (n_weights,)
+        Weights with which they see them.
+    out : ndarray of shape (L, n_rows, n_columns)
+        Receives the gains: those of the neurons' own inputs v, then ``initial`` of
+        the other columns plus what reaches them through the neurons.
+    """
+    L, nw = slope.shape
+    n_rows, n_columns = initial.shape
+    # samples innermost: every layer is then one product of matrices
+    G = np.repeat(initial.T[:, :, None], L, axis=2)
+    dense = csr_array((weight, onto, first), shape=(nw, n_columns))
+    for start, stop in layers[::-1]:
+        G[start:stop] *= slope.T[start:stop, None]
+        columns = np.unique(onto[first[start] : first[stop]])
+        E = dense[start:stop].toarray()[:, columns]
+        through = E.T @ G[start:stop].reshape(stop - start, -1)
+        G[columns] += through.reshape(-1, n_rows, L)
+    out[:] = G.transpose(2, 1, 0)
 
 
 def _filter_sections_loop(sigma, q, beta, u, Z, out):

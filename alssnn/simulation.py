@@ -15,6 +15,10 @@ for S = d x / d (theta, x0).  It works through the record in chunks that fit the
 cache and hands out J chunk by chunk; inputs are only ever sliced, so that a record may
 live on disk.  Nothing here grows with the record but what `simulate` returns.
 
+A form of many layers, such as one that samples a derivative (eq. rk4), has a long E
+that is nearly empty.  There W R goes through a list of the weights that are not zero
+(`kernels.back_propagate`), for as many samples at a time as fit the cache.
+
 Neither function knows what the channels mean or how they are weighted beyond one
 factor per channel; that is the matter of `criterion`.
 """
@@ -22,13 +26,38 @@ factor per channel; that is the matter of `criterion`.
 from itertools import cycle
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from .activations import OTHER
-from .kernels import advance, differentiate
+from .kernels import advance, back_propagate, differentiate
 
 SIMULATION_CHUNK = 1024  # samples between two tests for divergence
 SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
+MANY_LAYERS = 8  # beyond: their weights as a list, most of them being zero
+GAINS_BYTES = 1_600_000  # gains of some samples then: more leave the caches
 DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
+
+
+def weight_lists(E):
+    """Return the weights that are not zero as lists, one per row.
+
+    Parameters
+    ----------
+    E : ndarray of shape (n, n_columns)
+        Weights.
+
+    Returns
+    -------
+    first : ndarray of int of shape (n + 1,)
+        Places where the list of every row starts, and the end of the last one.
+    seen : ndarray of int of shape (n_weights,)
+        Their columns.
+    weight : ndarray of shape (n_weights,)
+        The weights.
+    """
+    lists = csr_array(E)
+    # unsigned: compiled loops then need not ask whether they count from the end
+    return lists.indptr, lists.indices.astype(np.uintp), lists.data
 
 
 class Stepper:
@@ -49,7 +78,7 @@ class Stepper:
         self._Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]]).T
         self._c = np.concatenate([lure.b, lure.c[:nx]])
         self._W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
-        self._E = np.ascontiguousarray(lure.E, dtype=dtype)
+        self._E: np.ndarray | tuple = np.ascontiguousarray(lure.E, dtype=dtype)
         self._layers = np.array(
             [
                 (a.start, a.stop, b.start)
@@ -68,6 +97,7 @@ class Stepper:
         plain = OTHER in codes or self.dtype.kind != "f" or lure.implicit
         if advance.is_compiled and not plain:
             self._kernel, self._sigma = advance, codes
+            self._E = weight_lists(self._E)
         else:
             self._kernel, self._sigma = advance.plain, values
 
@@ -381,6 +411,9 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1
     V_x = lure.V[:, :nx]
     Theta_z = (lure.Theta[nx : nx + nz] * scale[nx:, None]).T
     direct = structure.direct(p, scale)
+    deep = None
+    if len(lure.layers) > MANY_LAYERS and not lure.implicit:
+        deep = _Deep(lure, W, M_x, direct)
     ring = cycle([np.zeros((chunk, nz, n + spare)) for _ in range(buffers)])
     S = np.zeros((nx, n))
     S[: structure.n_x0, n_params:] = np.eye(structure.n_x0)
@@ -388,11 +421,74 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1
         if not np.isfinite(X[-1]).all():
             raise FloatingPointError("The simulation diverges at these parameters.")
         L = len(u_part)
+        J = next(ring)[:L]
+        if deep is not None:
+            yield part, deep(X[:-1], u_part, S, J) @ Theta_z, J
+            continue
         Phi = regressors(lure, X[:-1], u_part)
         WR = neuron_gains(lure, W, Phi)  # (L, nx + nz, nw)
         FH = (WR.reshape(L * (nx + nz), lure.nw) @ V_x).reshape(L, nx + nz, nx) + M_x
-        J = next(ring)[:L]
         differentiate(
             FH, direct.table, direct.constants, *direct.factors(Phi, WR), S, J
         )
         yield part, Phi @ Theta_z, J
+
+
+class _Deep:
+    """Differentiate through many layers, each of which sees little.
+
+    Arrays have the samples as their last axis, so that every layer is some rows. What
+    a neuron moves stands in one list: the neurons that it sees (E), the gains of
+    parameters inside it, and the states that it sees (V_x). One way back through all of
+    them gives W R, these gains and [F; H] (eq. sens).
+
+    Parameters
+    ----------
+    lure : Lure
+        Model without implicit layers.
+    W : ndarray of shape (nx + nz, nw)
+        Output weights, scaled like the rows.
+    M_x : ndarray of shape (nx + nz, nx)
+        Linear part by x, scaled likewise.
+    direct : Direct
+        Direct derivatives.
+    """
+
+    def __init__(self, lure, W, M_x, direct):
+        nx, nw = lure.nx, lure.nw
+        self.lure, self.direct = lure, direct
+        own = direct.gain_map[:, nw:]
+        self.initial = np.hstack([W, np.zeros((len(W), own.shape[1])), M_x])
+        self.n_gains = direct.gain_map.shape[1]  # behind them: H of all rows
+        self.lists = weight_lists(np.hstack([lure.E, own, lure.V[:, :nx]]))
+        self.layers = np.array([(a.start, a.stop) for a in lure.layers])
+        self.signal_map = csr_array(direct.signal_map[:, nx + lure.nu + nw + 1 :].T)
+        self.length = max(8, GAINS_BYTES // (8 * self.initial.size))
+        self.gains = np.empty((self.length, *self.initial.shape))
+
+    def __call__(self, X, u, S, J):
+        """Carry S on, fill J, and return the regressors, shape (L, n_phi)."""
+        Phi, slope = self._evaluate(X, u)
+        signals = np.ascontiguousarray(np.vstack([Phi, self.signal_map @ Phi]).T)
+        slope, direct = np.ascontiguousarray(slope.T), self.direct
+        for start in range(0, len(X), self.length):
+            some = slice(start, start + self.length)
+            gains = self.gains[: len(slope[some])]
+            back_propagate(self.initial, slope[some], self.layers, *self.lists, gains)
+            FH = np.ascontiguousarray(gains[:, :, self.n_gains :])
+            factors = direct.constants, gains, signals[some]
+            differentiate(FH, direct.table, *factors, S, J[some])
+        return Phi.T
+
+    def _evaluate(self, X, u):
+        """Return regressors, shape (n_phi, L), and slopes, shape (nw, L)."""
+        lure = self.lure
+        Phi = np.vstack([X.T, u.T, np.ones((lure.nw + 1, len(X)))])
+        v = lure.V @ Phi[: lure.nx + lure.nu] + lure.b[:, None]
+        w, slope = Phi[lure.nx + lure.nu : -1], np.empty_like(v)
+        for layer, before in zip(lure.layers, lure.seen, strict=True):
+            v[layer] += lure.E[layer, before] @ w[before]
+            sigma = lure.sigma[layer.start]
+            w[layer] = sigma.value(v[layer])
+            slope[layer] = sigma.derivative(v[layer], w[layer])
+        return Phi, slope

@@ -4,6 +4,7 @@ import pytest
 
 from alssnn import kernels
 from alssnn.activations import ACTIVATIONS
+from alssnn.continuous import flow, sampled
 from alssnn.models import state_space
 from alssnn.simulation import (
     SIMULATION_CHUNK,
@@ -11,6 +12,7 @@ from alssnn.simulation import (
     chunk_length,
     sensitivities,
     simulate,
+    weight_lists,
 )
 from helpers import assert_jacobian, random_theta, simulate_linear
 
@@ -132,8 +134,11 @@ def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
     states = [np.zeros((L, nx)), np.zeros((L, nx))]
     functions = [activation.value] * n_neurons
     codes = np.full(n_neurons, activation.code)
-    compiled = codes if kernels.advance.is_compiled else functions
-    kernels.advance(base, P, E, layers, compiled, W, np.ones(nx), states[0])
+    given = E, layers, functions
+    if kernels.advance.is_compiled:
+        seen = E * (np.arange(n_neurons) >= first[:, None])
+        given = weight_lists(seen), layers, codes
+    kernels.advance(base, P, *given, W, np.ones(nx), states[0])
     kernels.advance.plain(base, P, E, layers, functions, W, np.ones(nx), states[1])
     np.testing.assert_allclose(*states, rtol=1e-13)
 
@@ -146,3 +151,93 @@ def test_sensitivities_do_the_same_compiled_and_plain(structure, run, monkeypatc
         blocks = sensitivities(structure, theta, x0, u, np.ones(structure.nz), 7)
         results.append(np.concatenate([J.copy() for *_, J in blocks]))
     np.testing.assert_allclose(*results, rtol=0, atol=1e-13)
+
+
+DEEP = {  # structures of many layers
+    "h": ({"n_h": 4, "feedback": "state"}, ("y", "v"), "zoh", 1),
+    "g of two layers": ({"n_g": (3, 2)}, ("y", "g"), "linear", 2),
+    "both": ({"n_h": 4, "n_g": 3}, ("y", "e"), "zoh", 3),
+    "relu": ({"n_g": 3, "activation": "relu"}, ("y",), "cubic", 1),
+    "no states": ({"n_h": 2, "feedback": "state"}, None, "zoh", 1),
+}
+
+
+@pytest.fixture(params=DEEP.values(), ids=DEEP)
+def deep(request):
+    options, observed, hold, substeps = request.param
+    one = sampled(state_space(3, 2, 2, C=np.eye(2, 3), **options), hold, substeps)
+    return flow(one) if observed is None else one.observe(*observed)
+
+
+def test_many_layers_are_differentiated_as_few(deep, rng, monkeypatch):
+    theta = 0.2 * rng.standard_normal(deep.n_params)
+    u, x0 = rng.standard_normal((37, deep.nu)), rng.standard_normal(deep.n_x0)
+    scale = rng.uniform(0.5, 2.0, deep.nz)
+    ways = [  # most layers that are few, bytes of gains, kernels
+        (np.inf, 1, kernels.back_propagate, kernels.differentiate),
+        (8, 1, kernels.back_propagate, kernels.differentiate),
+        (8, 1, kernels.back_propagate.plain, kernels.differentiate.plain),
+        (8, 10**6, kernels.back_propagate, kernels.differentiate.plain),
+    ]
+    results = []
+    for most, size, back_propagate, differentiate in ways:
+        monkeypatch.setattr("alssnn.simulation.MANY_LAYERS", most)
+        monkeypatch.setattr("alssnn.simulation.GAINS_BYTES", size)
+        monkeypatch.setattr("alssnn.simulation.back_propagate", back_propagate)
+        monkeypatch.setattr("alssnn.simulation.differentiate", differentiate)
+        blocks = sensitivities(deep, theta, x0, u, scale, 20)
+        results.append(
+            np.concatenate([np.dstack([Z[:, :, None], J]) for _, Z, J in blocks])
+        )
+    assert len(deep.lure(theta).layers) > 8
+    size = np.abs(results[0]).max()
+    for result in results[1:]:
+        np.testing.assert_allclose(result, results[0], rtol=0, atol=1e-13 * size)
+
+
+def test_derivatives_through_many_layers(deep, rng):
+    theta = 0.2 * rng.standard_normal(deep.n_params)
+    u, x0 = rng.standard_normal((19, deep.nu)), rng.standard_normal(deep.n_x0)
+
+    def simulated(v):
+        lure = deep.lure(v[: deep.n_params])
+        X = simulate(lure, u, deep.initial_state(v[deep.n_params :]))
+        return channels(lure, X, u)
+
+    J = [J.copy() for *_, J in sensitivities(deep, theta, x0, u, np.ones(deep.nz))]
+    assert_jacobian(simulated, np.concatenate(J), np.concatenate([theta, x0]))
+
+
+@pytest.mark.parametrize("L", [1, 8, 19])
+def test_gains_go_back_through_the_neurons_that_see_them(rng, L):
+    nw, n_rows, further = 7, 3, 4
+    seen = np.tril(rng.standard_normal((nw, nw)), -1)
+    seen[4, 3] = seen[6, 5] = 0.0  # in one layer
+    seen = np.hstack([seen, rng.standard_normal((nw, further))])
+    seen[2] = 0.0  # sees nothing
+    initial = rng.standard_normal((n_rows, nw + further))
+    slope = rng.standard_normal((L, nw))
+    layers = np.array([[0, 1], [1, 2], [2, 3], [3, 5], [5, 7]])
+    lists = weight_lists(seen)
+    expected = np.empty((L, n_rows, nw + further))
+    for k in range(L):  # W R by its definition
+        E = seen[:, :nw]
+        R = np.linalg.inv(np.eye(nw) - slope[k][:, None] * E) * slope[k]
+        WR = initial[:, :nw] @ R
+        expected[k] = np.hstack([WR, initial[:, nw:] + WR @ seen[:, nw:]])
+    for kernel in (kernels.back_propagate, kernels.back_propagate.plain):
+        out = np.full(expected.shape, np.nan)
+        kernel(initial, slope, layers, *lists, out)
+        np.testing.assert_allclose(out, expected, atol=1e-10)
+
+
+def test_products_of_the_same_parameters_stand_in_fours():
+    one = sampled(state_space(2, 1, 1, n_g=2, C=np.eye(1, 2)), substeps=2)
+    rng = np.random.default_rng(0)
+    p = one.split(rng.standard_normal(one.n_params))
+    table = one.direct(p, np.ones(one.nx + one.nz)).table
+    lead = np.flatnonzero(table[:, -1] == kernels.FOUR)
+    assert 4 * len(lead) == len(table)
+    for i in range(1, 4):
+        np.testing.assert_array_equal(table[lead, :5], table[lead + i, :5])
+        np.testing.assert_array_equal(table[lead + i, -1], kernels.VARYING)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels import CONSTANT, DIAGONAL, VARYING
+from ..kernels import CONSTANT, DIAGONAL, FOUR, VARYING
 
 
 class Direct(NamedTuple):
@@ -129,7 +129,7 @@ class Products:
         direct : Direct
             For the kernel.
         """
-        table = np.array(self.table, dtype=np.int64).reshape(-1, 8)
+        table = np.array(_in_fours(self.table), dtype=np.int64).reshape(-1, 8)
         return Direct(
             table, *map(np.hstack, (self.constants, self.gains, self.signals))
         )
@@ -153,6 +153,22 @@ def product(matrices):
         if matrix is not None:
             value = matrix if value is None else value @ matrix
     return value
+
+
+def _in_fours(table):
+    """Return a table whose products of the same entries stand in fours, if so many."""
+    same: dict[tuple, list] = {}
+    for product in table:
+        *_, kind = product
+        same.setdefault((*product[:5], kind), []).append(product)
+    ordered = []
+    for (*_, kind), products in same.items():
+        if kind == VARYING:
+            for i in range(0, len(products) - 3, 4):
+                products[i] = (*products[i][:-1], FOUR)
+        ordered += products
+    is_any = any(product[-1] == FOUR for product in ordered)
+    return ordered if is_any else table  # else in the order of the terms
 
 
 def _append(blocks, rows, block):
