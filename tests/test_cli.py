@@ -162,6 +162,16 @@ def test_fit_compares_models_of_a_file(plant, tmp_path, capsys):
     assert figure.read_bytes().startswith(b"%PDF")
 
 
+def test_fit_in_continuous_time(plant, tmp_path, capsys):
+    options = ["--model", "lti", "--continuous", "--hold", "linear", "--nx", "2"]
+    saved = tmp_path / "model.alssnn"
+    assert run_fit(plant, *options, "--dt", "1", "--save", saved, "--force") == 0
+    model = alssnn.load(saved)
+    sampling = model.fitted_.structure.sampling
+    assert sampling.hold == "linear" and sampling.dt == 1.0
+    assert model.to_statespace().dt == 0
+
+
 def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsys):
     seen = {}
 
@@ -196,6 +206,8 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "disturbances": None,
         "noise": "innovations",
         "drift": "input",
+        "time": "discrete",
+        "hold": "zoh",
         "horizon": 3,
         "n_init": 2,
         "random_state": 5,
@@ -235,6 +247,8 @@ def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
         (["--dt", "fast"], "argument --dt: must be a positive number, got fast"),
         (["--models", "arx"], "argument --models: invalid choice: 'arx'"),
         (["--drift", "input"], "--drift needs --innovations"),
+        (["--hold", "cubic"], "--hold needs --continuous"),
+        (["--continuous"], "--continuous needs --dt, the sampling time in seconds"),
         (["--horizon", "2"], "--horizon needs --innovations"),
     ],
 )
