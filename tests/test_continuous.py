@@ -531,6 +531,7 @@ def test_a_report_says_the_equations_of_derivatives(swing, noisy, tmp_path):
     swing.report(path, *noisy)
     text = path.read_text(encoding="utf-8")
     assert "x&#x27; = A x + B" in text and "per second" in text
+    assert "Poles of A: " in text
 
 
 def test_experiments_of_one_sample_do_no_harm(noisy):

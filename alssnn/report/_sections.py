@@ -116,12 +116,25 @@ def equations(model):
             *_disturbance_words(model),
             *_law_words(plant),
             *(matrix(name, values, words) for name, (values, words) in shown.items()),
+            *([paragraph(_pole_words(model), "note")] if is_continuous else []),
             heading("Step by step"),
             lines or paragraph("The model is linear.", "note"),
             f"<details><summary>Numbers of these steps</summary>{numbers}</details>",
             python_code("Copy all numbers as Python", arrays),
         ]
     )
+
+
+def _pole_words(model):
+    """Return the poles of A in continuous time, those of a pair once."""
+    poles = np.linalg.eigvals(model.A_)
+    words = [
+        f"{abs(s) / (2 * np.pi):.3g} Hz with a damping ratio of {-s.real / abs(s):.2g}"
+        if s.imag
+        else f"{s.real:.3g} per second"
+        for s in sorted(poles[poles.imag >= 0], key=abs)
+    ]
+    return f"Poles of A: {', '.join(words)}. The steps below are from sample to sample."
 
 
 def _in_words(model):
