@@ -59,7 +59,7 @@ class PreparedRecord:
     @property
     def du(self):
         """Return deviations of the inputs that have arrived, in the user's units."""
-        nu = len(self.scaling.u_scale)  # behind them, what u does between samples
+        nu = self.u.shape[1]  # behind them, what u does between samples
         return self.u_s[:][:, :nu] * self.scaling.u_scale
 
     @property

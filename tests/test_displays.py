@@ -113,9 +113,13 @@ DISPLAYS = {
 }
 
 
+# of what comes before a model, with tests of their own
+BEFORE = {"ExcitationDisplay", "ApproximationDisplay"}
+
+
 def test_the_list_of_displays_is_complete():
     public = {name for name in alssnn.plotting.__all__ if name.endswith("Display")}
-    assert public == set(DISPLAYS)
+    assert public - BEFORE == set(DISPLAYS)
 
 
 @pytest.mark.parametrize("name", DISPLAYS)
