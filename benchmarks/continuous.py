@@ -1,7 +1,10 @@
 """Models in continuous time: measured input, other rates, the sampled law, the cost.
 
-    python -m benchmarks.continuous [--study silverbox|rates|law|step] [--quick]
+    python -m benchmarks.continuous [--study untuned|silverbox|rates|law|step] [--quick]
 
+untuned: defaults with nx=2 on four plants that nobody tuned for, inputs held, 1 % of
+    noise, 1,500 samples, seeds 0, 1, 2: error on 1,500 fresh samples over std(y), and
+    how many fits are worse than the linear model in continuous time by more than 2 %.
 silverbox: defaults with ``time="continuous"`` and every hold on the record of the
     Silverbox (ALSSNN_DATA_HOME): error of simulation on its three tests, and the time.
 rates: records without noise of a pendulum and a Duffing oscillator at four sampling
@@ -43,6 +46,7 @@ CUBE = alssnn.Activation(
     "cube", lambda v: v**3, lambda v, w: 3 * v**2, slope=(0, np.inf), odd=True
 )
 RATES = (0.4, 0.2, 0.1, 0.05)  # s
+TIMES = "continuous", "discrete"
 LAW_RATES = (0.4, 0.2, 0.1)
 N_LAW = 4_000  # samples, as in benchmarks.closed_loop
 TRUE = {"pendulum": (0.8, 4.0), "duffing": (0.4, 1.0)}  # damping and stiffness at rest
@@ -267,6 +271,68 @@ def law(quick):
         )
 
 
+def two_tanks(x, u):
+    """Return x' of two tanks in a row, inflow u."""
+    flow = np.sqrt(np.maximum(x, 1e-6))
+    return np.array([u - flow[0], flow[0] - flow[1]])
+
+
+def van_der_pol(x, u):
+    """Return x' of an oscillator whose damping grows with its position."""
+    return np.array([x[1], u - x[0] - (0.3 + x[0] ** 2) * x[1]])
+
+
+def fan_arm(x, u):
+    """Return x' of an arm with a fan, whose thrust is u |u|."""
+    return np.array([x[1], 3 * u * abs(u) - 4 * np.sin(x[0]) - 0.6 * x[1]])
+
+
+def reactor(x, u):
+    """Return x' of a stirred reactor, conversion and temperature, cooling u."""
+    rate = 0.1 * (1 - x[0]) * np.exp(x[1] / (1 + x[1] / 20))
+    return np.array([rate - x[0], 6.4 * rate - x[1] + 0.3 * (u - x[1])])
+
+
+UNTUNED = {  # x', range of u, dt, first state, output
+    "two tanks": (two_tanks, (0.5, 1.5), 0.3, (1.0, 1.0), 1),
+    "van der Pol": (van_der_pol, (-1.5, 1.5), 0.2, (0.0, 0.0), 0),
+    "fan arm": (fan_arm, (0.2, 0.9), 0.1, (0.5, 0.0), 0),
+    "reactor": (reactor, (-1.0, 1.0), 0.15, (0.3, 1.0), 1),
+}
+
+
+def untuned(quick):
+    """Yield rows: plant, model, errors of three seeds, continuous and discrete."""
+    n = 300 if quick else 1_500
+    models = ("LinearStateSpace", "FlSsnn", "AlSsnn", "GrSsnn")
+    for kind, (f, limits, dt, x0, output) in UNTUNED.items():
+        errors = {name: ([], []) for name in models}
+        for seed in range(1 if quick else 3):
+            rng = np.random.default_rng(seed)
+            u = np.repeat(rng.uniform(*limits, 2 * n // 8), 8)
+            y, x = [], np.array(x0)
+            for value in u:
+                y.append(x[output])
+                x = step(f, x, value, dt)
+            y = np.array(y) + 0.01 * np.std(y) * rng.standard_normal(len(u))
+            u = u[:, None]
+            for name in models[:1] if quick else models:
+                options = {"nx": 2, "dt": dt}
+                if name != models[0]:
+                    options["random_state"] = seed
+                for found, kind_of in zip(errors[name], TIMES, strict=True):
+                    model = getattr(alssnn, name)(time=kind_of, **options)
+                    model.fit(u[:n], y[:n])
+                    found.append(np.sqrt(1 - model.score(u[n:], y[n:])))
+        for name, pair in errors.items():
+            shown = [" ".join(f"{100 * e:.2f}" for e in found) for found in pair]
+            worse = (
+                np.array(pair[0])
+                > 1.02 * np.array(errors[models[0]][0])[: len(pair[0])]
+            )
+            yield kind, name, *shown, str(int(worse.sum()))
+
+
 def steps_of_training(quick):
     """Yield rows: model, hold, substeps, pass over that of the discrete model."""
     rng = np.random.default_rng(0)
@@ -304,6 +370,10 @@ def steps_of_training(quick):
 
 
 STUDIES = {
+    "untuned": (
+        untuned,
+        ("plant", "model", "continuous, %", "discrete, %", "worse than linear"),
+    ),
     "silverbox": (
         silverbox,
         ("model", "hold", "multisine, mV", "arrow", "no extrapolation", "s"),

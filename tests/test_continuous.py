@@ -24,6 +24,8 @@ from alssnn.continuous import (
 from alssnn.innovations import has_innovations
 from alssnn.models import state_space
 from alssnn.simulation import outputs, regressors, simulate
+from alssnn.validation import frequency_response
+from benchmarks.continuous import keep, steps_of_training
 from helpers import assert_direct
 
 pytestmark = pytest.mark.filterwarnings(
@@ -516,8 +518,6 @@ def test_the_sampling_time_of_the_fit_stays(swing, noisy, tmp_path):
 
 
 def test_frequency_responses_are_those_of_the_loop(swing):
-    from alssnn.validation import frequency_response
-
     f = np.array([0.1, 0.4])
     system = swing.to_statespace()
     expected = system(2j * np.pi * f)
@@ -554,3 +554,23 @@ def test_late_inputs(noisy):
     assert model.plant_.at(0.1).delay.tolist() == [6]
     with pytest.raises(ValueError, match="must divide the delays"):
         model.plant_.at(0.35)
+
+
+def test_the_benchmark_times_all_passes():
+    rows = list(steps_of_training(quick=True))
+    assert [row[:3] for row in rows[:3]] == [
+        ("FL", "zoh", "1"),
+        ("FL", "cubic", "1"),
+        ("FL", "zoh", "2"),
+    ]
+    assert len(rows) == 9 and all(float(row[3]) > 0 for row in rows)
+
+
+def test_tables_of_other_studies_stay(tmp_path):
+    path = tmp_path / "continuous.md"
+    keep(path, "step", ["| a |", "|---|", "| 1 |"])
+    keep(path, "rates", ["| b |", "|---|", "| 2 |"])
+    keep(path, "step", ["| a |", "|---|", "| 3 |"])
+    text = path.read_text()
+    assert text.index("## rates") < text.index("## step")
+    assert "| 2 |" in text and "| 3 |" in text and "| 1 |" not in text
