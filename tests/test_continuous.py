@@ -405,6 +405,29 @@ def test_held_out_samples_judge_it_too(noisy):
     assert np.isfinite(last.validation_rmse) and model.score(*noisy) > 0.9
 
 
+def test_a_training_that_went_wrong_gives_way_to_the_linear_model(noisy, monkeypatch):
+    from alssnn.estimators import _time
+
+    linear = alssnn.LinearStateSpace(nx=2, dt=0.2, time="continuous").fit(*noisy)
+    trained = _time._trained
+
+    def wrong(estimator, experiments, structure, theta, *rest):
+        result = trained(estimator, experiments, structure, theta, *rest)
+        if np.isfinite(estimator._decay["alpha"]):
+            p = structure.split(result.theta)
+            result.theta = structure.join({**p, "B": -5.0 * p["B"]})
+        return result
+
+    monkeypatch.setattr(_time, "_trained", wrong)
+    model = alssnn.FlSsnn(
+        nx=2, n_h=2, dt=0.2, time="continuous", n_init=1, max_iter=20, random_state=0
+    )
+    with pytest.warns(UserWarning, match="than the linear model, which is returned"):
+        model.fit(*noisy)
+    assert model.alpha_ == np.inf
+    assert model.score(*noisy) > linear.score(*noisy) - 0.02
+
+
 def test_a_loop_of_the_sampled_law(swing, noisy):
     measured = swing.linearizability(*noisy)
     assert np.isfinite(measured.closed_linearization_error).all()

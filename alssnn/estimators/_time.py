@@ -155,11 +155,13 @@ def trained(estimator, experiments, previous, watch, held_out):
     theta, x0, steps = _with_less_decay(estimator, told, structure, start, watch)
     outcome = _trained(estimator, told, structure, theta, x0, watch, held_out)
     outcome.nfev += steps + result.nfev
+    error = _misses(structure, outcome.theta, outcome.x0, told)
+    least = _misses(discrete, *found, seen)
+    if error > WORSE * least and watch.reason is None:
+        outcome, error = _or_linear(estimator, structure, p, outcome, told, watch)
     decay = getattr(estimator, "_decay", None)
     if decay and not np.isfinite(decay["alpha"]) and watch.reason is None:
         warn_left_linear(estimator)
-    error = _misses(structure, outcome.theta, outcome.x0, told)
-    least = _misses(discrete, *found, seen)
     if error > WORSE * least and watch.reason is None:
         warn_of_training(
             f"The model in continuous time misses {100 * error:.3g} % of the output, a "
@@ -188,6 +190,24 @@ def _same_flow(estimator, structure, theta, experiments, discrete, found):
     free = limits.clip(theta)
     result = limits.minimize(criterion, free, max_iter=FLOW_STEPS, tol=FLOW_TOL)
     return result.x if np.isfinite(result.cost) else theta
+
+
+def _or_linear(estimator, structure, p, outcome, experiments, watch):
+    """Return a training that went wrong, or the linear model if that misses less."""
+    error = _misses(structure, outcome.theta, outcome.x0, experiments)
+    before = getattr(estimator, "_decay", None)
+    if before is None or structure.nw == 0:
+        return outcome, error
+    estimator._decay = {"alpha": np.inf}
+    nothing = {name: 0.0 * p[name] for name in structure.network_parameters}
+    theta = structure.join({**p, **nothing})
+    linear = _trained(estimator, experiments, structure, theta, None, watch, None)
+    linear.nfev += outcome.nfev
+    least = _misses(structure, linear.theta, linear.x0, experiments)
+    if least < error:
+        return linear, least
+    estimator._decay = before
+    return outcome, error
 
 
 def _misses(structure, theta, x0, experiments):
