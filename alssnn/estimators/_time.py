@@ -26,6 +26,7 @@ from ._noise import identified, is_predicting
 from ._warn import warn_of_training
 
 CONTINUOUS = "continuous"
+ALTERNATES = 0.1  # of a negative pole that is more than a fast one
 CLOSE = 0.01  # relative error of a pole that steps of Runge and Kutta may have
 FEWEST = 4  # samples of an experiment that tells something of a decay
 FLOW_STEPS, FLOW_TOL = 50, 1e-4  # of the search for the same flow
@@ -131,6 +132,7 @@ def trained(estimator, experiments, previous, watch, held_out):
         structure, theta = previous
         told = Held.of(with_nodes(structure, Held.of(experiments)))
         outcome = _trained(estimator, told, structure, theta, None, watch, held_out)
+        _check_rates(structure, outcome.theta, estimator.dt)
         return told, structure, outcome.theta, outcome
     seen, discrete, theta, result = identified(
         estimator, experiments, None, watch, held_out
@@ -142,6 +144,7 @@ def trained(estimator, experiments, previous, watch, held_out):
 
     found = theta, result.x0
     A = discrete.split(theta)["A"]
+    _check_logarithm(A)
     p = in_time(theta)
     how = estimator.hold, _substeps(estimator, p["A"]), float(estimator.dt)
     structure = sampled(discrete, *how)
@@ -150,7 +153,8 @@ def trained(estimator, experiments, previous, watch, held_out):
         center = structure.join(in_time(decay["center"]))
         estimator._decay = {**decay, "center": center}
     told = Held.of(with_nodes(structure, seen))
-    theta = _same_flow(estimator, structure, structure.join(p), told, discrete, found)
+    pairs = told, discrete, found
+    theta = _same_flow(estimator, structure, structure.join(p), *pairs, watch)
     start = theta, result.x0
     theta, x0, steps = _with_less_decay(estimator, told, structure, start, watch)
     outcome = _trained(estimator, told, structure, theta, x0, watch, held_out)
@@ -169,10 +173,11 @@ def trained(estimator, experiments, previous, watch, held_out):
             f"does between samples and is {estimator.hold!r}, more `substeps`, or a "
             "smaller `nx`."
         )
+    _check_rates(structure, outcome.theta, estimator.dt)
     return told, structure, outcome.theta, outcome
 
 
-def _same_flow(estimator, structure, theta, experiments, discrete, found):
+def _same_flow(estimator, structure, theta, experiments, discrete, found, watch):
     """Return parameters whose steps are those of a discrete model (eq. flow)."""
     lure = discrete.observe(discrete.measured).lure(found[0])
     nu, pairs, count = discrete.nu, [], 0
@@ -188,7 +193,8 @@ def _same_flow(estimator, structure, theta, experiments, discrete, found):
     limits = Limits(structure, bounds=bounds, radius=_radius(structure, theta))
     criterion = Criterion(flow(structure), pairs)
     free = limits.clip(theta)
-    result = limits.minimize(criterion, free, max_iter=FLOW_STEPS, tol=FLOW_TOL)
+    options = {"max_iter": FLOW_STEPS, "tol": FLOW_TOL, "watch": watch.quiet()}
+    result = limits.minimize(criterion, free, **options)
     return result.x if np.isfinite(result.cost) else theta
 
 
@@ -344,7 +350,6 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
         x0=x0,
         **settings,
     )
-    _check_rates(structure, result.theta, estimator.dt)
     return result
 
 
@@ -380,6 +385,19 @@ def _finite(structure, theta, experiments):
     p = structure.split(theta)
     nothing = {name: 0.0 * p[name] for name in structure.network_parameters}
     return structure.join({**p, **nothing, "A": damped(p["A"])})
+
+
+def _check_logarithm(A):
+    """Warn where a discrete model is none that continuous time could have made."""
+    poles = np.linalg.eigvals(A)
+    alternating = poles[(poles.imag == 0) & (poles.real < -ALTERNATES)].real
+    if len(alternating):
+        warn_of_training(
+            "The discrete model that comes first has a pole at "
+            f"{alternating.min():.3g}, which alternates from sample to sample. No "
+            "model in continuous time has such a pole, and the fit may fail. Take a "
+            "smaller `nx`, or time='discrete'."
+        )
 
 
 def _check_rates(structure, theta, dt):
