@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg import expm
 
 from .instances import IDENTITY, instance, passed_on
 from .structures import Signal, Structure, Term
@@ -27,6 +26,7 @@ from .structures import Signal, Structure, Term
 HOLDS = ("zoh", "linear", "cubic")
 FASTEST = 2.5  # |pole| times a step of Runge and Kutta: within its stability, 2.78
 DEFECTIVE = 1e8  # condition of eigenvectors from which they are of no use
+ALTERNATING = 0.8  # rate of a mode in place of one that has none
 APART = 1e-6  # by which eigenvalues are parted then, relative to A
 ROUNDING = 1e-9  # relative imaginary part of a real eigenvalue
 STAGES = (0.0, 0.5, 0.5, 1.0)  # of a step, where the derivative is evaluated
@@ -324,22 +324,46 @@ def rates(A, fastest=FASTEST):
     Returns
     -------
     rates : ndarray of shape (nx, nx)
-        Its logarithm. Eigenvalues that have none, zero or negative, and those that
-        decay faster than `fastest`, become real ones of that rate.
+        Its logarithm. Eigenvalues that decay faster than `fastest` become real ones of
+        that rate. Negative ones, which alternate from sample to sample and have no
+        logarithm, decay by `ALTERNATING`.
     """
+    _, logarithm, vectors = _modes(A, fastest)
+    return np.real(vectors * logarithm @ np.linalg.inv(vectors))
+
+
+def _modes(A, fastest=FASTEST):
+    """Return eigenvalues, their logarithms, and eigenvectors."""
     values, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) > DEFECTIVE:  # part eigenvalues that are one
         spread = APART * np.arange(len(A)) * max(1.0, np.abs(A).max())
         values, vectors = np.linalg.eig(A + np.diag(spread))
     least = np.exp(-fastest)
-    is_negative = (values.real <= 0) & (
-        np.abs(values.imag) <= ROUNDING * np.abs(values)
-    )
-    is_fast = (np.abs(values) < least) | is_negative
+    alternates = is_alternating(values)
+    is_fast = (np.abs(values) < least) | alternates
     logarithm = np.log(np.where(is_fast, least, values).astype(complex))
     size = np.abs(logarithm)
     logarithm *= np.minimum(1.0, fastest / np.maximum(size, fastest))
-    return np.real(vectors * logarithm @ np.linalg.inv(vectors))
+    return values, np.where(alternates, -ALTERNATING, logarithm), vectors
+
+
+def is_alternating(poles, least=ROUNDING):
+    """Tell which poles alternate from sample to sample, as no sampled ones do.
+
+    Parameters
+    ----------
+    poles : ndarray of shape (n,)
+        Eigenvalues of a discrete state matrix.
+    least : float, default=1e-9
+        Modulus from which they count.
+
+    Returns
+    -------
+    is_alternating : ndarray of shape (n,)
+        Whether a pole is real and negative.
+    """
+    is_real = np.abs(np.imag(poles)) <= ROUNDING * np.abs(poles)
+    return is_real & (np.real(poles) < -least)
 
 
 def is_resolved(A, substeps, slack):
@@ -388,33 +412,60 @@ def converted(structure, p, hold="zoh"):
     -----
     What is held over a sample enters by the integral of expm(A s), s from 0 to 1. What
     goes on smoothly enters a discrete model as if A_d stood in front of it: near a
-    pole, z - exp(s_i) is exp(s_i) (s - s_i).
+    pole, z - exp(s_i) is exp(s_i) (s - s_i). What enters a mode that alternates keeps
+    its response at rest.
     """
-    A = rates(p["A"])
-    n = len(A)
+    values, logarithm, vectors = _modes(p["A"])
     if hold == "zoh":
-        both = expm(np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]]))
-        gain = np.linalg.inv(both[:n, n:])
+        # s / (exp(s) - 1), which is 1 at s = 0
+        size = np.where(np.abs(logarithm) > ROUNDING, logarithm, ROUNDING)
+        gain = size / np.expm1(size)
     else:
-        gain = expm(-A)
+        gain = np.exp(-logarithm)
+    gain = np.where(is_alternating(values), logarithm / (values - 1), gain)
+    gain = np.real(vectors * gain @ np.linalg.inv(vectors))
     changed = {name: gain @ p[name] for name in leading(structure) if name in p}
-    return {**p, **changed, "A": A}
+    return {**p, **changed, "A": rates(p["A"])}
 
 
-def damped(A, slowest=1e-3):
-    """Return a state matrix of derivatives whose states decay.
+def damped(A, substeps=1, slowest=1e-3):
+    """Return a state matrix of derivatives whose states decay, step by step.
 
     Parameters
     ----------
     A : ndarray of shape (nx, nx)
         State matrix, time in samples.
+    substeps : int, default=1
+        Steps of Runge and Kutta per sample.
     slowest : float, default=1e-3
         Least rate of decay.
 
     Returns
     -------
     A : ndarray of shape (nx, nx)
-        The matrix itself if its states decay at that rate; else one shifted to it.
+        The matrix itself if its states decay at that rate and not faster than steps
+        can follow; else one shifted to that rate, and scaled down.
     """
     rate = np.linalg.eigvals(A).real.max(initial=-np.inf)
-    return A - max(rate + slowest, 0.0) * np.eye(len(A))
+    A = A - max(rate + slowest, 0.0) * np.eye(len(A))
+    modulus = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+    return A / max(modulus / (FASTEST * substeps), 1.0)
+
+
+def can_be_stepped(A, substeps):
+    """Tell whether steps of Runge and Kutta decay where the solution does.
+
+    Parameters
+    ----------
+    A : ndarray of shape (nx, nx)
+        State matrix of derivatives, time in samples.
+    substeps : int
+        Steps per sample.
+
+    Returns
+    -------
+    can_be_stepped : bool
+        Whether no pole is faster than `FASTEST` per step.
+    """
+    modulus = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+    return bool(modulus <= FASTEST * substeps * (1 + ROUNDING))

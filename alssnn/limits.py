@@ -94,7 +94,11 @@ class Limits:
         if self.phi is not None:
             problem = Contractive(criterion, self.phi, self.n_integrators)
             start = problem.from_free(free)
-        elif self.radius is not None or drift_of(self.structure) is not None:
+        elif (
+            self.radius is not None
+            or drift_of(self.structure) is not None
+            or self.structure.sampling is not None
+        ):
             radius = np.inf if self.radius is None else self.radius
             problem = Schur(criterion, radius, self.n_integrators)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)

@@ -35,6 +35,7 @@ from scipy.linalg import (
 )
 from scipy.optimize import OptimizeResult
 
+from .continuous import can_be_stepped
 from .criterion import DIVERGED_NORM, LeastSquares
 from .innovations import drift_of, error_matrix, state_matrix
 from .linear_model import decorrelate, simulation_error, stabilize
@@ -386,6 +387,9 @@ class Contractive(LeastSquares):
 class Schur(LeastSquares):
     """Reject what has a pole outside a circle, in whatever basis.
 
+    In continuous time the circle is that of exp(pole), and poles with which steps of
+    Runge and Kutta may diverge are rejected, too.
+
     Parameters
     ----------
     criterion : Criterion
@@ -419,7 +423,9 @@ class Schur(LeastSquares):
         if not np.isfinite(A).all():
             return DIVERGED_NORM
         poles = np.linalg.eigvals(A)
-        if self.structure.sampling is not None:
+        if (sampling := self.structure.sampling) is not None:
+            if not can_be_stepped(A, sampling.substeps):
+                return DIVERGED_NORM
             poles = np.exp(np.minimum(poles.real, 1.0))  # of samples
         is_outside = np.abs(poles).max(initial=0.0) > self.radius
         if is_outside or not follows(self.structure, p):

@@ -1,17 +1,21 @@
 """Models in continuous time: steps of Runge and Kutta, holds, rates, consequences."""
 
 import pickle
+import warnings
 
 import control
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
+from scipy.signal import butter, sosfiltfilt
 from sklearn.base import clone
 
 import alssnn
 from alssnn.continuous import (
     HOLDS,
     between,
+    can_be_stepped,
     converted,
     damped,
     derivative,
@@ -119,10 +123,13 @@ def test_rates_are_the_logarithm():
     A = np.array([[-0.3, 1.2, 0.0], [-1.2, -0.3, 0.4], [0.0, 0.0, -0.1]])
     np.testing.assert_allclose(rates(expm(A)), A, atol=1e-12)
     poles = np.linalg.eigvals(rates(np.diag([-0.5, 0.0, 1e-9, 0.5])))
-    np.testing.assert_allclose(np.sort(poles), [-2.5, -2.5, -2.5, np.log(0.5)])
+    np.testing.assert_allclose(np.sort(poles), [-2.5, -2.5, -0.8, np.log(0.5)])
     twice = rates(np.array([[0.5, 1.0], [0.0, 0.5]]))
     np.testing.assert_allclose(expm(twice), [[0.5, 1.0], [0.0, 0.5]], atol=1e-4)
     assert np.linalg.eigvals(damped(np.diag([0.3, -1.0]))).max() == pytest.approx(-1e-3)
+    assert not can_be_stepped(np.diag([-3.0, -1.0]), 1)
+    assert can_be_stepped(np.diag([-3.0, -1.0]), 2)
+    assert can_be_stepped(damped(np.diag([-3.0, -1.0])), 1)
 
 
 def test_converted_parameters_of_a_linear_model_have_its_response():
@@ -135,6 +142,42 @@ def test_converted_parameters_of_a_linear_model_have_its_response():
     whole = sampled(structure, "zoh", 4)
     y_c = outputs(whole.lure(whole.join(converted(structure, p))), u, x0)
     np.testing.assert_allclose(y_c, y, atol=1e-5)
+
+
+@pytest.mark.parametrize("hold", ["zoh", "cubic"])
+def test_a_mode_that_alternates_keeps_its_response_at_rest(hold):
+    structure = state_space(3, 1, 1)
+    p = {"A": np.diag([0.9, 0.5, -0.99]), "B": np.ones((3, 1)), "C": np.ones((1, 3))}
+    p_c = converted(structure, p, hold)
+    gains = np.linalg.solve(np.eye(3) - p["A"], p["B"])
+    gains_c = np.linalg.solve(-p_c["A"], p_c["B"])
+    assert gains_c[2] == pytest.approx(gains[2])
+    if hold == "zoh":
+        np.testing.assert_allclose(gains_c, gains)
+
+
+def test_an_input_that_is_smooth_between_samples_takes_no_pole_that_alternates():
+    # a discrete model takes a pole at -1 to know the input between the samples
+    def record(seed, dt=0.3, parts=4, n=400):
+        rng = np.random.default_rng(seed)
+        band = butter(4, [0.05, 0.5], "band", output="sos")
+        u = 0.8 * sosfiltfilt(band, rng.standard_normal(n))
+        at = (np.arange(parts * n) + 0.5) / parts
+        fine = CubicSpline(np.arange(n), u)(at)
+        X = simulated_plant(stiffening, fine, dt / parts, steps=2)
+        return u[:, None], X[::parts, 0]
+
+    options = {"nx": 3, "n_h": 3, "dt": 0.3, "n_init": 1, "random_state": 0}
+    options |= {"alpha": 1e-6, "max_iter": 60}
+    (u, y), test = record(0), record(1)
+    y = y + 0.002 * np.random.default_rng(3).standard_normal(len(y))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        discrete = alssnn.FlSsnn(**options).fit(u, y)
+        options |= {"time": "continuous", "hold": "cubic"}
+        model = alssnn.FlSsnn(**options).fit(u, y)
+    assert np.linalg.eigvals(discrete.A_).real.min() < -0.9
+    assert 1 - model.score(*test) < 0.1 * (1 - discrete.score(*test))
 
 
 def test_flow_is_the_map_without_memory(rng):
@@ -179,6 +222,11 @@ def simulated_plant(f, u, dt, x0=(0.0, 0.0), steps=20):
 def pendulum(x, u):
     """Return x' of a pendulum whose input is a torque."""
     return np.array([x[1], 4 * u - 4 * np.sin(x[0]) - 0.8 * x[1]])
+
+
+def stiffening(x, u):
+    """Return x' of a spring that stiffens."""
+    return np.array([x[1], 4 * u - 4 * x[0] - 3 * x[0] ** 3 - 0.8 * x[1]])
 
 
 def steps(n, length, seed=0):

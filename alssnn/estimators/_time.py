@@ -8,10 +8,12 @@ train through the steps of Runge and Kutta (eq. rk4).
 import numpy as np
 
 from ..continuous import (
+    can_be_stepped,
     converted,
     damped,
     derivative,
     flow,
+    is_alternating,
     is_resolved,
     sampled,
     with_nodes,
@@ -144,7 +146,6 @@ def trained(estimator, experiments, previous, watch, held_out):
 
     found = theta, result.x0
     A = discrete.split(theta)["A"]
-    _check_logarithm(A)
     p = in_time(theta)
     how = estimator.hold, _substeps(estimator, p["A"]), float(estimator.dt)
     structure = sampled(discrete, *how)
@@ -154,7 +155,9 @@ def trained(estimator, experiments, previous, watch, held_out):
         estimator._decay = {**decay, "center": center}
     told = Held.of(with_nodes(structure, seen))
     pairs = told, discrete, found
-    theta = _same_flow(estimator, structure, structure.join(p), *pairs, watch)
+    theta = structure.join(p)
+    if not is_alternating(np.linalg.eigvals(A), ALTERNATES).any():
+        theta = _same_flow(estimator, structure, theta, *pairs, watch)
     start = theta, result.x0
     theta, x0, steps = _with_less_decay(estimator, told, structure, start, watch)
     outcome = _trained(estimator, told, structure, theta, x0, watch, held_out)
@@ -276,7 +279,7 @@ def goes_on(estimator, previous):
     goes_on : bool
         Whether it was of the same equations, sampled alike.
     """
-    structure, _ = previous
+    structure, theta = previous
     sampling = structure.sampling
     if sampling is None or sampling.hold != estimator.hold:
         return False
@@ -284,8 +287,9 @@ def goes_on(estimator, previous):
         return False
     if sampling.substeps < estimator.substeps or "C" not in structure.constants:
         return False
+    A = structure.split(theta)["A"]
     nx, ny = structure.sizes["x"], structure.sizes["y"]
-    if not estimator._allows(nx):
+    if not estimator._allows(nx) or not can_be_stepped(A, sampling.substeps):
         return False
     nu = derivative(structure).nu
     wanted = estimator.declare(nx, nu, ny, structure.constants["C"])
@@ -384,20 +388,8 @@ def _finite(structure, theta, experiments):
         return theta
     p = structure.split(theta)
     nothing = {name: 0.0 * p[name] for name in structure.network_parameters}
-    return structure.join({**p, **nothing, "A": damped(p["A"])})
-
-
-def _check_logarithm(A):
-    """Warn where a discrete model is none that continuous time could have made."""
-    poles = np.linalg.eigvals(A)
-    alternating = poles[(poles.imag == 0) & (poles.real < -ALTERNATES)].real
-    if len(alternating):
-        warn_of_training(
-            "The discrete model that comes first has a pole at "
-            f"{alternating.min():.3g}, which alternates from sample to sample. No "
-            "model in continuous time has such a pole, and the fit may fail. Take a "
-            "smaller `nx`, or time='discrete'."
-        )
+    A = damped(p["A"], structure.sampling.substeps)
+    return structure.join({**p, **nothing, "A": A})
 
 
 def _check_rates(structure, theta, dt):
