@@ -207,7 +207,11 @@ def closed(form, moved):
     Theta = np.insert(Theta, [v.start] * form.nu, only_input(form), axis=0)
     by_u = Theta[:, u].copy()
     Theta[:, u] = 0.0
-    return Lure(Theta + by_u @ to_u, form.nx, form.nu, form.nw, form.sigma)
+    # what only rounding leaves where u takes back what made v is zero
+    size = np.abs(Theta) + np.abs(by_u) @ np.abs(to_u)
+    Theta += by_u @ to_u
+    Theta[np.abs(Theta) <= ROUNDING * size] = 0.0
+    return Lure(Theta, form.nx, form.nu, form.nw, form.sigma)
 
 
 def closed_beside(form, law, moved):
@@ -255,6 +259,55 @@ def closed_beside(form, law, moved):
     of_neurons = of_law(law.rows_v) + law.V[:, ns:] @ to_u[moved]
     Theta = np.vstack([signals, to_u, of_neurons, neurons])
     return Lure(Theta, nx, nu + ny, nh + nw, (*law.sigma, *form.sigma))
+
+
+def ahead(form, law, seen, moved):
+    """Return the forms of a plant whose law sees what its linear part will do.
+
+    Parameters
+    ----------
+    form : Lure
+        Form of a plant.
+    law : Lure
+        Its v as a static map of [s; d; u], u the inputs that are moved.
+    seen : ndarray of shape (ns, nx + nd + n_moved)
+        What stands for s: a linear map of [x; d; v] (eq. middle).
+    moved : ndarray of int
+        Inputs that v makes.
+
+    Returns
+    -------
+    form : Lure
+        The same states and outputs; v solves v = phi(u, s) with s of `seen`, by
+        neurons of its own, the first ones, that see each other.
+    law : Lure
+        This v as a static map of [x; d; u].
+    """
+    nx, nu, nw, nh, nv = form.nx, form.nu, form.nw, law.nw, len(moved)
+    ns, given = len(seen), np.setdiff1d(np.arange(nu), moved)
+    nd = len(given)
+    by_x, by_d, by_v = np.split(seen, [nx, nx + nd], axis=1)
+    known = np.hstack([by_x, by_d, np.zeros((ns, nv + nh + 1))])  # [x; d; u; w_h; 1]
+
+    def with_v(rows, v):
+        by_s, rest = np.split(rows, [ns], axis=1)
+        rest = np.hstack([np.zeros((len(rows), nx)), rest])
+        return rest + by_s @ (known + by_v @ v)
+
+    nothing = np.zeros((nv, known.shape[1]))
+    direct = np.eye(nv) - law.rows_z[:, :ns] @ by_v
+    v = np.linalg.solve(direct, with_v(law.rows_z, nothing))
+    static = np.vstack([v, with_v(law.rows_v, v)])
+    columns = np.r_[:nx, nx + given, nx + moved, nx + nu : nx + nu + nh, -1]
+    Theta = np.insert(form.Theta, [nx + nu] * nh, 0.0, axis=1)
+    rows = virtual(form, moved)
+    own = np.zeros((nv + nh, Theta.shape[1]))
+    own[:, columns] = static
+    Theta = np.vstack([Theta[: rows.start], own, Theta[rows.stop :]])
+    return (
+        Lure(Theta, nx, nu, nh + nw, (*law.sigma, *form.sigma)),
+        Lure(static, 0, nx + nd + nv, nh, law.sigma),
+    )
 
 
 def observed(form, moved):

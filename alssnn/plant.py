@@ -26,7 +26,7 @@ import numpy as np
 
 from . import forms
 from .lure import Lure
-from .rates import Rates, as_samples, checked_time
+from .rates import Rates, as_samples, checked_time, looking_ahead
 from .region import Region
 from .signals import Signals
 from .simulation import neuron_gains, regressors
@@ -55,6 +55,8 @@ class Plant(Signals):
         Why u = v - h(s) is no law of this plant; empty if it is one.
     rates : Rates or None, default=None
         Equations in continuous time that were sampled, if they were.
+    looks_ahead : bool, default=False
+        Whether the law sees the middle of the coming sample (`at`).
 
     Examples
     --------
@@ -72,10 +74,11 @@ class Plant(Signals):
     region: Region | None = field(default=None, repr=False)
     no_law: str = ""
     rates: Rates | None = field(default=None, repr=False)
+    looks_ahead: bool = False
 
     def __post_init__(self):
         """Say why the law is none, where it is none."""
-        if self.cancels and not self.no_law:
+        if self.cancels and not self.no_law and not self.looks_ahead:
             is_algebraic = self.feedback == "output" and self.feeds_through
             delays = np.delete(self.delay, self.given), self.delay[list(self.given)]
             reason = self.law_map.no_law(is_algebraic, *delays)
@@ -128,37 +131,40 @@ class Plant(Signals):
 
     # -- other plants ----------------------------------------------------------------
 
-    def at(self, dt):
+    def at(self, dt, ahead=False):
         """Return the plant at another sampling time, inputs held in between.
 
         Parameters
         ----------
         dt : float
             Sampling time, in seconds.
+        ahead : bool, default=False
+            Whether the law sees the middle of the coming sample (eq. middle): it then
+            measures the state, and what it misses because u is held falls with dt^2.
 
         Returns
         -------
         plant : Plant
-            The same equations in continuous time, sampled at this time.
+            The same equations, sampled at this time.
 
         Raises
         ------
         ValueError
-            If the plant is one of discrete time or was changed (`late`, `linearized`),
-            or inputs arrive late by times that are no multiples of `dt`.
+            If time is discrete or the plant was changed (`late`, `linearized`), delays
+            are no multiples of `dt`, or a law that looks ahead would need D, H or k.
         """
         dt = checked_time(dt)
-        if dt == self.dt:
+        if dt == self.dt and ahead == self.looks_ahead:
             return self
         if self.rates is None:
             raise ValueError(
-                f"`dt` must be {self.dt:g} s, that of a plant in discrete time, got "
-                f"{dt!r}. Fit the model with time='continuous', and take `plant_.at` "
-                "before anything else."
+                f"`dt` must be {self.dt:g} s in discrete time, without `ahead`, got "
+                f"{dt!r}. Fit with time='continuous', and take `plant_.at` first."
             )
         delay = as_samples(self.delay * self.dt, dt)
-        forms = self.rates.forms(dt)
-        return replace(self, **forms, dt=dt, delay=delay)
+        plant = replace(self, **self.rates.forms(dt), dt=dt, delay=delay)
+        looks = ahead and self.cancels
+        return replace(plant, **looking_ahead(plant)) if looks else plant
 
     def arrived(self):
         """Return the plant of inputs that have arrived, as prepared records have them.

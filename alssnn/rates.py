@@ -1,6 +1,6 @@
 """Equations in continuous time as a plant keeps them, for any sampling time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -65,6 +65,42 @@ class Rates:
         view = held(self.structure, substeps)
         made = forms.of_structure(view, view.join(p), self.units)
         return {name: made[name] for name in ("form", "law_form")}
+
+
+def looking_ahead(plant):
+    """Return the forms of a plant whose law sees the middle of the coming sample.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant in continuous time that has a law.
+
+    Returns
+    -------
+    changes : dict
+        What is new of the plant, by name (eq. middle).
+
+    Raises
+    ------
+    ValueError
+        If there is no law, or its s is an output with D, H or k.
+    """
+    if plant.no_law:
+        raise ValueError(plant.no_law)
+    half = replace(plant, **plant.rates.forms(plant.dt / 2)).arrived()
+    A, B, C, _ = half.linear()
+    seen = np.hstack([A, half.disturbed_by()[0], B])
+    if plant.feedback == "output":
+        if not plant.has_linear_output:
+            raise ValueError(
+                "A law that looks ahead needs an output that is linear in the state, "
+                f"got one with {forms.at_once(plant.form, plant.moved)}. Fit with "
+                "feedback='state', or without `feedthrough` and `n_k`."
+            )
+        seen = C @ seen
+    form, law = forms.ahead(plant.form, plant.law_form, seen, plant.moved)
+    changes = {"form": form, "law_form": law, "feedback": "state", "rates": None}
+    return {**changes, "looks_ahead": True}
 
 
 def checked_time(dt):

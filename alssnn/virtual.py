@@ -47,11 +47,14 @@ class VirtualMap:
         self.form, self.scale, self.nu = form, scale, len(scale)
 
     @cached_property
+    def is_sum(self):
+        """Return whether v = u + h, whatever h sees: v has the size of u."""
+        return np.array_equal(self.form.M[-self.nu :, -self.nu :], np.eye(self.nu))
+
+    @cached_property
     def is_explicit(self):
         """Return whether v = u + h(s)."""
-        form, nu = self.form, self.nu
-        is_sum = np.array_equal(form.M[-nu:, -nu:], np.eye(nu))
-        return is_sum and not np.any(form.V[:, -nu:])
+        return self.is_sum and not np.any(self.form.V[:, -self.nu :])
 
     @cached_property
     def increases(self):

@@ -10,7 +10,7 @@ from ..plant import Plant
 from ..rates import kept
 
 
-def linearizability(model, u, y, experiment=None):
+def linearizability(model, u, y, experiment=None, *, law_dt=None, ahead=False):
     """Measure how linear the model is once h is cancelled.
 
     Parameters
@@ -23,6 +23,12 @@ def linearizability(model, u, y, experiment=None):
         Outputs; they set the initial states and the size of the output.
     experiment : array_like of shape (N,) or None, default=None
         Label of the experiment of every sample.
+    law_dt : float or None, default=None
+        Sampling time at which the law will run, in seconds: a part or a multiple of
+        that of the record, for a model in continuous time. None is that of the record.
+    ahead : bool, default=False
+        Whether the law looks half a sample ahead (eq. middle), for a model in
+        continuous time.
 
     Returns
     -------
@@ -39,7 +45,13 @@ def linearizability(model, u, y, experiment=None):
     Costs four simulations.
     """
     records = model.prepare_records(u, y, experiment)
-    return measure(model.plant_, records, output_names=model.output_names_)
+    return measure(
+        model.plant_,
+        records,
+        output_names=model.output_names_,
+        law_dt=law_dt,
+        ahead=ahead,
+    )
 
 
 def make_plant(model):

@@ -1,5 +1,6 @@
 """Measures of what nonlinearity is left once h is cancelled.
 
+_rate       records at the sampling time of the law
 _measure    the quantities, computed along simulated trajectories
 _record     what is reported: fields, table, data frame
 _verdict    whether that is good enough
@@ -7,6 +8,7 @@ _verdict    whether that is good enough
 
 from ..region import Region
 from ._measure import measure, output_residual
+from ._rate import at_rate
 from ._record import LARGE_LAW, OUTSIDE, Bands, Linearizability
 from ._verdict import LOOP_OUTSIDE, judge, percent, worst_error
 
@@ -17,6 +19,7 @@ __all__ = [
     "Bands",
     "Linearizability",
     "Region",
+    "at_rate",
     "judge",
     "measure",
     "output_residual",

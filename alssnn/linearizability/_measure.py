@@ -31,6 +31,7 @@ from ..forms import closed_beside
 from ..lure import Lure
 from ..plants import as_plant
 from ..simulation import channels, simulate
+from ._rate import at_rate
 from ._record import Bands, Linearizability
 
 N_BANDS = 6  # octaves below the Nyquist frequency; the lowest one reaches down to zero
@@ -42,7 +43,7 @@ TINY = np.finfo(float).tiny
 CONSTANT = 1e-12  # standard deviation over size of an output that is constant
 
 
-def measure(plant, records, *, output_names=None):
+def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
     """Measure linearizability along one or several experiments.
 
     Parameters
@@ -54,6 +55,11 @@ def measure(plant, records, *, output_names=None):
         have arrived and of the measured outputs, and the initial state.
     output_names : list of str or None, default=None
         Names of the outputs, for the table.
+    law_dt : float or None, default=None
+        Sampling time at which the law runs, in seconds, of a plant in continuous time;
+        None is that of the records.
+    ahead : bool, default=False
+        Whether the law looks ahead (`Plant.at`).
 
     Returns
     -------
@@ -65,7 +71,11 @@ def measure(plant, records, *, output_names=None):
     -----
     Costs four simulations: the model, the closed loop, and the residual of each.
     """
-    plant = as_plant(plant).arrived()
+    plant = as_plant(plant)
+    if law_dt is not None or ahead:
+        law_dt = plant.dt if law_dt is None else law_dt
+        plant, records = at_rate(plant, records, law_dt, ahead)
+    plant = plant.arrived()
     A, _, C, _ = plant.linear()
     u = [record.du for record in records]
     opened = [_run(plant, record, record.du) for record in records]
@@ -173,7 +183,7 @@ def _virtual_inputs(plant, u, opened):
     v = phi(u, s) has a size of its own, and the recorded input is brought to the mean
     and standard deviation that v had along the record (eq. inverse).
     """
-    if plant.is_explicit:
+    if plant.law_map.is_sum:
         return u
     moved = plant.moved
     every_u = np.vstack(u)[:, moved]

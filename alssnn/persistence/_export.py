@@ -93,6 +93,12 @@ class Export:
         from ..feedback import split_gain
 
         plant = as_plant(model)
+        if plant.looks_ahead:
+            raise ValueError(
+                "`model` must be one whose law does not look ahead, got one of "
+                "`plant_.at(..., ahead=True)`, which is not exported yet. Export the "
+                "plant at that sampling time without `ahead`."
+            )
         law, no_law = _law(plant, law, required=gain is not None)
         K_x, K_z = (None, None) if gain is None else split_gain(gain, plant.late())
         M, gate = _observer_gain(plant.late(), observer)

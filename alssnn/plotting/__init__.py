@@ -14,6 +14,7 @@ from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
 from ._ladder import plot_ladder
+from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
 from ._loop import LoopDisplay
 from ._nonlinearity import NonlinearityDisplay, ResidualNonlinearityDisplay
@@ -28,6 +29,7 @@ __all__ = [
     "CertificateDisplay",
     "ExcitationDisplay",
     "GammaPathDisplay",
+    "LawRatesDisplay",
     "LoopDisplay",
     "NonlinearityDisplay",
     "PoleDisplay",

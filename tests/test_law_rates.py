@@ -1,0 +1,228 @@
+"""The sampling time of the law, and a law that looks half a sample ahead."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import alssnn
+from alssnn.datasets import make_duffing
+from alssnn.feedback import LinearizingLaw
+from alssnn.linearizability import worst_error
+from alssnn.model_selection import law_rates
+from alssnn.mpc import LinearizingMPC
+from alssnn.persistence import to_c
+from alssnn.plotting import LawRatesDisplay
+from alssnn.simulation import channels, outputs
+from benchmarks.continuous import loop_distance
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sklearn.exceptions.ConvergenceWarning"  # short fits are enough
+)
+
+KINDS = {
+    "h(y)": {"feedback": "output"},
+    "h(x)": {"feedback": "state"},
+    "monotone": {"feedback": "output", "input_map": "monotone"},
+    "disturbance": {"feedback": "state", "disturbances": [1]},
+    "two inputs": {"feedback": "state"},
+    "two layers": {"feedback": "output", "n_h": (2, 3)},
+}
+
+
+@pytest.fixture(scope="module", params=KINDS, ids=str)
+def model(request):
+    """Return a model of a stiffening spring whose first fit is enough."""
+    two = request.param in ("disturbance", "two inputs")
+    record = make_duffing(300, random_state=0)
+    u = record.u
+    if two:
+        u = np.hstack([u, 0.1 * np.random.default_rng(1).standard_normal(u.shape)])
+    options = {"n_h": 3, **KINDS[request.param]}
+    return alssnn.FlSsnn(
+        nx=2,
+        alpha=0.0,
+        max_iter=15,
+        n_init=1,
+        time="continuous",
+        dt=record.dt,
+        random_state=0,
+        **options,
+    ).fit(u, record.y)
+
+
+def signals(plant, n=40, size=0.3):
+    """Return states and virtual inputs about the operating point."""
+    rng = np.random.default_rng(3)
+    X = size * rng.standard_normal((n, plant.nx)) * plant.x_scale
+    v = plant.v_offset + size * rng.standard_normal((n, plant.nv)) * plant.v_scale
+    d = plant.d_offset + 0.1 * rng.standard_normal((n, plant.nd)) if plant.nd else None
+    return X, v, d
+
+
+def whole(plant, u, d):
+    """Return the inputs of the plant in the order of the record."""
+    if d is None:
+        return u
+    out = np.empty((len(u), plant.nu))
+    out[:, plant.moved], out[:, list(plant.given)] = u, d
+    return out
+
+
+def test_the_law_sees_the_middle_of_the_sample(model):
+    now, plant = model.plant_, model.plant_.at(model.dt, ahead=True)
+    assert plant.feedback == "state" and plant.looks_ahead and plant.no_law == ""
+    X, v, d = signals(plant)
+    # exact up to steps of Runge and Kutta, which a finer plant takes
+    A, B, C, _ = now.linear()
+    G = now.disturbed_by()[0]
+    A, B, G = (model.A_, model.B_, getattr(model, "G_", np.zeros((2, 0))))
+    n = 2 + B.shape[1] + G.shape[1]
+    half = expm(np.pad(np.hstack([A, B, G]), [(0, n - 2), (0, 0)]) * model.dt / 2)[:2]
+    dd = np.zeros((len(v), 0)) if d is None else d - plant.d_offset
+    x_half = np.hstack([X, v - plant.v_offset, dd]) @ half.T
+    s = x_half if now.feedback == "state" else x_half @ C.T + now.y_offset
+    expected = now.law(v, s, d)
+    u = plant.law(v, X, d)
+    np.testing.assert_allclose(u, expected, atol=5e-3 * plant.v_scale.max())
+    # v is what it says along any input, and the loop is that of the law
+    np.testing.assert_allclose(plant.virtual(X, whole(plant, u, d)), v, atol=1e-9)
+    loop = plant.close()
+    assert not loop.implicit or not plant.law_map.is_sum
+    driven = whole(plant, v, d) - plant.u_offset
+    Z = channels(loop, X, driven)
+    sent = Z[:, plant.ny :] + plant.u_offset
+    np.testing.assert_allclose(sent, whole(plant, u, d), atol=1e-9)
+    np.testing.assert_allclose(
+        plant.step(X, sent), now.step(X, whole(plant, u, d)), atol=1e-12
+    )
+
+
+def test_a_law_with_limits_tells_what_they_cut_off(model):
+    plant = model.plant_.at(model.dt, ahead=True)
+    X, v, d = signals(plant)
+    low, high = plant.v_offset - 0.2 * plant.v_scale, plant.v_offset + plant.v_scale
+    law = LinearizingLaw(plant, low, high)
+    u, cut = law.split(v, X, d)
+    assert np.all(u >= low) and np.all(u <= high) and np.any(cut != 0)
+    np.testing.assert_allclose(plant.virtual(X, whole(plant, u, d)), v - cut, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def duffing():
+    record = make_duffing(800, random_state=0)
+    model = alssnn.FlSsnn(
+        nx=2,
+        n_h=4,
+        feedback="output",
+        gamma_h=1e-4,
+        n_init=1,
+        time="continuous",
+        dt=record.dt,
+        random_state=0,
+    ).fit(record.u, record.y)
+    return model, record
+
+
+def test_the_error_falls_with_the_square_of_the_sampling_time(duffing):
+    model, record = duffing
+    rates = law_rates(model, record.u, record.y)
+    np.testing.assert_allclose(
+        rates.law_dt, record.dt * np.array([2, 1, 0.5, 0.25, 0.125])
+    )
+    order = np.log2(rates.error(ahead=True)[1:-1] / rates.error(ahead=True)[2:])
+    assert np.all(np.abs(order - 2) < 0.4), order
+    order = np.log2(rates.error()[-2] / rates.error()[-1])
+    assert abs(order - 1) < 0.4
+    assert np.all(rates.error(ahead=True) < 0.3 * rates.error())
+    assert rates.slowest(0.05, ahead=True) > rates.slowest(0.05)
+    assert np.isnan(rates.slowest(1e-9))
+    assert rates.slowest(1e9) == rates.law_dt[0]
+    assert str(rates).count("\n") == 6 and " *" in str(rates).splitlines()[2]
+    frame = rates.to_frame()
+    np.testing.assert_array_equal(frame["ahead"], rates.error(ahead=True))
+    display = LawRatesDisplay.from_rates(rates)
+    now, ahead, record_line = display.ax_.lines
+    np.testing.assert_allclose(now.get_ydata(), 100 * rates.error())
+    np.testing.assert_allclose(ahead.get_ydata(), 100 * rates.error(ahead=True))
+    assert record_line.get_xdata()[0] == record.dt
+    assert display.ax_.get_xscale() == display.ax_.get_yscale() == "log"
+
+
+def test_figures_at_the_rate_of_the_record_are_the_same(duffing):
+    model, record = duffing
+    plain = model.linearizability(record.u, record.y)
+    same = model.linearizability(record.u, record.y, law_dt=record.dt)
+    assert str(plain) == str(same)
+    finer = model.linearizability(record.u, record.y, law_dt=record.dt / 2)
+    assert len(finer.e) == 2 * len(plain.e)
+    assert worst_error(finer) < worst_error(plain)
+    slower = model.linearizability(record.u, record.y, law_dt=3 * record.dt)
+    assert len(slower.e) == len(plain.e) // 3
+
+
+@pytest.mark.parametrize("hold", ["zoh", "linear", "cubic"])
+def test_a_finer_record_is_what_the_fit_took_it_for(hold, duffing):
+    from alssnn.linearizability import at_rate
+
+    _, record = duffing
+    model = alssnn.LinearStateSpace(
+        nx=2, time="continuous", hold=hold, dt=record.dt, max_iter=5
+    ).fit(record.u, record.y)
+    y = record.y.copy()
+    y[40:50] = np.nan
+    (prepared,) = model.prepare_records(record.u, y)
+    plant, (finer,) = at_rate(model.plant_, [prepared], record.dt / 4, False)
+    np.testing.assert_allclose(finer.dy[::4][:40], prepared.dy[:40], atol=1e-10)
+    assert np.isnan(finer.dy[157:197]).all() and np.isfinite(finer.dy[:157]).all()
+    simulated = outputs(plant.lure, finer.du, finer.x0)[::4, 0]
+    held = outputs(model.plant_.lure, prepared.du, prepared.x0)[:, 0]
+    if hold == "zoh":
+        np.testing.assert_allclose(simulated, held, atol=0.02 * held.std())
+    else:  # the model itself knows what u does in between
+        y_hat = model.predict(record.u, x0=prepared.x0).ravel() - model.y_offset_
+        assert np.std(simulated - y_hat) < 0.15 * np.std(held - y_hat)
+
+
+def test_a_true_loop_at_a_slow_rate(duffing):
+    model, record = duffing
+    now, ahead = (
+        loop_distance(model.plant_.at(record.dt, ahead=ahead), record.dt, 0)
+        for ahead in (False, True)
+    )
+    assert ahead < 0.6 * now
+
+
+def test_a_predictive_controller_takes_the_law(duffing):
+    model, _ = duffing
+    plant = model.plant_.at(model.dt, ahead=True)
+    mpc = LinearizingMPC(plant, horizon=8)
+    u = mpc.step(plant.y_offset + 0.1, plant.y_offset)
+    assert np.isfinite(u).all()
+
+
+def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):
+    model, record = duffing
+    discrete = alssnn.FlSsnn(nx=1, n_h=1, alpha=0.0, max_iter=2, dt=record.dt)
+    discrete.fit(record.u, record.y)
+    with pytest.raises(ValueError, match="in discrete time, without `ahead`"):
+        discrete.plant_.at(record.dt, ahead=True)
+    with pytest.raises(ValueError, match="in discrete time"):
+        discrete.linearizability(record.u, record.y, law_dt=0.1)
+    with pytest.raises(ValueError, match="part or a multiple"):
+        model.linearizability(record.u, record.y, law_dt=0.3 * record.dt)
+    with pytest.raises(ValueError, match="positive time"):
+        model.linearizability(record.u, record.y, law_dt=-1.0)
+    plant = model.plant_.at(record.dt, ahead=True)
+    assert plant.at(record.dt, ahead=True) is plant
+    with pytest.raises(ValueError, match="does not look ahead"):
+        to_c(plant, tmp_path)
+    linear = alssnn.LinearStateSpace(nx=2, time="continuous", dt=record.dt, max_iter=2)
+    linear.fit(record.u, record.y)
+    assert not linear.plant_.at(0.1, ahead=True).looks_ahead  # nothing to look for
+    with pytest.raises(ValueError, match="cancels something"):
+        law_rates(linear, record.u, record.y)
+    fed = alssnn.AlSsnn(nx=2, feedthrough=True, feedback="output", n_init=1)
+    fed.set_params(time="continuous", dt=record.dt, alpha=0.0, max_iter=2, n_h=1, n_g=1)
+    fed.fit(record.u, record.y)
+    with pytest.raises(ValueError, match="algebraic loop"):
+        fed.plant_.at(0.1, ahead=True)
