@@ -207,10 +207,13 @@ def closed(form, moved):
     Theta = np.insert(Theta, [v.start] * form.nu, only_input(form), axis=0)
     by_u = Theta[:, u].copy()
     Theta[:, u] = 0.0
-    # what only rounding leaves where u takes back what made v is zero
     size = np.abs(Theta) + np.abs(by_u) @ np.abs(to_u)
     Theta += by_u @ to_u
-    Theta[np.abs(Theta) <= ROUNDING * size] = 0.0
+    # what only rounding leaves where u takes back what made v is zero: neurons that
+    # see each other so little would have to be solved
+    E = np.s_[v.start + form.nu :, form.nx + form.nu : -1]
+    tiny = (Theta[E] != 0) & (np.abs(Theta[E]) <= ROUNDING * size[E])
+    Theta[E] = np.where(tiny, 0.0, Theta[E])
     return Lure(Theta, form.nx, form.nu, form.nw, form.sigma)
 
 
@@ -308,6 +311,27 @@ def ahead(form, law, seen, moved):
         Lure(Theta, nx, nu, nh + nw, (*law.sigma, *form.sigma)),
         Lure(static, 0, nx + nd + nv, nh, law.sigma),
     )
+
+
+def behind(form, n):
+    """Return a form without its first neurons.
+
+    Parameters
+    ----------
+    form : Lure
+        Form.
+    n : int
+        Number of neurons that are left out.
+
+    Returns
+    -------
+    form : Lure
+        The same for all that does not depend on them.
+    """
+    row, column = form.nx + form.nz, form.nx + form.nu
+    Theta = np.delete(form.Theta, np.s_[row : row + n], axis=0)
+    Theta = np.delete(Theta, np.s_[column : column + n], axis=1)
+    return Lure(Theta, form.nx, form.nu, form.nw - n, form.sigma[n:])
 
 
 def observed(form, moved):

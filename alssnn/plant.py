@@ -364,8 +364,8 @@ class Plant(Signals):
         v : ndarray of shape (nv,) or (N, nv)
             Input of the linear part, in the units of u.
         """
-        v = self._regressors(x, u) @ self.form.rows_z[self.ny :].T + self.v_offset
-        return v.reshape(*x.shape[:-1], self.nv)
+        v = self._regressors(x, u, with_v=True) @ self.form.rows_z[self.ny :].T
+        return (v + self.v_offset).reshape(*x.shape[:-1], self.nv)
 
     def cancelled(self, s, u=None, d=None):
         """Return what the law takes off v.
@@ -436,14 +436,8 @@ class Plant(Signals):
 
         Returns
         -------
-        A : ndarray of shape (nx, nx) or (N, nx, nx)
-            Derivative of x+ by x.
-        B : ndarray of shape (nx, nu) or (N, nx, nu)
-            Derivative of x+ by u.
-        C : ndarray of shape (ny, nx) or (N, ny, nx)
-            Derivative of y by x.
-        D : ndarray of shape (ny, nu) or (N, ny, nu)
-            Derivative of y by u.
+        A, B, C, D : ndarray of shape (nx, nx), (nx, nu), (ny, nx), (ny, nu)
+            Derivatives of x+ and y by x and u; one per row behind a first axis N.
         """
         return self._slopes(self._regressors(x, u), x.shape[:-1])
 
@@ -461,10 +455,8 @@ class Plant(Signals):
         -------
         x_next : ndarray of shape (N, nx)
             States one sample later, as of `step`.
-        A : ndarray of shape (N, nx, nx)
-            Derivatives by x, as of `jacobian`.
-        B : ndarray of shape (N, nx, nu)
-            Derivatives by u.
+        A, B : ndarray of shape (N, nx, nx) and (N, nx, nu)
+            Derivatives by x and u, as of `jacobian`.
         """
         Phi = self._regressors(x, u)
         A, B, _, _ = self._slopes(Phi, x.shape[:-1])
@@ -486,10 +478,18 @@ class Plant(Signals):
         pair = (np.broadcast_to(z, (*rows, z.shape[-1])) for z in (ds, dd))
         return np.concatenate(list(pair), axis=-1)
 
-    def _regressors(self, x, u):
+    @cached_property
+    def _behind(self):
+        """Return the form without the first neurons, which make v and nothing else."""
+        return forms.behind(self.lure, self.law_form.nw)
+
+    def _regressors(self, x, u, with_v=False):
         """Return phi of states and inputs, one per row."""
-        du = np.atleast_2d(u - self.u_offset)
-        return regressors(self.lure, np.atleast_2d(x), du)
+        x, du = np.atleast_2d(x), np.atleast_2d(u - self.u_offset)
+        if with_v or not self.looks_ahead:
+            return regressors(self.lure, x, du)
+        Phi, first = regressors(self._behind, x, du), self.nx + self.nu
+        return np.insert(Phi, [first] * self.law_form.nw, 0.0, axis=1)
 
     def _slopes(self, Phi, rows):
         """Return A, B, C and D at regressors."""

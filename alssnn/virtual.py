@@ -184,6 +184,8 @@ class VirtualMap:
         """
         form, nu, loop = self.form, self.nu, self._inverse
         u = regressors(loop, s, v) @ loop.rows_z.T
+        if not loop.implicit:  # a formula
+            return u
         # one step on u itself, for a steep phi takes digits from v - h
         Phi = self._regressors(s, u)
         slope = form.M[:, -nu:] + neuron_gains(form, form.W, Phi) @ form.V[:, -nu:]
