@@ -81,7 +81,8 @@ def look(u, y, experiment=None, *, dt=None, period=None):
         _accuracy(response, why),
         _sampling(response, dt),
     )
-    return FirstLook(findings)
+    known = response is not None and np.isfinite(response.noise_rms).all()
+    return FirstLook(findings, response.noise_rms if known else None)
 
 
 def _response(u, y, experiment, dt, period):
