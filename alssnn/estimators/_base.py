@@ -170,6 +170,7 @@ class StateSpaceModel(
     parameter_covariance = deferred("estimators._uncertainty", "parameter_covariance")
     aic = deferred("estimators._uncertainty", "aic")
     bic = deferred("estimators._uncertainty", "bic")
+    next_input = deferred("estimators._next_input", "next_input")
     sample_models = deferred("estimators._uncertainty", "sample_models")
     fit_remote = deferred("estimators._remote", "fit_remote")
     validate = deferred("validation", "validate")
