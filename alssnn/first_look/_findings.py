@@ -41,6 +41,9 @@ class FirstLook:
     noise_rms : ndarray of shape (ny,) or None, default=None
         Root mean squares of the noise, below which no model goes; None unless the
         record is periodic.
+    recommendation : str, default=""
+        Name of the estimator to begin with, "LinearStateSpace", "FlSsnn" or "AlSsnn";
+        empty if the record cannot tell.
 
     Examples
     --------
@@ -57,6 +60,7 @@ class FirstLook:
 
     findings: tuple[Finding, ...]
     noise_rms: np.ndarray | None = field(default=None, compare=False)
+    recommendation: str = ""
 
     def __getitem__(self, name):
         """Return the finding of a name."""
