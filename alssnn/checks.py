@@ -63,3 +63,46 @@ def sampling_time(dt):
             "seconds."
         )
     return float(dt)
+
+
+def noise_levels(known, ny):
+    """Return the errors that no model goes below.
+
+    Parameters
+    ----------
+    known : float, array_like of shape (ny,), object with `noise_rms`, or None
+        Root mean squares in the units of the outputs; what
+        `nonparametric.best_linear_approximation` or `look` say of a periodic record.
+    ny : int
+        Number of outputs.
+
+    Returns
+    -------
+    floor : ndarray of shape (ny,) or None
+        The floor of every output; None if it is not known.
+
+    Raises
+    ------
+    ValueError
+        If it is not a positive number for every output.
+
+    Examples
+    --------
+    >>> from alssnn.checks import noise_levels
+    >>> noise_levels(0.1, 2)
+    array([0.1, 0.1])
+    """
+    if known is None:
+        return None
+    value = getattr(known, "noise_rms", known)
+    try:
+        floor = np.broadcast_to(np.asarray(value, dtype=float), ny).copy()
+    except (TypeError, ValueError):
+        floor = np.empty(0)
+    if len(floor) != ny or not np.all((floor > 0) & np.isfinite(floor)):
+        raise ValueError(
+            f"`noise_floor` must be positive, one number or one for each of {ny} "
+            f"outputs, got {value!r}. Noise apart from distortion is only known of "
+            "periodic records, see `nonparametric.best_linear_approximation`."
+        )
+    return floor

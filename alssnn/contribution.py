@@ -20,6 +20,7 @@ import numpy as np
 
 from .kernels import add_square
 from .simulation import regressors, sensitivities, trajectory
+from .steady import eliminated, steady_state
 from .structures import Structure
 
 # Mean square derivative by a parameter beyond which the rounding of the simulation
@@ -83,12 +84,40 @@ class Contribution:
         Samples per chunk of the sensitivities; None fits the cache.
     pipelined : bool, default=False
         Whether a second thread sums the chunks. The result does not depend on it.
+    periodic : bool, default=False
+        Whether the experiment is one period of what repeats itself: the initial state
+        is the periodic one (eq. steady), whatever x0 is.
     """
 
     structure: Structure
     weight: np.ndarray
     chunk: int | None = None
     pipelined: bool = False
+    periodic: bool = False
+
+    def initial(self, theta, x0, u, y=None):
+        """Return the initial state of an experiment.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        x0 : ndarray of shape (n_x0,)
+            Initial state of the free vector.
+        u : array of shape (N, nu)
+            Inputs.
+        y : array of shape (N, ny) or None, default=None
+            Outputs; not used.
+
+        Returns
+        -------
+        x0 : ndarray of shape (n_x0,)
+            The same; that of the periodic state if the experiment is periodic.
+        """
+        if not self.periodic:
+            return x0
+        structure = self.structure
+        return steady_state(structure.lure(theta), u, structure.initial_state, len(x0))
 
     def residuals(self, theta, x0, u, y):
         """Yield the weighted residual in chunks, nan if diverged.
@@ -110,6 +139,7 @@ class Contribution:
             Residual of a chunk; one row of nan ends a diverged experiment.
         """
         lure = self.structure.lure(theta)
+        x0 = self.initial(theta, x0, u)
         for part, u_part, X in trajectory(lure, u, self.structure.initial_state(x0)):
             if not np.isfinite(X[-1]).all():
                 yield np.full(lure.nz, np.nan)
@@ -178,7 +208,8 @@ class Contribution:
         n = n_params + self.structure.n_x0
         # of [J r]: J'J, J'r and |r|^2 are blocks of one sum
         sums = np.zeros((n + 1, n + 1))
-        blocks = self._jacobian(theta, x0, u, y)
+        end = np.empty((self.structure.nx, n)) if self.periodic else None
+        blocks = self._jacobian(theta, self.initial(theta, x0, u), u, y, end)
         if self.pipelined:
             _add_behind(blocks, sums)
         else:
@@ -186,14 +217,16 @@ class Contribution:
                 add_square(block, sums)
                 _check(sums)
         JJ = np.tril(sums) + np.tril(sums, -1).T
+        if self.periodic:
+            JJ = eliminated(JJ, end, n_params)
         border = JJ[n_params:n, :n].copy(), JJ[n_params:n, n].copy()
         head, head_r = JJ[:n_params, :n_params].copy(), JJ[:n_params, n].copy()
         return Arrow(head, head_r, float(JJ[n, n]), {i: border})
 
-    def _jacobian(self, theta, x0, u, y):
+    def _jacobian(self, theta, x0, u, y, end):
         """Yield [J r] in chunks; if pipelined, a chunk outlives the next one."""
         n = self.structure.n_params + self.structure.n_x0
-        options = {"spare": 1, "buffers": 1 + self.pipelined}
+        options = {"spare": 1, "buffers": 1 + self.pipelined, "end": end}
         for part, Z, J in sensitivities(
             self.structure, theta, x0, u, self.weight, self.chunk, **options
         ):

@@ -37,6 +37,7 @@ from scipy.linalg import eigh
 from .contribution import Arrow, Contribution
 from .mapping import Held
 from .simulation import sensitivities
+from .steady import follows
 
 EIGENVALUE_FLOOR = 1e-12  # relative: below it, J'J is rounding times its conditioning
 DIVERGED_NORM = 1e100  # |r| of a diverged trial: finite, so that lm and trf reject it
@@ -139,6 +140,9 @@ class Criterion(LeastSquares):
         Experiments of a sequence summed in parallel threads, as in joblib; one
         experiment alone takes two threads, one for its derivatives and one for their
         squares. The result does not depend on it.
+    periodic : bool, default=False
+        Whether every experiment is one period of what repeats itself: its initial state
+        is the periodic one (eq. steady), and that of the free vector has no effect.
 
     Attributes
     ----------
@@ -164,8 +168,10 @@ class Criterion(LeastSquares):
         x0_weight=0.0,
         chunk=None,
         n_jobs=None,
+        periodic=False,
     ):
         self.structure = structure
+        self.periodic = periodic
         self.experiments = Held.of(experiments, n_jobs)
         self.n_samples = self.experiments.n_samples
         self.n = structure.n_params + len(self.experiments) * structure.n_x0
@@ -175,7 +181,9 @@ class Criterion(LeastSquares):
         N = np.where(np.arange(structure.nz) < ny, max(n_measured, 1), self.n_samples)
         n_jobs = getattr(self.experiments, "n_jobs", n_jobs)
         pipelined = len(self.experiments) == 1 and n_jobs not in (None, 1)
-        self.one = Contribution(structure, np.sqrt(square / N), chunk, pipelined)
+        self.one = Contribution(
+            structure, np.sqrt(square / N), chunk, pipelined, periodic
+        )
         self.decay = np.zeros(self.n)  # square roots of the L2 weights
         self.decay[structure.n_params :] = np.sqrt(x0_weight)
         for name in structure.network_parameters:
@@ -222,6 +230,25 @@ class Criterion(LeastSquares):
         n_params = self.structure.n_params
         n_x0 = self.structure.n_x0
         return free[:n_params], free[n_params:].reshape(len(self.experiments), n_x0)
+
+    def initial_states(self, theta, x0):
+        """Return the initial states that the simulations begin with.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the free vector.
+
+        Returns
+        -------
+        x0 : ndarray of shape (n_experiments, n_x0)
+            The same, or the periodic ones.
+        """
+        if not self.periodic:
+            return x0
+        return np.stack(self.experiments.map(partial(self.one.initial, theta), x0))
 
     # -- values ----------------------------------------------------------------------
 
@@ -325,15 +352,30 @@ class Criterion(LeastSquares):
         theta, x0 = self.split(free)
         n_params, n_x0 = self.structure.n_params, self.structure.n_x0
         parts = []
+        x0 = self.initial_states(theta, x0)
+        end = np.empty((self.structure.nx, n_params + n_x0))
         for i, ((u, y), start) in enumerate(zip(self.experiments, x0, strict=True)):
             where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
+            blocks = []
             for part, _, J in sensitivities(
-                self.structure, theta, start, u, self.one.weight, self.one.chunk
+                self.structure,
+                theta,
+                start,
+                u,
+                self.one.weight,
+                self.one.chunk,
+                end=end,
             ):
                 J[:, : y.shape[1]][np.isnan(y[part])] = 0.0
                 block = np.zeros((J.shape[0] * J.shape[1], self.n))
                 block[:, where] = J.reshape(len(block), -1)
-                parts.append(block)
+                blocks.append(block)
+            if self.periodic:
+                own = where[n_params:]
+                for block in blocks:
+                    block[:, :n_params] += block[:, own] @ follows(end, n_params)
+                    block[:, own] = 0.0
+            parts += blocks
         return np.vstack([*parts, np.diag(self.decay)])
 
 

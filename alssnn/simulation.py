@@ -359,7 +359,9 @@ def chunk_length(structure):
     return max(32, SENSITIVITY_BYTES // per_sample)
 
 
-def sensitivities(structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1):
+def sensitivities(
+    structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1, end=None
+):
     """Yield channels and their derivative by (theta, x0), chunk by chunk.
 
     Parameters
@@ -380,6 +382,8 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1
         Further columns of J, for use by the caller.
     buffers : int, default=1
         Chunks that J outlives, its own among them.
+    end : ndarray of shape (nx, n_params + n_x0) or None, default=None
+        Receives the derivative of the state after the last sample, when all is done.
 
     Yields
     ------
@@ -432,6 +436,8 @@ def sensitivities(structure, theta, x0, u, scale, chunk=None, spare=0, buffers=1
             FH, direct.table, direct.constants, *direct.factors(Phi, WR), S, J
         )
         yield part, Phi @ Theta_z, J
+    if end is not None:
+        end[:] = S
 
 
 class _Deep:

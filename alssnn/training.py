@@ -42,6 +42,7 @@ def train(
     radius=None,
     bounds=None,
     at_rest=False,
+    periodic=False,
     continuation=0,
     coarse_samples=None,
     polish_iter=20,
@@ -77,6 +78,9 @@ def train(
     at_rest : bool, default=False
         Whether the initial states are held at zero; a stretch of a record begins
         anywhere, and its initial states are free in any case.
+    periodic : bool, default=False
+        Whether every experiment is one period of what repeats itself (eq. steady); a
+        stretch of it is not.
     continuation : int, default=0
         Number of searches with larger weights of all channels but the measured one
         that come first, each half a decade above the next.
@@ -121,7 +125,13 @@ def train(
     first = Held.of(first)
     factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
     criteria = [
-        Criterion(structure, first, weights=_times(weights, factor, measured), **decay)
+        Criterion(
+            structure,
+            first,
+            weights=_times(weights, factor, measured),
+            periodic=periodic and not is_coarse,
+            **decay,
+        )
         for factor in factors
     ]
     middle = MIDDLE * coarse_samples if is_coarse else 0
@@ -129,7 +139,7 @@ def train(
     finer = [f"{middle} samples"] * is_long + ["all samples"] * is_coarse
     penalties = [w for c, w in (weights or {}).items() if c != measured]
     labels = _stage_labels(penalties, factors, finer)
-    limits = Limits(structure, phi, bounds, at_rest, radius)
+    limits = Limits(structure, phi, bounds, at_rest or periodic, radius)
     first_limits = limits
     if is_coarse:
         first_limits = Limits(structure, phi, bounds, radius=radius)
@@ -140,17 +150,19 @@ def train(
         # as much work on the middle stretch as on all samples
         n_steps = polish_iter * experiments.n_samples // middle
         n_steps = min(n_steps, options.get("max_iter", n_steps))
-        parts = [(experiments, limits, polish_iter)]
+        parts = [(experiments, limits, polish_iter, periodic)]
         if is_long:
             part = experiments.stretch(middle)
             part = Held(part, n_jobs) if experiments.is_here else Held.of(part)
-            parts.insert(0, (part, first_limits, n_steps))
-        for label, (part, part_limits, n) in zip(
+            parts.insert(0, (part, first_limits, n_steps, False))
+        for label, (part, part_limits, n, is_periodic) in zip(
             labels[len(criteria) :], parts, strict=True
         ):
             steps = best.nfev
             best = _stage(
-                Criterion(structure, part, weights=weights, **decay),
+                Criterion(
+                    structure, part, weights=weights, periodic=is_periodic, **decay
+                ),
                 best.theta,
                 part_limits,
                 fallback=fallback,
@@ -268,6 +280,7 @@ def _stage(
             criterion, free, watch=watch, patience=patience, **options
         )
     theta, x0 = criterion.split(result.x)
+    x0 = criterion.initial_states(theta, x0)
     return OptimizeResult({**result, "theta": theta, "x0": x0})
 
 

@@ -9,6 +9,7 @@ import alssnn
 from alssnn import cli
 from alssnn.excitation import multisine
 from alssnn.first_look import nonlinearity
+from benchmarks import recommendations as benchmark
 
 FIRST = butter(2, 0.1)
 NAMES = [
@@ -22,6 +23,7 @@ NAMES = [
     "nonlinearity",
     "accuracy",
     "sampling",
+    "model",
 ]
 
 
@@ -239,3 +241,73 @@ def test_the_command_prints_the_page(tmp_path, capsys):
     assert cli.main([str(arg) for arg in argv]) == 0
     out = capsys.readouterr().out
     assert "! nonlinearity" in out and "4 experiments" in out
+
+
+def spring(u, law, delay=0, noise=0.005, seed=0):
+    """Return outputs of oscillators, one per input, with a law of (y, u, speed)."""
+    x = np.zeros((2, u.shape[1]))
+    late = np.vstack([np.zeros((delay, u.shape[1])), u[: len(u) - delay]])
+    y = np.empty_like(late)
+    for k, one in enumerate(late):
+        y[k] = 0.15 * x[0] + 0.1 * x[1]
+        v = law(y[k], one, x[0] - x[1])
+        x = np.stack([1.6 * x[0] - 0.8 * x[1] + v, x[0]])
+    return y + noise * np.random.default_rng(seed).standard_normal(y.shape)
+
+
+LAWS = {
+    "LinearStateSpace": lambda y, u, speed: u - 0.3 * y,
+    "FlSsnn": lambda y, u, speed: u - 0.8 * np.tanh(2 * y),
+    "AlSsnn": lambda y, u, speed: u - np.tanh(2 * speed),
+    "AlSsnn, and of u": lambda y, u, speed: np.tanh(2 * u),
+}
+
+
+@pytest.mark.parametrize(("nu", "delay"), [(1, 0), (1, 4), (2, 0)])
+@pytest.mark.parametrize("name", LAWS)
+def test_it_recommends_the_family_of_the_plant(name, nu, delay):
+    u = np.repeat(np.random.default_rng(2).uniform(-1, 1, (1000, nu)), 3, axis=0)
+    y = spring(u, LAWS[name], delay)
+    page = alssnn.look(u, y)
+    family, _, of_input = name.partition(",")
+    assert page.recommendation == family
+    assert family in page["model"].sentence
+    assert ("monotone" in page["model"].sentence) == bool(of_input)
+    y[500:600] = np.nan  # gaps and units do not matter
+    assert alssnn.look(1e3 * u, y / 50 + 7).recommendation == family
+
+
+def test_a_curve_within_the_noise_needs_no_network():
+    excitation = multisine(512, n_periods=3, n_realizations=8, random_state=0)
+    laws = {c: lambda y, u, speed, c=c: u - c * y**3 for c in (0.25, 1.5)}
+    linear = {}
+    for size, law in laws.items():
+        y = [
+            spring(u, law, noise=0.05, seed=i)
+            for i, u in enumerate(excitation.experiments)
+        ]
+        page = alssnn.look(excitation, np.concatenate(y))
+        assert page["nonlinearity"].attention  # it is there, and it is seen
+        linear[size] = page.recommendation == "LinearStateSpace"
+        assert ("within 5 % of the noise" in page["model"].sentence) == linear[size]
+    assert linear == {0.25: True, 1.5: False}
+
+
+def test_no_family_is_told_from_too_little():
+    u, y = make(N=11)
+    assert alssnn.look(u, y).recommendation == ""
+    u, y = make(N=260, curve=lambda x: x + x**2)
+    page = alssnn.look(np.hstack([u, *np.random.default_rng(0).random((3, 260, 1))]), y)
+    assert page.recommendation in ("", "AlSsnn")
+
+
+def test_what_the_searches_found_best():
+    errors = benchmark.searched()
+    assert errors["pendulum"]["LinearStateSpace"] == 1.0 and len(errors) > 15
+    found = {"LinearStateSpace": 1.0, "FlSsnn": 0.11, "AlSsnn": 0.1}
+    assert benchmark.best(found) == "FlSsnn"  # as good, and simpler
+    assert benchmark.best({**found, "FlSsnn": 0.13}) == "AlSsnn"
+    text = benchmark.table({"pendulum": "AlSsnn", "linear": ""}, errors)
+    assert "| pendulum | unseen | AlSsnn | FlSsnn |" in text
+    assert "| linear | seen | nothing | - | - |" in text
+    assert "0 of 1 are the best family, 1 of 1 are right about linear or not" in text

@@ -30,6 +30,7 @@ from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
 from ._noise import check_noise, noise_covariance
 from ._options import estimator, take
+from ._periodic import came_round, check_periodic, is_periodic, settled
 from ._plant import make_plant
 from ._progress import Progress
 from ._records import Records
@@ -115,6 +116,7 @@ class StateSpaceModel(
     integrators: Any = take(Records, "integrators")
     operating_point: Any = take(Records, "operating_point")
     initial_state: str = take(Records, "initial_state")
+    period: int | None = take(Records, "period")
     disturbances: Any = take(Records, "disturbances")
     noise: str = take(Records, "noise")
     horizon: int = take(Records, "horizon")
@@ -168,6 +170,7 @@ class StateSpaceModel(
     parameter_covariance = deferred("estimators._uncertainty", "parameter_covariance")
     aic = deferred("estimators._uncertainty", "aic")
     bic = deferred("estimators._uncertainty", "bic")
+    next_input = deferred("estimators._next_input", "next_input")
     sample_models = deferred("estimators._uncertainty", "sample_models")
     fit_remote = deferred("estimators._remote", "fit_remote")
     validate = deferred("validation", "validate")
@@ -251,6 +254,7 @@ class StateSpaceModel(
         order_choices(self.nx)
         check_noise(self)
         check_time(self)
+        check_periodic(self)
         if isinstance(self.operating_point, tuple) and len(self.operating_point) != 2:
             raise ValueError(
                 "`operating_point` must be 'mean', 'zero' or a pair (u_e, y_e), got "
@@ -284,6 +288,8 @@ class StateSpaceModel(
 
     def _fit_checked(self, u, y, experiment, validation, container, watch):
         """Scale the data, then fit."""
+        parts, self.experiments_ = split_experiments(len(u), experiment)
+        u, y, parts, lost = settled(self, u, y, parts)
         columns = y.reshape(len(y), -1)
         warm = self._continues(u.shape[1], columns.shape[1])
         if not warm:
@@ -291,17 +297,19 @@ class StateSpaceModel(
             self._x_scale = np.ones(1)
             self.integrators_ = 0
             self.__dict__.pop("_decay", None)
-        parts, self.experiments_ = split_experiments(len(u), experiment)
         self.input_delay_ = np.zeros(u.shape[1], dtype=int)
         self.input_delay_ = self._delays(Held(self._experiments(u, y, parts)))
         self._y_ndim = y.ndim
         self._container = container
         self.output_names_ = container.output_names
         experiments, held_out = self._hold_out(u, y, parts, validation)
+        if is_periodic(self):
+            experiment = np.repeat(range(len(parts)), [p.stop - p.start for p in parts])
         watch.observe = Callbacks.of(self, u, y, experiment)
-        if not warm and find_integrators(self, experiments, watch):
+        returns = is_periodic(self)  # what integrates would not
+        if not (warm or returns) and find_integrators(self, experiments, watch):
             experiments, held_out = self._hold_out(u, y, parts, validation)
-        self._complete(experiments, watch, held_out, warm)
+        self._complete(experiments, watch, held_out, warm, lost)
         if watch.observe is not None:
             watch.observe.end()
 
@@ -315,9 +323,9 @@ class StateSpaceModel(
 
     def _hold_out(self, u, y, parts, validation):
         """Return scaled experiments to fit, and those that judge the fit, if any."""
-        return self._experiments(u, y, parts), None
+        return self._experiments(u, y, parts, is_periodic(self)), None
 
-    def _complete(self, experiments, watch, held_out, warm):
+    def _complete(self, experiments, watch, held_out, warm, lost=0.0):
         """Identify a model from scaled experiments and set what a fit sets."""
         previous = (predictor(self._structure), self._theta) if warm else None
         seen, fitted, self._theta, result = trained(
@@ -329,7 +337,7 @@ class StateSpaceModel(
         watch.has_result = True
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
-        self.noise_covariance_ = noise_covariance(self, fitted, x0, seen)
+        self.noise_covariance_ = noise_covariance(self, fitted, x0, seen) + lost
         self._region, self._made = training_region(self, fitted, x0, seen), None
         if is_continuous(self):
             experiments = seen
@@ -374,7 +382,8 @@ class StateSpaceModel(
         """Tell whether the user shapes the linear model beyond its identification."""
         shapes = (self.linear_start, self.output_weight)
         shaped = bool(self.bounds) or any(shape is not None for shape in shapes)
-        return shaped or self._at_rest or self.horizon > 1
+        begun = self._at_rest or is_periodic(self)
+        return shaped or begun or self.horizon > 1
 
     def _scaled_bounds(self, structure, contractive=False):
         bounds = check_bounds(
@@ -429,15 +438,17 @@ class StateSpaceModel(
         check_inputs(u)
         return u, y
 
-    def _experiments(self, u, y, parts):
+    def _experiments(self, u, y, parts, periodic=False):
         """Return scaled deviations of every experiment."""
         y = y.reshape(len(y), -1)
+        delay, parts = self.input_delay_, list(parts)
+        inputs = [u[part] for part in parts]
+        if periodic:
+            inputs = [came_round(one, delay) for one in inputs]
+            delay = 0 * delay
         return [
-            (
-                self._scaling.scale_u(u[part], self.input_delay_),
-                self._scaling.scale_y(y[part]),
-            )
-            for part in parts
+            (self._scaling.scale_u(one, delay), self._scaling.scale_y(y[part]))
+            for one, part in zip(inputs, parts, strict=True)
         ]
 
     def _watch(self):

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..training import Validation
 from ._noise import training_data
+from ._periodic import is_periodic
 from ._simulation import labeled_data
 
 MIN_VALIDATION = 8  # samples: two for an initial state, six that count
@@ -37,7 +38,7 @@ def hold_out(estimator, u, y, parts, validation):
     ValueError
         If what is held out is too short, or not measured.
     """
-    experiments = estimator._experiments(u, y, parts)
+    experiments = estimator._experiments(u, y, parts, is_periodic(estimator))
     if validation is not None:
         return experiments, _judge(estimator, _given(estimator, validation))
     if estimator.validation_fraction is None:

@@ -260,10 +260,11 @@ def as_found(
         x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
     weight = output_weights(estimator.output_weight, plain.sizes["y"])
     *data, weights = over_horizon(estimator, plain, experiments, {"y": weight})
-    criterion = Criterion(*data, weights=weights)
+    periodic = estimator.initial_state == "periodic"
+    criterion = Criterion(*data, weights=weights, periodic=periodic)
     return OptimizeResult(
         theta=theta,
-        x0=x0,
+        x0=criterion.initial_states(theta, x0),
         cost=criterion.norm(criterion.join(theta, x0)) ** 2,
         success=watch.reason is None,
         message=watch.reason or message,

@@ -4,6 +4,7 @@ from ._base import StateSpaceModel
 from ._horizon import trained
 from ._networks import Networks
 from ._options import estimator, take
+from ._periodic import is_periodic
 
 
 @estimator
@@ -92,6 +93,7 @@ class LinearStateSpace(StateSpaceModel):
             radius=linear.radius if self.horizon > 1 else None,
             bounds=self._scaled_bounds(structure),
             at_rest=self._at_rest,
+            periodic=is_periodic(self),
             max_iter=self.max_iter,
             tol=self.tol,
             watch=watch,

@@ -41,9 +41,16 @@ class Records:
         mean of u gives way to the input at which they rest.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
-    initial_state : {"estimate", "rest"}, default="estimate"
-        Initial state of the training experiments: estimated with the parameters, or
-        held at `operating_point`, which must be where the records begin.
+    initial_state : {"estimate", "rest", "periodic"}, default="estimate"
+        Initial state of the training experiments: estimated with the parameters, held
+        at `operating_point`, which must be where the records begin, or "periodic": the
+        fit takes the mean over the periods of every experiment, and the state at its
+        end is that at its beginning (eq. steady). For settled records of periodic
+        inputs, of noise of the sensors, in discrete time.
+    period : int or None, default=None
+        Of ``initial_state="periodic"``: samples of a period, such as the `period` of an
+        `excitation.Excitation`. Of several periods the first is left out, while the
+        plant settles. None means that every experiment is one settled period.
     disturbances : array_like of int or str, or None, default=None
         Inputs that are measured but not moved by a controller, by number from 0 or by
         name: loads, ambient temperatures, flows (eq. disturbance). B and the law leave
@@ -102,7 +109,10 @@ class Records:
     bounds: Any = option(None, [dict, None])
     integrators: Any = option("auto", [COUNT, StrOptions({"auto"})])
     operating_point: Any = option("mean", [StrOptions({"mean", "zero"}), tuple])
-    initial_state: str = option("estimate", [StrOptions({"estimate", "rest"})])
+    initial_state: str = option(
+        "estimate", [StrOptions({"estimate", "rest", "periodic"})]
+    )
+    period: int | None = option(None, [POSITIVE, None])
     disturbances: Any = option(None, ["array-like", str, Integral, None])
     noise: str = option("output", [StrOptions({"output", INNOVATIONS})])
     horizon: int = option(1, [POSITIVE])

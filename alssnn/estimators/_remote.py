@@ -10,6 +10,7 @@ from ._checks import order_choices
 from ._disturbances import check_disturbances
 from ._integrators import find_integrators
 from ._noise import check_noise
+from ._periodic import check_periodic
 from ._time import check_time
 
 
@@ -33,6 +34,7 @@ def fit_remote(model, experiments):
     order_choices(model.nx)
     check_noise(model)
     check_time(model)
+    check_periodic(model, is_here=False)
     if getattr(model, "validation_fraction", None) is not None:
         raise ValueError(
             "`validation_fraction` must be None for experiments on a cluster, got "

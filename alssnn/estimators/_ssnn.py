@@ -33,6 +33,7 @@ from ._integrators import regular
 from ._judge import as_found, not_worse, warn_left_linear
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
+from ._periodic import is_periodic
 from ._records import POSITIVE, WEIGHT
 from ._time import is_continuous
 from ._warm_start import forms, goes_on
@@ -317,6 +318,7 @@ class Ssnn(StateSpaceModel):
             radius=self._radius,
             bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
             at_rest=self._at_rest,
+            periodic=is_periodic(self),
             continuation=0 if is_auto else self.continuation,
             coarse_samples=self.coarse_samples,
             polish_iter=self.polish_iter,
@@ -470,6 +472,7 @@ class Ssnn(StateSpaceModel):
                 **held,
             },
             at_rest=self._at_rest,
+            periodic=is_periodic(self),
             max_iter=self.max_iter,
             tol=self.tol,
             watch=watch,

@@ -10,13 +10,15 @@ file and draws itself.
                    whole range, settling included
     prbs           two levels: most power within the limits, for linear plants alone
     swept_sine     one frequency after another, at full amplitude
+    menu           different ones of the same length, to choose from
 
 A multisine tells noise, even and odd nonlinearities apart (eq. bla); a plant that is
 meant to be modelled over its range wants steps, or several levels of a multisine.
 """
 
 from ._excitation import Excitation
+from ._menu import menu
 from ._multisine import multisine
 from ._signals import prbs, steps, swept_sine
 
-__all__ = ["Excitation", "multisine", "prbs", "steps", "swept_sine"]
+__all__ = ["Excitation", "menu", "multisine", "prbs", "steps", "swept_sine"]

@@ -1,7 +1,9 @@
 """What is found in a record, and how it is said."""
 
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 WIDTH = 79  # characters of a line
 
@@ -36,6 +38,12 @@ class FirstLook:
     ----------
     findings : tuple of Finding
         Answers, in the order in which they matter.
+    noise_rms : ndarray of shape (ny,) or None, default=None
+        Root mean squares of the noise, below which no model goes; None unless the
+        record is periodic.
+    recommendation : str, default=""
+        Name of the estimator to begin with, "LinearStateSpace", "FlSsnn" or "AlSsnn";
+        empty if the record cannot tell.
 
     Examples
     --------
@@ -51,6 +59,8 @@ class FirstLook:
     """
 
     findings: tuple[Finding, ...]
+    noise_rms: np.ndarray | None = field(default=None, compare=False)
+    recommendation: str = ""
 
     def __getitem__(self, name):
         """Return the finding of a name."""

@@ -8,6 +8,7 @@ from ..excitation import Excitation
 from ..nonparametric import best_linear_approximation, local_polynomial
 from ..nonparametric.records import Records
 from . import _signals
+from ._family import explained
 from ._findings import Finding, FirstLook
 from ._nonlinearity import nonlinearity
 
@@ -17,6 +18,9 @@ FEW, MANY = 6.0, 60.0  # samples in a period of the fastest motion
 MOTION = 0.99  # share of the power of the output that belongs to the plant
 SHORT = 200  # samples of all experiments
 MAX_DELAY = 50  # samples
+NEAR_FLOOR = 1.05  # error of a linear model over the noise from which it is enough
+OWN = 0.8  # share of the curves that are of y alone, from which h(y) does
+NEWEST = 0.2  # share of them that only the newest input explains, from which u matters
 
 
 def look(u, y, experiment=None, *, dt=None, period=None):
@@ -40,7 +44,8 @@ def look(u, y, experiment=None, *, dt=None, period=None):
     -------
     page : FirstLook
         Findings "record", "gaps", "saturation", "quantization", "outliers", "inputs",
-        "delay", "nonlinearity", "accuracy" and "sampling"; print it to read it.
+        "delay", "nonlinearity", "accuracy", "sampling" and "model"; print it to read
+        it. Its `recommendation` is the model to begin with.
 
     Raises
     ------
@@ -69,6 +74,9 @@ def look(u, y, experiment=None, *, dt=None, period=None):
     dt = 1.0 if dt is None else sampling_time(dt)
     records = Records.of(u, y, experiment)
     response, why = _response(u, y, experiment, dt, period)
+    delays = _delays(records)
+    not_linear = _nonlinearity(nonlinearity(u, y, experiment)[0], response)
+    model, name = _model(records, delays, not_linear, response)
     findings = (
         _record(records, dt),
         _signals.gaps(records),
@@ -76,12 +84,14 @@ def look(u, y, experiment=None, *, dt=None, period=None):
         _signals.quantization(records),
         _signals.outliers(records),
         _signals.inputs(records),
-        _delay(records),
-        _nonlinearity(nonlinearity(u, y, experiment)[0], response),
+        _delay(records, delays),
+        not_linear,
         _accuracy(response, why),
         _sampling(response, dt),
+        model,
     )
-    return FirstLook(findings)
+    known = response is not None and np.isfinite(response.noise_rms).all()
+    return FirstLook(findings, response.noise_rms if known else None, name)
 
 
 def _response(u, y, experiment, dt, period):
@@ -107,19 +117,25 @@ def _record(records, dt):
     return Finding("record", float(N), sentence, N < SHORT)
 
 
-def _delay(records):
-    """Ask whether inputs are late."""
+def _delays(records):
+    """Return the delays of the inputs; None if a signal is at rest."""
     u, y = (np.concatenate(z) for z in zip(*records.pairs, strict=True))
     u_scale, y_scale = u.std(axis=0), np.nanstd(y, axis=0)
     if not (np.all(u_scale > 0) and np.all(y_scale > 0)):
-        return Finding(
-            "delay", np.nan, "A signal is at rest: no delay was found.", True
-        )
+        return None
     pairs = [
         ((a - u.mean(axis=0)) / u_scale, (b - np.nanmean(y, axis=0)) / y_scale)
         for a, b in records.pairs
     ]
-    delays = estimate_delays(pairs, "auto", max_delay=MAX_DELAY)
+    return estimate_delays(pairs, "auto", max_delay=MAX_DELAY)
+
+
+def _delay(records, delays):
+    """Ask whether inputs are late."""
+    if delays is None:
+        return Finding(
+            "delay", np.nan, "A signal is at rest: no delay was found.", True
+        )
     worst = float(delays.max())
     late = [
         f"{name} by {d}"
@@ -152,6 +168,48 @@ def _nonlinearity(p, response):
     if p < LEVEL:
         sentence += " Whether that matters is said by the accuracy."
     return Finding("nonlinearity", float(p), sentence, p < LEVEL)
+
+
+def _model(records, delays, not_linear, response):
+    """Recommend the model to begin with, and say why (eq. curves)."""
+
+    def finding(name, sentence, value=np.nan):
+        return Finding("model", value, f"{sentence}", False), name
+
+    if delays is None or np.isnan(not_linear.value):
+        return finding("", "Not told: the record says too little.")
+    if not not_linear.attention:
+        return finding(
+            "LinearStateSpace",
+            "Begin with LinearStateSpace: no nonlinearity was found to be cancelled.",
+        )
+    if response is not None and np.isfinite(response.noise_rms).all():
+        if np.all(response.total_rms <= NEAR_FLOOR * response.noise_rms):
+            return finding(
+                "LinearStateSpace",
+                "Begin with LinearStateSpace: it is within 5 % of the noise.",
+            )
+    shares = explained(records, delays)
+    own, state, every = (shares[kind] for kind in ("own", "state", "all"))
+    if np.isnan(every):
+        return finding(
+            "AlSsnn", "Begin with AlSsnn: too short a record to tell its curves apart."
+        )
+    every = max(every, 1e-12)
+    if own >= OWN * every:
+        return finding(
+            "FlSsnn",
+            "Begin with FlSsnn(feedback='output'): curves of the outputs explain "
+            f"{100 * min(1.0, own / every):.2g} % of what curves of the near past "
+            "explain.",
+            own / every,
+        )
+    sentence = "Begin with AlSsnn: curves are of the state, not of the outputs alone"
+    if every - state >= NEWEST * every:
+        sentence += (
+            ", and the newest input goes through one, too. Compare input_map='monotone'"
+        )
+    return finding("AlSsnn", f"{sentence}.", own / every)
 
 
 def _accuracy(response, why):

@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
+from ..checks import noise_levels
 from ..estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from ..experiments import split_experiments
 from ..metrics import fit_percent, rmse
@@ -58,6 +59,7 @@ def model_ladder(
     max_iter=None,
     n_init=None,
     models=None,
+    noise_floor=None,
     verbose=0,
     callback=None,
 ):
@@ -129,6 +131,10 @@ def model_ladder(
         defaults, and None means these four. "al-paper" is AL-SSNN in the form of the
         paper: h sees the output, gamma weighs ``|g|^2``, and A is free. A dict of names
         and estimators compares these instead; all options are then their own.
+    noise_floor : float, array_like of shape (ny,), or object or None, default=None
+        Errors that no model goes below, in the units of the outputs; what `look` or
+        `nonparametric.best_linear_approximation` return of a periodic record. The
+        table then has test errors over it.
     verbose : int, default=0
         1 prints a line per stage of the training, 2 every step; not for a dict.
     callback : callable or None, default=None
@@ -194,6 +200,7 @@ def model_ladder(
     if stability != "auto":
         options["stability"] = stability
     estimators = _estimators(models, options)
+    floor = noise_levels(noise_floor, 1 if np.ndim(y) < 2 else np.shape(y)[1])
     train, test = _train_and_test(u, y, experiment, test, test_size)
     rows = []
     for name, model in estimators.items():
@@ -209,6 +216,7 @@ def model_ladder(
         parts=tuple(map(slice, stops[:-1], stops[1:])),
         dt=float(dt),
         output_names=rows[0].model.output_names_,
+        noise_floor=floor,
     )
 
 

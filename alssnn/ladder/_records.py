@@ -105,6 +105,8 @@ class Ladder:
         Sampling time, in seconds.
     output_names : list of str or None, default=None
         Names of the outputs, if the data had any.
+    noise_floor : ndarray of shape (ny,) or None, default=None
+        Errors that no model goes below, in the units of the outputs; None if unknown.
 
     Examples
     --------
@@ -119,6 +121,7 @@ class Ladder:
     parts: tuple[slice, ...] = field(repr=False)
     dt: float
     output_names: list[str] | None = None
+    noise_floor: np.ndarray | None = None
 
     def __iter__(self):
         """Yield the rows."""
@@ -153,7 +156,11 @@ class Ladder:
             ),
         ]
         cells = [*header, *(_cells(row) for row in self.rows)]
-        widths = [max(len(line[i]) for line in cells) for i in range(len(header[0]))]
+        if self.noise_floor is not None:
+            ratios = [f"{self.over_floor(row).max():.3g}" for row in self.rows]
+            column = ["test /", "floor", *ratios]
+            cells = [(*c[:4], r, *c[4:]) for c, r in zip(cells, column, strict=True)]
+        widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
         lines = [
             "  ".join(
                 text.ljust(width) if i == 0 else text.rjust(width)
@@ -163,6 +170,22 @@ class Ladder:
         ]
         lines.insert(len(header), "-" * (sum(widths) + 2 * (len(widths) - 1)))
         return "\n".join([*lines, *self._notes()])
+
+    def over_floor(self, row):
+        """Return the test errors of a row over the noise floor.
+
+        Parameters
+        ----------
+        row : Rung
+            Row of this ladder.
+
+        Returns
+        -------
+        ratio : ndarray of shape (ny,)
+            Per output, 1 where nothing is left to learn; nan if no floor is known.
+        """
+        floor = np.nan if self.noise_floor is None else self.noise_floor
+        return row.rmse_test / floor
 
     def fault(self, row):
         """Say why a model should not be used, if it should not.
@@ -189,6 +212,11 @@ class Ladder:
             "is cancelled, rms(e) / std(y); in the loop: the same under u = v - h, "
             "with the recorded input as v."
         ]
+        if self.noise_floor is not None:
+            notes.append(
+                "test / floor: RMSE of the test over that of the noise, the worst "
+                "output; no model goes below 1."
+            )
         if not all(row.converged for row in self.rows):
             notes.append(f"* stopped before the cost settled: {self._late_falls()}")
         if any(row.is_left_linear for row in self.rows):
@@ -256,6 +284,10 @@ class Ladder:
                 values = np.broadcast_to(getattr(row, figure), ny)
                 for name, value in zip(names, values, strict=True):
                     record[figure if ny == 1 else f"{figure}[{name}]"] = float(value)
+            if self.noise_floor is not None:
+                for name, value in zip(names, self.over_floor(row), strict=True):
+                    key = "rmse_over_floor"
+                    record[key if ny == 1 else f"{key}[{name}]"] = float(value)
             record["spectral_radius"] = row.spectral_radius
             record["seconds"] = row.seconds
             record["converged"] = row.converged

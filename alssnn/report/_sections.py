@@ -274,7 +274,7 @@ def _delay_words(model):
     return f"x+ is x one sample later; {late}"
 
 
-def accuracy(model, test, train):
+def accuracy(model, test, train, floor=None):
     """Return errors of the free run on every record, and the simulation.
 
     Parameters
@@ -285,6 +285,8 @@ def accuracy(model, test, train):
         The record, (u, y, experiment).
     train : tuple or None
         Training data, (u, y, experiment).
+    floor : ndarray of shape (ny,) or None, default=None
+        Errors that no model goes below; None if they are not known.
 
     Returns
     -------
@@ -292,7 +294,7 @@ def accuracy(model, test, train):
         HTML.
     """
     _, outputs = column_names(model)
-    rows = []
+    rows: list[tuple] = []
     for name, data in (("training", train), ("this record", test)):
         if data is None:
             continue
@@ -305,13 +307,20 @@ def accuracy(model, test, train):
             for measure in (rmse, nrmse, fit_percent)
         )
         rows += [(name, *row) for row in zip(outputs, *errors, strict=True)]
+    header: tuple[str, ...] = ("data", "output", "RMSE", "NRMSE", "fit, %")
+    if floor is not None:
+        header = (*header, "RMSE / noise floor")
+        ratios = [row[2] / floor[outputs.index(row[1])] for row in rows]
+        rows = [(*row, ratio) for row, ratio in zip(rows, ratios, strict=True)]
     parts = [
         paragraph(
             "Errors of the free-run simulation; the first samples set the initial "
             "state and are not scored. RMSE has the unit of the output, NRMSE is "
             "relative to its standard deviation."
+            + " No model goes below a noise floor of 1."
+            * (floor is not None)
         ),
-        table(("data", "output", "RMSE", "NRMSE", "fit, %"), rows),
+        table(header, rows),
         attempt(lambda: _simulation(model, test), "Figure of the simulation"),
     ]
     return "".join(parts)

@@ -2,13 +2,14 @@
 
 from sklearn.utils.validation import check_is_fitted
 
+from ..checks import noise_levels
 from ..linearizability import judge
 from ..whole_files import replace_file
 from . import _control, _sections
 from ._page import REFUSED, attempt, page
 
 
-def write_report(model, path, u, y, experiment=None, *, train=None):
+def write_report(model, path, u, y, experiment=None, *, train=None, noise_floor=None):
     """Write one self-contained HTML page about a fitted model.
 
     It has the equations with their numbers, accuracy, validation, linearizability,
@@ -30,6 +31,8 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
         Label of the experiment of every sample.
     train : tuple, Record or None, default=None
         Training data, (u, y) or (u, y, experiment); None leaves them out.
+    noise_floor : float, array_like of shape (ny,), or object or None, default=None
+        Errors that no model goes below, see `validate`.
 
     Raises
     ------
@@ -49,10 +52,11 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
                 "`train` must be a Record, (u, y) or (u, y, experiment), got "
                 f"{len(train)} items. Use None to leave training data out."
             )
+    floor = noise_levels(noise_floor, len(model.y_offset_))
     data = model.prepare_records(*test)  # a wrong one ends here, not in a section
     validation, reason = None, ""
     try:
-        validation = model.validate(*test)
+        validation = model.validate(*test, noise_floor=floor)
         record = validation.linearizability
     except REFUSED as error:
         reason = str(error)
@@ -61,7 +65,7 @@ def write_report(model, path, u, y, experiment=None, *, train=None):
     sections = [
         ("summary", "Summary", _sections.summary(model, data, validation)),
         ("equations", "Equations", _sections.equations(model)),
-        ("accuracy", "Accuracy", _sections.accuracy(model, test, train)),
+        ("accuracy", "Accuracy", _sections.accuracy(model, test, train, floor)),
         ("validation", "Validation", _sections.checks(model, validation, reason)),
         (
             "linearizability",

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from ..checks import noise_levels
 from ..linearizability import OUTSIDE, judge, percent, worst_error
 from ..metrics import fit_percent
 from ..plants import as_plant
@@ -23,6 +24,7 @@ from ._scored import (
 )
 
 LEAST = 20  # samples of which a verdict can be given
+AT_FLOOR = 1.1  # error over that of the noise from which a model is finished
 WORSE = 3.0  # error of the free run over that in training from which it is too much,
 NOTABLE = 90.0  # if the fit is below this, in percent
 EXPLAINED = 0.5  # share of a residual that u explains, from which errors of parameters
@@ -59,6 +61,7 @@ def validate(
     linear_within=0.05,
     exact=False,
     baseline=None,
+    noise_floor=None,
 ):
     """Check a model on a record that it was not trained on.
 
@@ -94,6 +97,10 @@ def validate(
         Linear model fitted to the same data, with the same `n_init_samples` and
         `noise`: the free run must not be worse than that of this model. None compares
         with the mean.
+    noise_floor : float, array_like of shape (ny,), or object or None, default=None
+        Root mean squares, in the units of the outputs, that no model goes below; what
+        `look` or `nonparametric.best_linear_approximation` return of a periodic record.
+        One more check then says how far above them the free run is; it does not decide.
 
     Returns
     -------
@@ -140,6 +147,7 @@ def validate(
             f"estimate the initial states, got {n}. A verdict needs a longer record."
         )
     inputs, outputs = column_names(model)
+    floor = noise_levels(noise_floor, len(outputs))
     linear = model.linearizability(u, y, experiment)
     residuals, feedback, doubt = None, None, ""
     try:
@@ -189,6 +197,7 @@ def validate(
         _ahead(ahead, problem, outputs),
         whiteness,
         feedback_check(feedback, level, predicts(model), doubt),
+        *_floor(experiments, outputs, floor),
     )
     return Validation(checks, residuals, ahead, linear, type(model).__name__, feedback)
 
@@ -379,6 +388,30 @@ def _free_run(model, experiments, outputs, baseline):
             sentence += f"; in training the model missed {_missed(trained)}"
         sentence += "."
     return Check("free run", passed, value, "fit, %,", True, sentence)
+
+
+def _floor(experiments, outputs, floor):
+    """Return the check of the free run against the noise; none if that is unknown."""
+    if floor is None:
+        return ()
+    y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
+    if np.isfinite(y_hat).all():
+        error = np.sqrt(np.nanmean((y - y_hat) ** 2, axis=0))
+    else:
+        error = np.full(len(floor), np.inf)
+    ratio = error / floor
+    worst = int(ratio.argmax())
+    value, name = float(ratio[worst]), outputs[worst]
+    sentence = f"The error of the free run is {value:.3g} times the noise of {name}"
+    if value < 1 / AT_FLOOR:
+        sentence += ", less than a model can be: this record has less noise."
+    elif value <= AT_FLOOR:
+        sentence += ": nothing is left to learn."
+    else:
+        sentence += f": {percent(1 - value**-2)} of its square can still be learnt."
+    return (
+        Check("noise floor", value <= AT_FLOOR, value, "RMSE / floor", False, sentence),
+    )
 
 
 def _noisy_run(model, check, missed):
