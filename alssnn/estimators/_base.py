@@ -163,6 +163,7 @@ class StateSpaceModel(
     to_nlsys = deferred("feedback", "to_nlsys")
     linearizing_law = deferred("feedback", "LinearizingLaw")
     observer = deferred("feedback", "Observer")
+    controller = deferred("feedback", "LinearizingController")
     mpc = deferred("mpc", "LinearizingMPC")
     predict_ahead = deferred("estimators._ahead", "predict_ahead")
     parameter_covariance = deferred("estimators._uncertainty", "parameter_covariance")

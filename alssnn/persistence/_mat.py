@@ -17,8 +17,8 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
 
     Parameters
     ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`; or a controller, which has all the parts below.
     path : str or path-like
         File; one that exists is replaced.
     law : LinearizingLaw or None, default=None

@@ -18,7 +18,9 @@ from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
 from ._loop import LoopDisplay
 from ._nonlinearity import NonlinearityDisplay, ResidualNonlinearityDisplay
+from ._record import RecordDisplay
 from ._residuals import ResidualDisplay
+from ._run import RunDisplay
 from ._simulation import SimulationDisplay
 from ._trade_off import GammaPathDisplay
 
@@ -33,8 +35,10 @@ __all__ = [
     "LoopDisplay",
     "NonlinearityDisplay",
     "PoleDisplay",
+    "RecordDisplay",
     "ResidualDisplay",
     "ResidualNonlinearityDisplay",
+    "RunDisplay",
     "SimulationDisplay",
     "SingularValuesDisplay",
     "plot_ladder",
