@@ -13,6 +13,7 @@ from ._axes import COLORS
 from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
+from ._comparison import BodeComparisonDisplay, ComparisonDisplay
 from ._ladder import plot_ladder
 from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
@@ -27,8 +28,10 @@ from ._trade_off import GammaPathDisplay
 __all__ = [
     "COLORS",
     "ApproximationDisplay",
+    "BodeComparisonDisplay",
     "BodeDisplay",
     "CertificateDisplay",
+    "ComparisonDisplay",
     "ExcitationDisplay",
     "GammaPathDisplay",
     "LawRatesDisplay",
