@@ -28,6 +28,7 @@ from . import forms
 from .lure import Lure
 from .rates import Rates, as_samples, checked_time, looking_ahead
 from .region import Region
+from .shown import short_repr
 from .signals import Signals
 from .simulation import neuron_gains, regressors
 from .virtual import VirtualMap, by_rows
@@ -66,6 +67,8 @@ class Plant(Signals):
     >>> np.allclose(plant.output(np.zeros((1, 4)), record.u[:1]), model.y_offset_)
     True
     """
+
+    __repr__ = short_repr
 
     form: Lure
     law_form: Lure

@@ -177,6 +177,12 @@ class StateSpaceModel(
     to_c = deferred("persistence", "to_c")
     to_onnx = deferred("persistence", "to_onnx")
     report = deferred("report", "write_report")
+    summary = deferred("report", "summarize")
+
+    def _html_repr(self):
+        """Return what a notebook shows: the diagram, and what a fit found above it."""
+        diagram = super()._html_repr()
+        return self.summary().to_html() + diagram if hasattr(self, "A_") else diagram
 
     @property
     def plant_(self):

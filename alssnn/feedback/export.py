@@ -60,6 +60,10 @@ class Block:
     def __init__(self, plant, with_state=False):
         self.plant, self.with_state = plant, with_state
 
+    def __repr__(self):
+        """Return its plant in short; systems of python-control print it."""
+        return f"Block({self.plant!r})"
+
     def update(self, t, x, u, params):
         """Return the next state.
 

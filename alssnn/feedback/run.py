@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..shown import short_repr
 from .checks import check_point, check_signal
 from .export import check_plant
 from .law import LinearizingLaw
@@ -36,6 +37,8 @@ class LoopStep:
     x_hat : ndarray of shape (nx,)
         Estimated state; empty without an observer.
     """
+
+    __repr__ = short_repr
 
     u: np.ndarray
     v: np.ndarray

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..feedback import LoopRecord
+from ..shown import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +62,8 @@ class MpcStep:
     >>> mpc.info_.status, mpc.info_.u_plan.shape
     ('solved', (5, 1))
     """
+
+    __repr__ = short_repr
 
     status: str
     fallback: bool

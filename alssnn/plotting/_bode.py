@@ -8,12 +8,12 @@ from ..validation import (
     moved_names,
     sine_response,
 )
-from ._axes import color, finish, frequency_axis, grid_of_axes
+from ._axes import Display, color, finish, frequency_axis, grid_of_axes
 
 N_FREQUENCIES = 300  # of the linear response
 
 
-class BodeDisplay:
+class BodeDisplay(Display):
     """Show the frequency response of (A, B, C, D) and of the model at amplitudes.
 
     The response of the model to sines of one amplitude is its describing function:

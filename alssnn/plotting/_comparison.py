@@ -3,14 +3,22 @@
 import numpy as np
 
 from ..validation import column_names, frequency_response, moved_names
-from ._axes import MEASURED, color, finish, frequency_axis, grid_of_axes, time_axis
+from ._axes import (
+    MEASURED,
+    Display,
+    color,
+    finish,
+    frequency_axis,
+    grid_of_axes,
+    time_axis,
+)
 from ._bode import N_FREQUENCIES, degrees, magnitudes
 from ._ladder import limits_of, out_of_view
 
 SLOWEST = 1024  # samples of the slowest sine of a frequency response
 
 
-class ComparisonDisplay:
+class ComparisonDisplay(Display):
     """Show simulations of several models against the measured output.
 
     Parameters
@@ -104,7 +112,7 @@ class ComparisonDisplay:
         return self
 
 
-class BodeComparisonDisplay:
+class BodeComparisonDisplay(Display):
     """Show the frequency responses of the linear parts of several models.
 
     Parameters

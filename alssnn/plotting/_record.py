@@ -1,9 +1,9 @@
 """A record as it was measured: outputs above inputs."""
 
-from ._axes import color, finish, grid_of_axes, time_axis
+from ._axes import Display, color, finish, grid_of_axes, time_axis
 
 
-class RecordDisplay:
+class RecordDisplay(Display):
     """Show the signals of a record against time.
 
     Parameters

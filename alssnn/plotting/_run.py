@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ._axes import color, finish, grid_of_axes, time_axis
+from ._axes import Display, color, finish, grid_of_axes, time_axis
 
 
-class RunDisplay:
+class RunDisplay(Display):
     """Show what plant and controller did along a simulation.
 
     Parameters
