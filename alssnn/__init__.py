@@ -33,9 +33,12 @@ __all__ = [
     "stack_experiments",
 ]
 
-# what comes before a model is loaded when it is asked for
+# what not everyone needs is loaded when it is asked for
 _LATER = {
     "compare": "comparison",
+    "feedback": "feedback",
+    "model_selection": "model_selection",
+    "plotting": "plotting",
     "excitation": "excitation",
     "look": "first_look",
     "nonparametric": "nonparametric",

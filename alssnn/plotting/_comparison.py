@@ -16,6 +16,7 @@ from ._bode import N_FREQUENCIES, degrees, magnitudes
 from ._ladder import limits_of, out_of_view
 
 SLOWEST = 1024  # samples of the slowest sine of a frequency response
+LONGEST = 20  # characters of a label beside an axis
 
 
 class ComparisonDisplay(Display):
@@ -203,6 +204,8 @@ class BodeComparisonDisplay(Display):
             for j in range(nu):
                 magnitude, phase = axes[2 * i : 2 * i + 2, j]
                 what = f"|{outputs[i]} / {inputs[j]}|"
+                if len(what) > LONGEST:
+                    what = what.replace(" / ", " /\n", 1)
                 magnitude.set_ylabel(f"{what}, dB" if self.decibel else what)
                 magnitude.set_yscale("linear" if self.decibel else "log")
                 phase.set_ylabel("phase, degrees")
