@@ -7,6 +7,7 @@ import shutil
 import control
 import numpy as np
 import pytest
+from scipy.io import loadmat
 from test_disturbances_exported import PLANTS, make_plant
 
 from alssnn import LinearStateSpace
@@ -21,6 +22,7 @@ from alssnn.feedback import (
     lqr,
 )
 from alssnn.mpc import LinearizingMPC
+from alssnn.persistence import to_mat
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively
 
 SMALL = {"max_iter": 3, "tol": 1e-2, "random_state": 0, "dt": 0.25}
@@ -230,6 +232,22 @@ def test_it_is_what_it_exports(plants, name, integrates, tmp_path):
         pointers = [np.ascontiguousarray(z).ctypes for z in signals]
         function.plant_control(state.ctypes, *pointers, u_c.ctypes)
         assert (np.abs(u - u_c) / plant.v_scale).max() < 1e-9
+
+
+def test_it_goes_to_matlab_as_its_parts_do(plants, tmp_path):
+    plant, path = plants["fl"], tmp_path / "plant.mat"
+    gain, law = gain_of(plant, True), limited(plant)
+    to_mat(LinearizingController(plant, gain, law=law), path)
+    found = loadmat(path, squeeze_me=True)["model"]
+    to_mat(plant, path, gain=gain, law=law)
+    expected = loadmat(path, squeeze_me=True)["model"]
+    for name in ("M", "K_x", "K_z"):
+        np.testing.assert_array_equal(found[name].item(), expected[name].item())
+    gated = LinearizingController(plant, gain, observer=Observer(plant, gate=5))
+    with pytest.raises(ValueError, match="must have no gate"):
+        to_mat(gated, path)
+    with pytest.raises(ValueError, match="must be None beside a controller"):
+        to_mat(gated, path, gain=gain)
 
 
 def test_predictive_control_has_the_same_interface():

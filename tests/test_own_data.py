@@ -1,11 +1,20 @@
 """Records of the user's own: read, looked at, prepared, joined."""
 
+import warnings
+
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
-from alssnn.datasets import Record, make_pendulum
+from alssnn.datasets import (
+    Record,
+    make_fan_arm,
+    make_pendulum,
+    make_valve_tank,
+    make_wiener_hammerstein,
+)
 
 N = 600
 
@@ -184,3 +193,40 @@ def test_signals_are_drawn(table):
     np.testing.assert_array_equal(
         display.axes_[1, 0].lines[0].get_ydata(), record.u[:, 0]
     )
+
+
+# -- what a fit says of a record that was given in another way -------------------------
+
+
+@pytest.mark.parametrize(
+    "make", [make_pendulum, make_wiener_hammerstein, make_fan_arm, make_valve_tank]
+)
+def test_a_fit_of_exchanged_signals_says_so(make):
+    record = make(1500, random_state=0)
+    model = LinearStateSpace(nx=2, dt=record.dt)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.fit(record.u, record.y)
+    with pytest.warns(ConvergenceWarning, match="exchange them"):
+        model.fit(record.y, record.u)
+
+
+def test_noise_is_not_taken_for_exchanged_signals():
+    u, y = np.random.default_rng(0).standard_normal((2, 1500))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        LinearStateSpace(nx=1).fit(u, y)
+
+
+def test_a_sampling_time_that_was_forgotten_is_named(plain, table):
+    index = pd.date_range("2024-05-01", periods=N, freq=f"{1000 * plain.dt:g}ms")
+    frame = table.set_index(index)
+    u, y = frame[["torque [Nm]"]], frame["angle"]
+    with pytest.warns(UserWarning, match=r"steps of 0.05 s, and `dt` is 1 s.*dt=0.05"):
+        LinearStateSpace(nx=2).fit(u, y)
+    with pytest.warns(UserWarning, match=r"steps of 0.05 s"):
+        LinearStateSpace(nx=2).fit(u["torque [Nm]"], y)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        LinearStateSpace(nx=2, dt=plain.dt).fit(u, y)
+        LinearStateSpace(nx=2).fit(u.reset_index(drop=True), y.reset_index(drop=True))

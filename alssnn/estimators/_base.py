@@ -25,6 +25,7 @@ from ._checks import input_delays, order_choices, output_weights
 from ._data import check_lengths, check_rows, check_u, check_y
 from ._deferred import deferred
 from ._disturbances import check_disturbances
+from ._doubts import warn_if_exchanged, warn_of_time
 from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
@@ -264,6 +265,7 @@ class StateSpaceModel(
                 f"a tuple of {len(self.operating_point)}."
             )
         u, y, experiment = join_records(as_columns(u), y, experiment)
+        warn_of_time(u, self.dt)
         container = Container.of(y)
         with self._undone_unless(watch):
             u, y = self._validate(u, y, reset=True)
@@ -309,6 +311,7 @@ class StateSpaceModel(
         if not warm and find_integrators(self, experiments, watch):
             experiments, held_out = self._hold_out(u, y, parts, validation)
         self._complete(experiments, watch, held_out, warm)
+        warn_if_exchanged(self, u, columns, parts)
         if watch.observe is not None:
             watch.observe.end()
 
