@@ -318,6 +318,10 @@ def test_errors(plants, tmp_path):
             "False for a con",
         ),
         (lambda: make(plant, K, observer=False).to_c(tmp_path), "must not be False"),
+        (
+            lambda: closed_loop(plants["monotone"], make(plant, K, observer=False)),
+            "False unless `plant` is its own model",
+        ),
         (lambda: run.step([0.0], [0, 0]), r"`reference` must have shape \(2,\)"),
         (lambda: run.step([0.0, 0.0], None), "`y` must be a measurement"),
         (lambda: run.step([0, 0], [0, 0], d=[1.0]), r"`d` must have shape \(0,\)"),
@@ -337,6 +341,17 @@ def test_errors(plants, tmp_path):
     for part in ("law", "observer"):
         with pytest.raises(TypeError, match=f"`{part}` must be"):
             make(plant, K, **{part: "u = v"})
+
+
+def test_without_observer_the_loop_has_the_true_state(plants):
+    plant = plants["fl, state"]
+    gain = gain_of(plant, False)
+    controller = LinearizingController(plant, gain, observer=False)
+    r, d = references(plant, plant.v_offset, plant.v_scale)
+    found = response(closed_loop(plant, controller), plant, r, d)
+    expected = response(closed_loop(plant, plant, gain), plant, r, d)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_state_that_is_known_too_late_is_refused():

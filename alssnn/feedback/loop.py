@@ -89,6 +89,11 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     parts = _assemble(plant, model, gain, controller, observer, law)
     own, names = parts.own, _Names(parts)
     shows_state = parts.needs_state and parts.observer is None
+    if shows_state and not (is_model(plant) and as_plant(plant) is parts.model):
+        raise ValueError(
+            "`observer` of the controller must not be False unless `plant` is its own "
+            "model, whose true state the loop can take. Leave it out for the default."
+        )
     plant = names.plant(plant, shows_state)
     blocks = [names.controller(parts.linear), names.law(parts.law)]
     watch = [] if parts.observer is None else [names.observer(parts.observer)]

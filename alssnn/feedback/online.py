@@ -50,6 +50,8 @@ class LinearizingController(Controller):
 
     Attributes
     ----------
+    model : Plant
+        The model.
     own : Plant
         The model, with the past of late inputs as states.
     gain : ndarray or None
@@ -112,14 +114,15 @@ class LinearizingController(Controller):
         u_min=None,
         u_max=None,
     ):
-        self.own = own = as_plant(model).late()
+        self.model = as_plant(model)
+        self.own = own = self.model.late()
         if law is not None and not (u_min is None and u_max is None):
             raise ValueError(
                 "`u_min` and `u_max` must be None where `law` is given, which has its "
                 "own limits. Give them to `model.linearizing_law`."
             )
         if law is None:
-            law = LinearizingLaw(as_plant(model), u_min, u_max)
+            law = LinearizingLaw(self.model, u_min, u_max)
         if not isinstance(law, LinearizingLaw):
             raise TypeError(
                 f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
