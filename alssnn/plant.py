@@ -28,13 +28,12 @@ from . import forms
 from .lure import Lure
 from .rates import Rates, as_samples, checked_time, looking_ahead
 from .region import Region
-from .shown import short_repr
 from .signals import Signals
 from .simulation import neuron_gains, regressors
 from .virtual import VirtualMap, by_rows
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Plant(Signals):
     """Hold one identified model, in the units of the user.
 
@@ -67,8 +66,6 @@ class Plant(Signals):
     >>> np.allclose(plant.output(np.zeros((1, 4)), record.u[:1]), model.y_offset_)
     True
     """
-
-    __repr__ = short_repr
 
     form: Lure
     law_form: Lure

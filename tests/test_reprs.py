@@ -13,7 +13,7 @@ from sklearn.base import clone
 import alssnn
 from alssnn import LinearStateSpace, feedback, plotting
 from alssnn.datasets import make_pendulum
-from alssnn.model_selection import gamma_path
+from alssnn.model_selection import gamma_path, law_rates
 from alssnn.report import Summary
 from models import al_ssnn, fit, record
 
@@ -45,6 +45,8 @@ def objects(model):
         runs = [c.simulate(model, np.full((50, 1), 0.1)) for c in (controller, mpc)]
         validation = model.validate(*data)
         linearizability = model.linearizability(*data)
+        flow = alssnn.FlSsnn(nx=2, n_h=2, n_init=1, time="continuous", alpha=0.0)
+        flow = flow.set_params(**SMALL).fit(*data)
         comparison = alssnn.compare([model, linear], *data)
         response = alssnn.nonparametric.local_polynomial(*data, dt=0.05)
         return [
@@ -90,6 +92,8 @@ def objects(model):
             alssnn.validation.loop_deviation(model, *data)[0],
             linearizability,
             linearizability.bands,
+            law_rates(flow, *data, law_dt=[0.1, 0.05]),
+            flow.plant_.rates,
             model.prepare_records(*data)[0],
             comparison,
             comparison.rows[0],
