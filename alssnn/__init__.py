@@ -22,6 +22,7 @@ __all__ = [
     "GrSsnn",
     "LinearStateSpace",
     "Linearizability",
+    "compare",
     "datasets",
     "excitation",
     "load",
@@ -32,8 +33,12 @@ __all__ = [
     "stack_experiments",
 ]
 
-# what comes before a model is loaded when it is asked for
+# what not everyone needs is loaded when it is asked for
 _LATER = {
+    "compare": "comparison",
+    "feedback": "feedback",
+    "model_selection": "model_selection",
+    "plotting": "plotting",
     "excitation": "excitation",
     "look": "first_look",
     "nonparametric": "nonparametric",
@@ -45,7 +50,7 @@ def __getattr__(name):
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f".{_LATER[name]}", __name__)
-    return module.look if name == "look" else module
+    return getattr(module, name, module)  # a function of its module, or the module
 
 
 def __dir__():

@@ -32,6 +32,7 @@ import numpy as np
 
 from .activations import ACTIVATIONS
 from .implicit import ImplicitLayer
+from .shown import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,8 @@ class Lure:
     ValueError
         If the number of columns of `Theta` does not fit.
     """
+
+    __repr__ = short_repr
 
     Theta: np.ndarray
     nx: int

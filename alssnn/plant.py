@@ -33,7 +33,7 @@ from .simulation import neuron_gains, regressors
 from .virtual import VirtualMap, by_rows
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Plant(Signals):
     """Hold one identified model, in the units of the user.
 

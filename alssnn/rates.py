@@ -7,6 +7,7 @@ import numpy as np
 
 from . import forms
 from .continuous import derivative, held, is_resolved, leading
+from .shown import short_repr
 from .structures import Structure
 
 COARSE = 0.02  # relative error of a pole that a plant may have
@@ -27,6 +28,8 @@ class Rates:
     units : dict of str to ndarray
         The user's units over those of theta, by axis.
     """
+
+    __repr__ = short_repr
 
     structure: Structure
     theta: np.ndarray

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .scaling import Scaling, Signal
+from .shown import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,8 @@ class PreparedRecord:
     >>> np.allclose(record.dy + model.y_offset_, record.y)
     True
     """
+
+    __repr__ = short_repr
 
     part: slice
     u: np.ndarray

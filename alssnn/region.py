@@ -42,6 +42,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import block_diag
 from scipy.spatial import cKDTree
 
+from .shown import short_repr
+
 MARGIN = 0.01  # enlargement of the box and the ellipsoid, relative to their width
 BEYOND = 0.1  # distance that counts as outside, relative to width and radius
 RANK_TOL = 1e-10  # directions of x with less spread than that were not excited
@@ -85,6 +87,8 @@ class Region:
         Share of width, radius and reach by which a fresh record of the same kind may
         be beyond all of them, for want of independent samples.
     """
+
+    __repr__ = short_repr
 
     low: np.ndarray
     high: np.ndarray

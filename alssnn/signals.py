@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from .inputs import join_inputs, split_inputs
+from .shown import short_repr
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,6 +50,8 @@ class Signals:
     noise_covariance : ndarray of shape (ny, ny) or None, default=None
         Covariance of what the fit left of y, one sample ahead with K.
     """
+
+    __repr__ = short_repr
 
     u_offset: np.ndarray
     y_offset: np.ndarray

@@ -38,6 +38,7 @@ from scipy.special import chdtri, ndtri
 from sklearn.utils import check_random_state
 
 from .noise import Noise
+from .shown import short_repr
 
 N_FREQUENCIES = 200  # of a frequency response, by default
 
@@ -69,6 +70,8 @@ class FrequencyBand:
     >>> bool(np.all(low <= abs(band.response))), bool(band.covers(band.response).all())
     (True, True)
     """
+
+    __repr__ = short_repr
 
     omega: np.ndarray
     response: np.ndarray
@@ -166,6 +169,8 @@ class PoleRegions:
     >>> regions.modulus_std.shape, regions.ellipses(n_points=16).shape
     ((3,), (3, 16))
     """
+
+    __repr__ = short_repr
 
     poles: np.ndarray
     covariance: np.ndarray

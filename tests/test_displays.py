@@ -11,6 +11,8 @@ from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 from alssnn import LinearStateSpace
+from alssnn.datasets import Record
+from alssnn.feedback import lqr
 from alssnn.model_selection import GammaPath
 from alssnn.plotting import (
     BodeDisplay,
@@ -94,6 +96,17 @@ def draw(name, model, data, **options):
         certificate = model.iss_certificate(*data)
         return CertificateDisplay.from_estimator(model, certificate, *data, **options)
     display = getattr(alssnn.plotting, name)
+    if name == "RecordDisplay":
+        u, y, _ = data
+        record = Record(u, y, DT, inputs=list(u), outputs=list(y))
+        return display(record).plot(**options)
+    if name == "RunDisplay":
+        run = model.controller(lqr(model, np.eye(2), np.eye(2)), u_max=0.1)
+        return display(run.plot().record).plot(**options)
+    if name == "ComparisonDisplay":
+        return display(alssnn.compare([model], *data)).plot(**options)
+    if name == "BodeComparisonDisplay":
+        return display({"one": model, "two": model}).plot(**options)
     if name in ("BodeDisplay", "PoleDisplay", "SingularValuesDisplay"):
         return display.from_estimator(model, **options)
     return display.from_estimator(model, *data, **options)
@@ -110,6 +123,10 @@ DISPLAYS = {
     "GammaPathDisplay": 1,
     "CertificateDisplay": 1,
     "LoopDisplay": 2,
+    "RecordDisplay": 4,
+    "RunDisplay": 4,
+    "ComparisonDisplay": 4,
+    "BodeComparisonDisplay": 8,
 }
 
 

@@ -25,6 +25,7 @@ from ._checks import input_delays, order_choices, output_weights
 from ._data import check_lengths, check_rows, check_u, check_y
 from ._deferred import deferred
 from ._disturbances import check_disturbances
+from ._doubts import warn_if_exchanged, warn_of_time
 from ._fitted import fitted_model, publish_parameters
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
@@ -165,6 +166,7 @@ class StateSpaceModel(
     to_nlsys = deferred("feedback", "to_nlsys")
     linearizing_law = deferred("feedback", "LinearizingLaw")
     observer = deferred("feedback", "Observer")
+    controller = deferred("feedback", "LinearizingController")
     mpc = deferred("mpc", "LinearizingMPC")
     predict_ahead = deferred("estimators._ahead", "predict_ahead")
     parameter_covariance = deferred("estimators._uncertainty", "parameter_covariance")
@@ -179,6 +181,12 @@ class StateSpaceModel(
     to_c = deferred("persistence", "to_c")
     to_onnx = deferred("persistence", "to_onnx")
     report = deferred("report", "write_report")
+    summary = deferred("report", "summarize")
+
+    def _html_repr(self):
+        """Return what a notebook shows: the diagram, and what a fit found above it."""
+        diagram = super()._html_repr()
+        return self.summary().to_html() + diagram if hasattr(self, "A_") else diagram
 
     @property
     def plant_(self):
@@ -261,6 +269,7 @@ class StateSpaceModel(
                 f"a tuple of {len(self.operating_point)}."
             )
         u, y, experiment = join_records(as_columns(u), y, experiment)
+        warn_of_time(u, self.dt)
         container = Container.of(y)
         with self._undone_unless(watch):
             u, y = self._validate(u, y, reset=True)
@@ -310,6 +319,7 @@ class StateSpaceModel(
         if not (warm or returns) and find_integrators(self, experiments, watch):
             experiments, held_out = self._hold_out(u, y, parts, validation)
         self._complete(experiments, watch, held_out, warm, lost)
+        warn_if_exchanged(self, u, columns, parts)
         if watch.observe is not None:
             watch.observe.end()
 

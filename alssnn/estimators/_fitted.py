@@ -10,6 +10,7 @@ from ..continuous import per_second
 from ..innovations import has_innovations
 from ..region import Region
 from ..scaling import Scaling
+from ..shown import short_repr
 from ..structures import Structure
 from ._uncertainty import free_entries
 
@@ -55,6 +56,8 @@ class FittedModel:
         of decay of the predictor, `forgets`, and the cost of its linear model,
         `linear_cost`.
     """
+
+    __repr__ = short_repr
 
     structure: Structure
     theta: np.ndarray

@@ -5,8 +5,9 @@
 All of it works on a `Plant`; a fitted model is one by its `plant_`. `export` makes
 systems with the names of its signals, `law` cancels h, `observer` estimates the state,
 `design` computes gains for (A, B, C), `controller` gives them the operating point,
-`loop` connects all, with `algebraic` where the plant has feedthrough, and `proposal`
-makes a first design and compares it with the model.
+`online` is all of it as one object that runs sample by sample (`run`), `loop` connects
+it with a plant, with `algebraic` where the plant has feedthrough, and `proposal`
+compares a design with the model.
 
 python-control is imported in this package and nowhere else.  Its objects cannot be
 pickled, so none is ever stored: they are built on demand.  Its axes are (signals,
@@ -14,17 +15,23 @@ time), ours (time, signals).
 """
 
 from .controller import split_gain
-from .design import linear_part, lqi, lqr, place, weigh_outputs
+from .design import balanced_weights, linear_part, lqi, lqr, place, weigh_outputs
 from .disturbance import DisturbanceObserver
 from .export import linearize, signal_names, to_nlsys, to_statespace
 from .law import LinearizingLaw
 from .loop import closed_loop, designed_loop
 from .observer import Observer
-from .proposal import balanced_weights, input_range, step_comparison
+from .online import LinearizingController
+from .proposal import input_range, step_comparison
+from .run import Controller, LoopRecord, LoopStep
 
 __all__ = [
+    "Controller",
     "DisturbanceObserver",
+    "LinearizingController",
     "LinearizingLaw",
+    "LoopRecord",
+    "LoopStep",
     "Observer",
     "balanced_weights",
     "closed_loop",

@@ -202,6 +202,48 @@ def check_gate(gate):
     return float(gate)
 
 
+def check_signal(name, value, n, size):
+    """Return a signal, one row per sample.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like of shape (n, size) or None
+        The signal; None stands for zero if `n` is given.
+    n : int or None
+        Number of samples; None means any, at least one.
+    size : int
+        Number of signals.
+
+    Returns
+    -------
+    signal : ndarray of shape (n, size)
+        The signal.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or a value not finite.
+    """
+    if value is None and n is not None:
+        return np.zeros((n, size))
+    value = as_numbers(name, value)
+    signal = value[:, None] if value.ndim == 1 and size == 1 else value
+    rows = "N" if n is None else n
+    if signal.shape != (max(signal.size // size, 1) if n is None else n, size):
+        raise ValueError(
+            f"`{name}` must have shape ({rows}, {size}), got {value.shape}. Time runs "
+            "down the rows, at least one."
+        )
+    if not np.isfinite(signal).all():
+        raise ValueError(
+            f"`{name}` must be finite, got nan or inf. Hold the last value "
+            "where one is missing."
+        )
+    return signal
+
+
 def check_dt(name, sys, dt):
     """Refuse continuous time and other sampling times.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
+from ..shown import short_repr
 from .checks import check_dt
 
 
@@ -30,6 +31,8 @@ class LinearController:
     v_offset : ndarray of shape (nu,)
         Operating point of the output.
     """
+
+    __repr__ = short_repr
 
     A: np.ndarray
     B: np.ndarray

@@ -4,6 +4,9 @@ The law u = v - h(s) leaves x+ = A x + B dv, y = C x + D dv + y_offset with dv =
 u_offset and D mostly zero, for which these functions compute v = ... - K x_hat.  All
 matrices are in the user's units.  They check what python-control would only fail on:
 that v reaches every state that must be moved (the test of Popov, Belevitch and Hautus).
+
+`balanced_weights` weighs every signal by its size in the training data (Bryson's rule),
+so that weights of one are a fair start whatever the units.
 """
 
 import control
@@ -225,6 +228,83 @@ def place(model, poles):
             "`poles` must come in conjugate pairs, none more often than nu = "
             f"{B.shape[1]} times, got {poles}. Move them apart."
         ) from error
+
+
+def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0):
+    """Return weights of `lqi` for signals of the size of the training data.
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
+    state : float, default=0.0
+        Weight of the states, each scaled to the variance one that it had at the linear
+        start.
+    output : float, default=1.0
+        Weight of the outputs, each over its standard deviation.
+    integral : float, default=0.01
+        Weight of the integrators, sums over samples of scaled outputs. Larger is
+        faster.
+    control : float, default=1.0
+        Weight of v, over the standard deviation of u. Smaller is faster.
+
+    Returns
+    -------
+    Q : ndarray of shape (nx + ny, nx + ny)
+        Weight of states and integrators, in the user's units.
+    R : ndarray of shape (nu, nu)
+        Weight of v.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    ValueError
+        If a weight is negative or not finite, or that of the integrators or of v is
+        zero.
+
+    See Also
+    --------
+    lqi : The gain for these weights.
+    weigh_outputs : Weights of outputs of a model with feedthrough.
+
+    Notes
+    -----
+    The outputs are weighed by C'C: of y = C x + D v only what the states make of it
+    counts. With a large D give `lqi` the cross terms of `weigh_outputs` instead.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import balanced_weights, lqi
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> lqi(model, *balanced_weights(model)).shape
+    (1, 5)
+    """
+    weights = {
+        "state": state,
+        "output": output,
+        "integral": integral,
+        "control": control,
+    }
+    for name, weight in weights.items():
+        needed = name in ("integral", "control")
+        if not (np.isfinite(weight) and (weight > 0 if needed else weight >= 0)):
+            sign = "positive" if needed else "nonnegative"
+            raise ValueError(
+                f"`{name}` must be {sign} and finite, got {weight}. One weighs a "
+                "signal of its usual size."
+            )
+    plant = as_plant(model).late()
+    C = plant.linear()[2]
+    nx, ny = plant.nx, plant.ny
+    Q = np.zeros((nx + ny, nx + ny))
+    weighted = np.sqrt(output) * C / plant.y_scale[:, None]
+    Q[:nx, :nx] = weighted.T @ weighted
+    own = np.arange(nx - plant.n_late)  # the past of late inputs is weighed as v is
+    Q[own, own] += state / plant.x_scale**2
+    Q[nx:, nx:] = np.diag(integral / plant.y_scale**2)
+    return Q, np.diag(control / plant.v_scale**2)
 
 
 def linear_part(model):

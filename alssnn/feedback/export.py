@@ -4,8 +4,8 @@ import control
 import numpy as np
 
 from ..names import signal_names
-from ..plants import as_plant
-from .checks import check_point
+from ..plants import as_plant, is_model
+from .checks import check_dt, check_point
 
 
 def to_statespace(A, B, C, D, dt, *, inputs=None, outputs=None, name=None):
@@ -59,6 +59,10 @@ class Block:
 
     def __init__(self, plant, with_state=False):
         self.plant, self.with_state = plant, with_state
+
+    def __repr__(self):
+        """Return its plant in short; systems of python-control print it."""
+        return f"Block({self.plant!r})"
 
     def update(self, t, x, u, params):
         """Return the next state.
@@ -130,6 +134,48 @@ def to_nlsys(model):
         dt=plant.dt,
         name=plant.name,
     )
+
+
+def check_plant(plant, own):
+    """Return a plant as a system that fits a model, from u to y.
+
+    Parameters
+    ----------
+    plant : estimator, Plant or system of python-control
+        A fitted model or a discrete-time system.
+    own : Plant
+        Model that the controller of this plant is made from.
+
+    Returns
+    -------
+    plant : control.NonlinearIOSystem
+        The plant.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a model nor a system.
+    ValueError
+        If sizes or sampling times do not fit, or it is continuous in time.
+    """
+    if is_model(plant):
+        plant = to_nlsys(plant)
+    if isinstance(plant, control.TransferFunction):
+        plant = control.ss(plant)
+    if not isinstance(plant, control.NonlinearIOSystem):
+        raise TypeError(
+            "`plant` must be a fitted model or a system of python-control, got "
+            f"{type(plant).__name__}. Wrap it in control.nlsys."
+        )
+    check_dt("plant", plant, own.dt)
+    sizes = plant.ninputs, plant.noutputs
+    expected = own.nu, own.ny
+    if sizes != expected:
+        raise ValueError(
+            "`plant` must have as many inputs and outputs as the model, "
+            f"{expected}, got {sizes}. Identify a model of this plant."
+        )
+    return plant
 
 
 def linearize(plant, x=None, u=None):

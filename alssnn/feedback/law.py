@@ -84,14 +84,27 @@ class LinearizingLaw:
         if not self.plant.is_explicit and self.plant.region is not None:
             _warn_of_limits(self.plant, self.u_min, self.u_max)
 
+    def __repr__(self):
+        """Return what the law measures, and its limits."""
+        limits = [
+            f", {name}={np.array2string(limit, precision=4, threshold=4)}"
+            for name, limit in (("u_min", self.u_min), ("u_max", self.u_max))
+            if np.isfinite(limit).any()
+        ]
+        s = "x_hat" if self.feedback == "state" else "y"
+        term = f"v - h({s})" if self.plant.cancels else "v"
+        if not self.plant.is_explicit:
+            term = f"phi^-1(v, {s})"
+        return f"LinearizingLaw(u = {term}{''.join(limits)})"
+
     @property
     def feedback(self):
         """Return what the law measures, "output" or "state"."""
         return self.plant.feedback
 
     @property
-    def _size(self):
-        """Return the number of signals that the law measures."""
+    def n_seen(self):
+        """Return the number of outputs or states that the law measures."""
         by_state = self.feedback == "state"
         return self.plant.nx - self.plant.n_late if by_state else self.plant.ny
 
@@ -149,7 +162,7 @@ class LinearizingLaw:
             differ in rows, or `d` is missing.
         """
         v = _rows("v", v, len(self.u_min))
-        s = _rows("s", s, self._size)
+        s = _rows("s", s, self.n_seen)
         d = self._given(d)
         rows = {len(z) for z in (v, s, d) if z is not None and z.ndim == 2}
         if len(rows) > 1:
@@ -219,7 +232,7 @@ class LinearizingLaw:
             `u` or `d` is missing.
         """
         u = None if u is None else _rows("u", u, len(self.u_min))
-        return self.plant.cancelled(_rows("s", s, self._size), u, self._given(d))
+        return self.plant.cancelled(_rows("s", s, self.n_seen), u, self._given(d))
 
     def output(self, t, x, signals, params):
         """Return u for the stacked inputs (v, s, d), for python-control.
@@ -266,7 +279,7 @@ class LinearizingLaw:
     def _parts(self, signals):
         """Return v, s and d of the stacked inputs."""
         nv = len(self.u_min)
-        v, s, d = np.split(signals, [nv, nv + self._size])
+        v, s, d = np.split(signals, [nv, nv + self.n_seen])
         return v, s, d if len(d) else None
 
     def to_nlsys(self, with_cut=False):
@@ -288,7 +301,7 @@ class LinearizingLaw:
         cut = signal_names(None, "cut", nv) if with_cut else []
         measured = plant.outputs
         if self.feedback == "state":
-            measured = signal_names(None, "x_hat", self._size)
+            measured = signal_names(None, "x_hat", self.n_seen)
         seen = [*signal_names(None, "v", nv), *measured]
         seen += [plant.inputs[i] for i in plant.given]
         return control.nlsys(

@@ -11,11 +11,9 @@ import numpy as np
 
 from ..plants import as_plant, is_model
 from .algebraic import AlgebraicLoop, feeds_through
-from .checks import check_disturbances, check_dt
-from .controller import from_gain, from_system
-from .export import Block, signal_names, to_nlsys, to_statespace
-from .law import LinearizingLaw
-from .observer import Observer
+from .controller import from_gain
+from .export import Block, check_plant, signal_names, to_statespace
+from .online import LinearizingController
 
 
 def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=None):
@@ -29,8 +27,9 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
         What is controlled, from u to y in the user's units (operating point
         included): the model itself, another fitted model, or any discrete-time
         system. Its inputs are those of the record, measured disturbances among them.
-    model : estimator or Plant
-        Fitted model, or its `plant_`, that law, gain and observer are made from.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`, that law, gain and observer are made from; or a
+        controller, which has them: all other arguments are left out then.
     gain : array_like of shape (nv, nx) or (nv, nx + ny) or None, default=None
         Static gain on the state, v = r - K x_hat with r in the units of u; or, with
         integrators (`lqi`), v = u_offset - K [x_hat; z], z+ = z + y - r with r in the
@@ -40,7 +39,8 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
         it acts on deviations from the operating point. r has the units of y.
     observer : Observer or None, default=None
         Source of x_hat, of either kind. None takes the true state if `plant` is
-        `model`, and else ``model.observer()``. Left out where nothing needs x_hat.
+        `model`, and else ``model.observer(gate=100)``. Left out where nothing needs
+        x_hat.
     law : LinearizingLaw or None, default=None
         Linearizing law, for example with limits; None takes
         ``model.linearizing_law()``.
@@ -86,37 +86,43 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     >>> loop.input_labels, loop.output_labels
     (['r[0]'], ['y[0]', 'u[0]', 'v[0]'])
     """
-    own = as_plant(model).late()
-    law = LinearizingLaw(model) if law is None else law
-    if not isinstance(law, LinearizingLaw):
-        raise TypeError(
-            f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
-            "`model.linearizing_law`."
+    parts = _assemble(plant, model, gain, controller, observer, law)
+    own, names = parts.own, _Names(parts)
+    shows_state = parts.needs_state and parts.observer is None
+    if shows_state and not (is_model(plant) and as_plant(plant) is parts.model):
+        raise ValueError(
+            "`observer` of the controller must not be False unless `plant` is its own "
+            "model, whose true state the loop can take. Leave it out for the default."
         )
-    for name, part in (("law", law), ("observer", observer)):
-        check_disturbances(name, part, own)
+    plant = names.plant(plant, shows_state)
+    blocks = [names.controller(parts.linear), names.law(parts.law)]
+    watch = [] if parts.observer is None else [names.observer(parts.observer)]
+    if feeds_through(plant, own.u_offset, own.u_scale):
+        return names.solve([plant, *watch, *blocks])
+    return names.connect([plant, *blocks, *watch])
+
+
+def _assemble(plant, model, gain, controller, observer, law):
+    """Return the controller of a loop; one without observer sees the true state."""
+    if isinstance(model, LinearizingController):
+        given = {"gain": gain, "controller": controller}
+        given |= {"observer": observer, "law": law}
+        named = [f"`{name}`" for name, part in given.items() if part is not None]
+        if named:
+            raise ValueError(
+                f"{' and '.join(named)} must be None beside a controller, which has "
+                "its own. Make another controller."
+            )
+        return model
     if (gain is None) == (controller is None):
         raise ValueError(
             "Exactly one of `gain` and `controller` must be given, got "
             f"{'none' if gain is None else 'both'}."
         )
-    if gain is None:
-        block, of_y = from_system(controller, own), True
-    else:
-        block, of_y = from_gain(gain, own)
-    needs_state = gain is not None or law.feedback == "state"
-    shows_state = is_model(plant) and as_plant(plant) is as_plant(model)
-    shows_state &= observer is None
-    integrates = gain is not None and len(block.A) > 0
-    names = _Names(own, of_y, gain is not None, integrates)
-    plant = names.plant(plant, needs_state and shows_state)
-    blocks = [names.controller(block), names.law(law)]
-    watch = []
-    if needs_state and not shows_state:
-        watch.append(names.observer(observer, model))
-    if feeds_through(plant, own.u_offset, own.u_scale):
-        return names.solve([plant, *watch, *blocks])
-    return names.connect([plant, *blocks, *watch])
+    if observer is None and is_model(plant) and as_plant(plant) is as_plant(model):
+        observer = False
+    options = {"controller": controller, "observer": observer, "law": law}
+    return LinearizingController(model, gain, **options)
 
 
 def designed_loop(model, gain):
@@ -185,17 +191,18 @@ def designed_loop(model, gain):
 class _Names:
     """Name the signals inside the loop alike, whatever the user calls them."""
 
-    def __init__(self, own, of_y, by_state, with_cut):
+    def __init__(self, parts):
+        own = parts.own
         nx, nv, ny = own.nx, own.nv, own.ny
-        self.own, self.dt, self.by_state = own, own.dt, by_state
-        self.of_y = of_y
+        self.own, self.dt, self.by_state = own, own.dt, parts.gain is not None
+        self.of_y = parts.tracks
         self.x = signal_names(None, "x_hat", nx)
         self.u, self.v = (signal_names(None, letter, nv) for letter in "uv")
         self.d = signal_names(None, "d", own.nd)
         self.inputs = [*own.every_input(np.array(self.u), np.array(self.d))]
         self.y = signal_names(None, "y", ny)
-        self.cut = signal_names(None, "cut", nv) if with_cut else []
-        self.r = signal_names(None, "r", ny if of_y else nv)
+        self.cut = signal_names(None, "cut", nv) if parts.integrates else []
+        self.r = signal_names(None, "r", ny if self.of_y else nv)
 
     def _block(self, update, output, inputs, outputs, states, name):
         return control.nlsys(
@@ -235,33 +242,13 @@ class _Names:
         )
 
     def law(self, law):
-        s = self.x if law.feedback == "state" else self.y
+        s = self.x[: law.n_seen] if law.feedback == "state" else self.y
         sys = law.to_nlsys(with_cut=bool(self.cut))
-        inputs, outputs = self.v + s + self.d, self.u + self.cut
-        sizes, expected = (sys.ninputs, sys.noutputs), (len(inputs), len(outputs))
-        if sizes != expected:
-            raise ValueError(
-                "`law` must have as many inputs and outputs as the model asks for, "
-                f"{expected}, got {sizes}. Use `model.linearizing_law`."
-            )
-        sys.update_names(inputs=inputs, outputs=outputs)
+        sys.update_names(inputs=self.v + s + self.d, outputs=self.u + self.cut)
         return sys
 
-    def observer(self, observer, model):
-        observer = Observer(model) if observer is None else observer
-        if not isinstance(observer, Observer):
-            raise TypeError(
-                f"`observer` must be an Observer, got {type(observer).__name__}. Use "
-                "`model.observer`."
-            )
+    def observer(self, observer):
         sys = observer.to_nlsys()
-        sizes = (sys.ninputs, sys.noutputs)
-        expected = (len(self.inputs + self.y), len(self.x))
-        if sizes != expected:
-            raise ValueError(
-                "`observer` must have as many inputs and outputs as the model asks "
-                f"for, {expected}, got {sizes}. Use `model.observer`."
-            )
         sys.update_names(inputs=self.inputs + self.y, outputs=self.x)
         return sys
 
@@ -309,45 +296,3 @@ class _Names:
             name="loop",
             check_unused=False,
         )
-
-
-def check_plant(plant, own):
-    """Return a plant as a system that fits a model, from u to y.
-
-    Parameters
-    ----------
-    plant : estimator, Plant or system of python-control
-        A fitted model or a discrete-time system.
-    own : Plant
-        Model that the controller of this plant is made from.
-
-    Returns
-    -------
-    plant : control.NonlinearIOSystem
-        The plant.
-
-    Raises
-    ------
-    TypeError
-        If it is neither a model nor a system.
-    ValueError
-        If sizes or sampling times do not fit, or it is continuous in time.
-    """
-    if is_model(plant):
-        plant = to_nlsys(plant)
-    if isinstance(plant, control.TransferFunction):
-        plant = control.ss(plant)
-    if not isinstance(plant, control.NonlinearIOSystem):
-        raise TypeError(
-            "`plant` must be a fitted model or a system of python-control, got "
-            f"{type(plant).__name__}. Wrap it in control.nlsys."
-        )
-    check_dt("plant", plant, own.dt)
-    sizes = plant.ninputs, plant.noutputs
-    expected = own.nu, own.ny
-    if sizes != expected:
-        raise ValueError(
-            "`plant` must have as many inputs and outputs as the model, "
-            f"{expected}, got {sizes}. Identify a model of this plant."
-        )
-    return plant

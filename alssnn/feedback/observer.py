@@ -129,6 +129,11 @@ class Observer:
             self._take_gain(A, C, K)
         self.reset()
 
+    def __repr__(self):
+        """Return kind, number of states and gate."""
+        gate = "" if self.gate is None else f", gate={self.gate:g}"
+        return f"{type(self).__name__}({self.kind!r}, nx={len(self.Q)}{gate})"
+
     @property
     def largest_innovation(self):
         """Return what the gate cuts at the stationary gain, (ny,); None without one."""

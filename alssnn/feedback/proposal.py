@@ -1,11 +1,10 @@
-"""A first design on (A, B, C), and how the model under its law follows it.
+"""How the model under its law follows the design on (A, B, C).
 
-`balanced_weights` weighs every signal by its size in the training data (Bryson's rule),
-so that weights of one are a fair start whatever the units.  `step_comparison` puts the
-step response that was designed beside that of the whole model: the gap is what the law
-does not cancel.  With it comes u, what the actuators have to do: they do not see v, and
-under a law with a large h it is far from u.  `input_range` says what they did in the
-training data; outside of it the model is a guess.
+`step_comparison` puts the step response that was designed beside that of the whole
+model: the gap is what the law does not cancel.  With it comes u, what the actuators
+have to do: they do not see v, and under a law with a large h it is far from u.
+`input_range` says what they did in the training data; outside of it the model is a
+guess.
 """
 
 from numbers import Integral
@@ -19,83 +18,6 @@ from .loop import closed_loop, designed_loop
 
 SETTLED = 0.01  # share of the slowest mode that is left at the end of a response
 MIN_SAMPLES, MAX_SAMPLES = 40, 5000
-
-
-def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0):
-    """Return weights of `lqi` for signals of the size of the training data.
-
-    Parameters
-    ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
-    state : float, default=0.0
-        Weight of the states, each scaled to the variance one that it had at the linear
-        start.
-    output : float, default=1.0
-        Weight of the outputs, each over its standard deviation.
-    integral : float, default=0.01
-        Weight of the integrators, sums over samples of scaled outputs. Larger is
-        faster.
-    control : float, default=1.0
-        Weight of v, over the standard deviation of u. Smaller is faster.
-
-    Returns
-    -------
-    Q : ndarray of shape (nx + ny, nx + ny)
-        Weight of states and integrators, in the user's units.
-    R : ndarray of shape (nu, nu)
-        Weight of v.
-
-    Raises
-    ------
-    NotFittedError
-        If the model is not fitted.
-    ValueError
-        If a weight is negative or not finite, or that of the integrators or of v is
-        zero.
-
-    See Also
-    --------
-    lqi : The gain for these weights.
-    weigh_outputs : Weights of outputs of a model with feedthrough.
-
-    Notes
-    -----
-    The outputs are weighed by C'C: of y = C x + D v only what the states make of it
-    counts. With a large D give `lqi` the cross terms of `weigh_outputs` instead.
-
-    Examples
-    --------
-    >>> from alssnn.feedback import balanced_weights, lqi
-    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
-    >>> lqi(model, *balanced_weights(model)).shape
-    (1, 5)
-    """
-    weights = {
-        "state": state,
-        "output": output,
-        "integral": integral,
-        "control": control,
-    }
-    for name, weight in weights.items():
-        needed = name in ("integral", "control")
-        if not (np.isfinite(weight) and (weight > 0 if needed else weight >= 0)):
-            sign = "positive" if needed else "nonnegative"
-            raise ValueError(
-                f"`{name}` must be {sign} and finite, got {weight}. One weighs a "
-                "signal of its usual size."
-            )
-    plant = as_plant(model).late()
-    C = plant.linear()[2]
-    nx, ny = plant.nx, plant.ny
-    Q = np.zeros((nx + ny, nx + ny))
-    weighted = np.sqrt(output) * C / plant.y_scale[:, None]
-    Q[:nx, :nx] = weighted.T @ weighted
-    own = np.arange(nx - plant.n_late)  # the past of late inputs is weighed as v is
-    Q[own, own] += state / plant.x_scale**2
-    Q[nx:, nx:] = np.diag(integral / plant.y_scale**2)
-    return Q, np.diag(control / plant.v_scale**2)
 
 
 def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observer=None):

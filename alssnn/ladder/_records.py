@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..estimators import LEFT_LINEAR
+from ..shown import short_repr
 from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain, fault
 
@@ -59,6 +60,8 @@ class Rung:
     >>> type(rung.model).__name__, rung.linearization_error
     ('LinearStateSpace', array([0.]))
     """
+
+    __repr__ = short_repr
 
     name: str
     model: Any = field(repr=False)
@@ -138,6 +141,10 @@ class Ladder:
                 return row
         names = ", ".join(row.name for row in self.rows)
         raise KeyError(f"`name` must be one of {names}, got {name!r}.")
+
+    def __repr__(self):
+        """Return the table."""
+        return str(self)
 
     def __str__(self):
         """Return the table as aligned plain text."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..shown import short_repr
+
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
 OUTSIDE = 0.02  # share of samples of a record outside, from which it is said
 LARGE_LAW = 3.0  # std(h) / std(u) above which the law does more than the record
@@ -59,6 +61,8 @@ class Bands:
     >>> round(float(np.sum(bands.output**2)), 6), len(bands.edges) - len(bands.error)
     (1.0, 1)
     """
+
+    __repr__ = short_repr
 
     edges: np.ndarray
     error: np.ndarray

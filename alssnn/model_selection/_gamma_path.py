@@ -100,6 +100,10 @@ class GammaPath:
         """Return the number of weights."""
         return len(self.gammas)
 
+    def __repr__(self):
+        """Return the table."""
+        return str(self)
+
     def __str__(self):
         """Return the path as a table; a star marks the knee."""
         try:

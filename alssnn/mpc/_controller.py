@@ -10,16 +10,14 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from ..feedback import LinearizingLaw
+from ..feedback import Controller, LinearizingLaw
 from ..feedback.checks import check_limits, check_point, check_weight
-from ..feedback.loop import check_plant
 from ..plants import as_plant
 from ._checks import (
     check_ahead,
     check_observer,
     check_penalty,
     check_rate,
-    check_signal,
 )
 from ._condensed import CondensedProgram, Weights
 from ._limits import ActuatorLimits
@@ -32,7 +30,7 @@ from ._target import StatesOfRest, Target
 RESTS = 5  # steps of Newton's method for states of rest, before every program
 
 
-class LinearizingMPC:
+class LinearizingMPC(Controller):
     """Control a plant by predictive control of its linearized model (eq. mpc).
 
     Every sample, an observer estimates the state and a constant disturbance, a target
@@ -108,7 +106,8 @@ class LinearizingMPC:
 
     See Also
     --------
-    alssnn.feedback.closed_loop : The same law with a linear controller, no bounds.
+    alssnn.feedback.LinearizingController : The same law and interface with a linear
+        controller, no bounds.
 
     Notes
     -----
@@ -134,6 +133,8 @@ class LinearizingMPC:
     >>> loop.y[-1].round(3), loop.n_fallbacks
     (array([0.1]), 0)
     """
+
+    record_type = MpcRecord
 
     def __init__(
         self,
@@ -173,7 +174,7 @@ class LinearizingMPC:
                 "for u is computed after y is measured. Fit with input_delay=0, "
                 "feedthrough=False and n_k=0."
             )
-        self.law = LinearizingLaw(plant, u_min, u_max)
+        super().__init__(LinearizingLaw(plant, u_min, u_max))
         self.observer = check_observer(observer, plant)
         self._model = DisturbedModel(plant, self.observer.plant)
         (self._ny, self._nx), self._nu = self._model.C.shape, len(self.law.u_min)
@@ -210,6 +211,13 @@ class LinearizingMPC:
         target = Target(self._model.C, Q_target, self._soft.rows, penalty, options)
         self._rest = StatesOfRest(self._model, self._limits, target)
         self.reset()
+
+    def __repr__(self):
+        """Return horizon, sizes, observer and law in one line."""
+        return (
+            f"LinearizingMPC(horizon={self.horizon}, {self._nu} u, {self._ny} y, "
+            f"{self.observer!r}, {self.law!r})"
+        )
 
     def reset(self, x0=None, u=None):
         """Start anew: forget plan, disturbance and estimate.
@@ -410,29 +418,7 @@ class LinearizingMPC:
         it is that of the last u, at first of the operating point. There is no
         algebraic loop.
         """
-        plant = check_plant(plant, self._plant)
-        reference = check_signal("reference", reference, None, self._ny)
-        n = len(reference)
-        push = check_signal("input_disturbance", input_disturbance, n, self._nu)
-        noise = check_signal("output_noise", output_noise, n, self._ny)
-        x = check_point("x0", x0, plant.nstates)
-        self.reset()
-        t, u = self._model.dt * np.arange(n), np.zeros((n, self._nu))
-        y, steps = np.zeros((n, self._ny)), []
-        own = self._plant
-        d = (
-            np.tile(own.d_offset, (n, 1))
-            if d is None
-            else check_signal("d", d, n, own.nd)
+        ahead = self.horizon if preview else 0
+        return self._run(
+            plant, reference, x0, input_disturbance, output_noise, d, ahead
         )
-        held = self._model.u_offset  # until this sample's input is known
-        for k in range(n):
-            y[k] = plant.output(t[k], x, own.every_input(held, d[k])) + noise[k]
-            ahead = np.minimum(np.arange(k + 1, k + 1 + self.horizon), n - 1)
-            known = reference[ahead] if preview else reference[k]
-            measured = d[np.maximum(ahead - 1, k)] if preview else d[k]
-            u[k] = self.step(known, y[k], d=measured if own.nd else None)
-            steps.append(self.info_)
-            held = u[k] + push[k]
-            x = np.asarray(plant.dynamics(t[k], x, own.every_input(held, d[k])))
-        return MpcRecord(t, y, u, d, reference, steps)

@@ -1,8 +1,12 @@
 """What a predictive controller did, at one sample and along a simulation."""
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
+
+from ..feedback import LoopRecord
+from ..shown import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,8 @@ class MpcStep:
     ('solved', (5, 1))
     """
 
+    __repr__ = short_repr
+
     status: str
     fallback: bool
     target_status: str
@@ -79,7 +85,7 @@ class MpcStep:
 
 
 @dataclass(frozen=True, eq=False)
-class MpcRecord:
+class MpcRecord(LoopRecord):
     """Hold a closed loop of plant and predictive controller, one row per sample.
 
     Parameters
@@ -96,6 +102,10 @@ class MpcRecord:
         References.
     steps : list of MpcStep
         What happened at every sample.
+    law : LinearizingLaw
+        The law, which knows limits and names of the signals.
+    tracks : bool, default=True
+        Whether references are those of y, as here.
 
     Examples
     --------
@@ -106,18 +116,7 @@ class MpcRecord:
     ((20, 1), (20, 4), 0)
     """
 
-    t: np.ndarray
-    y: np.ndarray
-    u: np.ndarray
-    d: np.ndarray
-    reference: np.ndarray
-    steps: list
-
-    def __getattr__(self, name):
-        """Return a field of `MpcStep` of all samples, stacked."""
-        if name not in MpcStep.__dataclass_fields__:
-            raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
-        return np.array([getattr(step, name) for step in self.steps])
+    of_step: ClassVar[Any] = MpcStep
 
     @property
     def n_fallbacks(self):

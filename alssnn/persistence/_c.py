@@ -43,8 +43,8 @@ def to_c(
 
     Parameters
     ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`; or a controller, which has all the parts below.
     directory : str or path-like
         Folder, made if need be; files of the same names are replaced.
     law : LinearizingLaw or None, default=None

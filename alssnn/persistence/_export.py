@@ -11,8 +11,6 @@ from ..plant import Plant
 from ..plants import as_plant
 from ..walk import static_map
 
-GATE = 100  # standard deviations of an innovation: noise does not reach it, spikes do
-
 
 @dataclass(frozen=True, eq=False)
 class Export:
@@ -64,8 +62,8 @@ class Export:
 
         Parameters
         ----------
-        model : estimator or Plant
-            Fitted model, or its `plant_`.
+        model : estimator, Plant or LinearizingController
+            Fitted model, or its `plant_`; or a controller, which has all the rest.
         law : LinearizingLaw or None, default=None
             Law, for example with limits; None takes ``model.linearizing_law()``, or
             leaves it out where it is ill-posed.
@@ -87,11 +85,25 @@ class Export:
         TypeError
             If `law` or `observer` is of another type.
         ValueError
-            If sizes do not fit, the observer has no constant gain, or a controller
-            lacks its law or observer.
+            If a controller comes with other parts or has no gain, sizes do not fit,
+            the observer has no constant gain, or a gain lacks its law or observer.
         """
-        from ..feedback import split_gain
+        from ..feedback import LinearizingController, split_gain
 
+        if isinstance(model, LinearizingController):
+            if any(part is not None for part in (law, observer, gain)):
+                raise ValueError(
+                    "`law`, `observer` and `gain` must be None beside a controller, "
+                    "which has its own. Make another controller."
+                )
+            if model.gain is None:
+                raise ValueError(
+                    "`model` must be a controller with a gain for an export, got one "
+                    "with a linear system. Use `lqr`, `place` or `lqi`."
+                )
+            law, gain = model.law, model.gain
+            observer = False if model.observer is None else model.observer
+            model = law.plant
         plant = as_plant(model)
         if plant.looks_ahead:
             raise ValueError(
@@ -145,6 +157,7 @@ def _numbers(plant):
 def _observer_gain(late, observer):
     """Return the constant gain of an observer and its gate, None where it has none."""
     from ..feedback import Observer
+    from ..feedback.online import GATE
 
     if observer is False:
         return None, None

@@ -17,8 +17,8 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
 
     Parameters
     ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`; or a controller, which has all the parts below.
     path : str or path-like
         File; one that exists is replaced.
     law : LinearizingLaw or None, default=None
@@ -44,12 +44,17 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
     """
     from scipy.io import savemat
 
-    if getattr(observer, "gate", None) is not None:
+    from ..feedback import LinearizingController
+    from ..feedback.online import GATE
+
+    export = Export.of(model, law, observer, gain)
+    watch = model.observer if isinstance(model, LinearizingController) else observer
+    gate = getattr(watch, "gate", None)
+    if gate is not None and not (observer is None and gate == GATE):  # by default
         raise ValueError(
             f"`observer` must have no gate, which is not exported, got gate="
-            f"{observer.gate:g}. Gate y before it reaches the observer."
+            f"{gate:g}. Gate y before it reaches the observer."
         )
-    export = Export.of(model, law, observer, gain)
     plant, law = export.plant, export.law
     arrived = plant.arrived()
     (A, B, C, D), (G, H) = arrived.linear(), arrived.disturbed_by()

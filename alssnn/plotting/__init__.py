@@ -13,28 +13,35 @@ from ._axes import COLORS
 from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
+from ._comparison import BodeComparisonDisplay, ComparisonDisplay
 from ._ladder import plot_ladder
 from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
 from ._loop import LoopDisplay
 from ._nonlinearity import NonlinearityDisplay, ResidualNonlinearityDisplay
+from ._record import RecordDisplay
 from ._residuals import ResidualDisplay
+from ._run import RunDisplay
 from ._simulation import SimulationDisplay
 from ._trade_off import GammaPathDisplay
 
 __all__ = [
     "COLORS",
     "ApproximationDisplay",
+    "BodeComparisonDisplay",
     "BodeDisplay",
     "CertificateDisplay",
+    "ComparisonDisplay",
     "ExcitationDisplay",
     "GammaPathDisplay",
     "LawRatesDisplay",
     "LoopDisplay",
     "NonlinearityDisplay",
     "PoleDisplay",
+    "RecordDisplay",
     "ResidualDisplay",
     "ResidualNonlinearityDisplay",
+    "RunDisplay",
     "SimulationDisplay",
     "SingularValuesDisplay",
     "plot_ladder",

@@ -1,5 +1,8 @@
 """Axes, colors and finishing touches that all figures share."""
 
+from io import BytesIO
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +15,31 @@ LEGENDS: dict[str, dict] = {  # outside the axes
     "above": {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2},
     "beside": {"loc": "upper left", "bbox_to_anchor": (1, 1)},
 }
+DPI = 100  # of a figure in a notebook
 BAND = {"color": "0.85", "linewidth": 0.0}
+
+
+class Display:
+    """Share what all displays do in a notebook: they show their figure.
+
+    Figures here are made without pyplot, which would show and keep them.
+    """
+
+    figure_: Any = None
+
+    def __repr__(self):
+        """Return the name, and whether it was drawn."""
+        n = 0 if self.figure_ is None else len(self.figure_.axes)
+        what = f"{n} axes" if n else "not drawn"
+        return f"{type(self).__name__}({what})"
+
+    def _repr_png_(self):
+        """Return the figure for a notebook; None if it was not drawn."""
+        if self.figure_ is None:
+            return None
+        content = BytesIO()
+        self.figure_.savefig(content, format="png", dpi=DPI, bbox_inches="tight")
+        return content.getvalue()
 
 
 def color(i):

@@ -2,7 +2,15 @@
 
 import numpy as np
 
-from ._axes import color, few_ticks, finish, frequency_axis, grid_of_axes, time_axis
+from ._axes import (
+    Display,
+    color,
+    few_ticks,
+    finish,
+    frequency_axis,
+    grid_of_axes,
+    time_axis,
+)
 
 PERIODS = 2  # of an experiment that are drawn at most
 FLOOR = 1e-3  # of the largest line: what is smaller is not drawn
@@ -18,7 +26,7 @@ LEVELS = {
 }
 
 
-class ExcitationDisplay:
+class ExcitationDisplay(Display):
     """Show inputs over time within their limits, and their spectrum.
 
     Parameters
@@ -103,7 +111,7 @@ def _spectrum(period, lines):
     return lines, level[lines]
 
 
-class ApproximationDisplay:
+class ApproximationDisplay(Display):
     """Show a measured frequency response, and what disturbs the output.
 
     Parameters

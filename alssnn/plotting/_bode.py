@@ -8,12 +8,12 @@ from ..validation import (
     moved_names,
     sine_response,
 )
-from ._axes import color, finish, frequency_axis, grid_of_axes
+from ._axes import Display, color, finish, frequency_axis, grid_of_axes
 
 N_FREQUENCIES = 300  # of the linear response
 
 
-class BodeDisplay:
+class BodeDisplay(Display):
     """Show the frequency response of (A, B, C, D) and of the model at amplitudes.
 
     The response of the model to sines of one amplitude is its describing function:
@@ -33,6 +33,8 @@ class BodeDisplay:
         Confidence in the linear response: what ``frequency_response`` of a covariance
         returns, or frequencies, lower and upper limits of the magnitude, of shapes (m,)
         and (m, ny, nu). Where no band holds, the legend says so.
+    decibel : bool, default=False
+        Whether magnitudes are in dB.
 
     Attributes
     ----------
@@ -51,11 +53,18 @@ class BodeDisplay:
     """
 
     def __init__(
-        self, frequencies, G, input_names, output_names, responses=(), band=None
+        self,
+        frequencies,
+        G,
+        input_names,
+        output_names,
+        responses=(),
+        band=None,
+        decibel=False,
     ):
         self.frequencies, self.G = frequencies, G
         self.input_names, self.output_names = input_names, output_names
-        self.responses, self.band = responses, band
+        self.responses, self.band, self.decibel = responses, band, decibel
 
     @classmethod
     def from_estimator(
@@ -67,6 +76,7 @@ class BodeDisplay:
         n_frequencies=40,
         period=1024,
         band=None,
+        decibel=False,
         ax=None,
         **kwargs,
     ):
@@ -89,6 +99,8 @@ class BodeDisplay:
             Confidence band of the linear response: what ``frequency_response`` of a
             covariance returns, or frequencies, lower and upper limits of the
             magnitude, of shapes (m,) and (m, ny, nu).
+        decibel : bool, default=False
+            Whether magnitudes are in dB.
         ax : sequence of matplotlib.axes.Axes or None, default=None
             Axes; None makes a figure.
         **kwargs : dict
@@ -136,7 +148,7 @@ class BodeDisplay:
             responses.append((f"{what}, amplitude {label}", found[0][0], G))
         f = np.geomspace(1 / (period * model.dt), 0.5 / model.dt, N_FREQUENCIES)
         G, inputs = frequency_response(sys, f), moved_names(model)
-        display = cls(f, G, inputs, outputs, responses, band)
+        display = cls(f, G, inputs, outputs, responses, band, decibel)
         return display.plot(ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):
@@ -175,17 +187,20 @@ class BodeDisplay:
                     holds = np.isfinite(low[:, i, j]).any()
                     magnitude.fill_between(
                         f,
-                        low[:, i, j],
-                        high[:, i, j],
+                        magnitudes(low[:, i, j], self.decibel),
+                        magnitudes(high[:, i, j], self.decibel),
                         color="0.85",
                         label="confidence" if holds else "no confidence band holds",
                     )
                 for label, f, G, style in curves:
                     response = G[:, i, j]
-                    magnitude.loglog(f, np.abs(response), label=label, **style)
-                    phase.semilogx(f, _degrees(response), **style)
+                    draw = magnitude.semilogx if self.decibel else magnitude.loglog
+                    size = magnitudes(response, self.decibel)
+                    draw(f, size, label=label, **style)
+                    phase.semilogx(f, degrees(response), **style)
                 names = self.output_names[i], self.input_names[j]
-                magnitude.set_ylabel("|{} / {}|".format(*names))
+                unit = ", dB" if self.decibel else ""
+                magnitude.set_ylabel("|{} / {}|".format(*names) + unit)
                 phase.set_ylabel("phase, degrees")
                 finish(magnitude, legend=i == j == 0)
                 finish(phase, legend=False)
@@ -211,9 +226,40 @@ class BodeDisplay:
         return band
 
 
-def _degrees(response):
-    """Return the phase without jumps; nan where the response is not known."""
+def degrees(response):
+    """Return the phase without jumps.
+
+    Parameters
+    ----------
+    response : ndarray of complex of shape (n,)
+        Frequency response.
+
+    Returns
+    -------
+    phase : ndarray of shape (n,)
+        Phase, in degrees; nan where the response is not known.
+    """
     phase = np.full(len(response), np.nan)
     known = np.isfinite(response)
     phase[known] = np.degrees(np.unwrap(np.angle(response[known])))
     return phase
+
+
+def magnitudes(response, decibel):
+    """Return the magnitude of a response.
+
+    Parameters
+    ----------
+    response : ndarray of shape (n,)
+        Frequency response, or its magnitude.
+    decibel : bool
+        Whether in dB.
+
+    Returns
+    -------
+    size : ndarray of shape (n,)
+        Magnitude.
+    """
+    size = np.abs(response)
+    with np.errstate(divide="ignore"):
+        return 20 * np.log10(size) if decibel else size

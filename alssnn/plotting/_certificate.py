@@ -3,12 +3,12 @@
 import numpy as np
 
 from ..validation import column_names, loop_deviation
-from ._axes import color, few_ticks, finish, grid_of_axes
+from ._axes import Display, color, few_ticks, finish, grid_of_axes
 
 POINTS = 200  # of an ellipse
 
 
-class CertificateDisplay:
+class CertificateDisplay(Display):
     """Show the invariant set of a certificate in a plane, with trajectories.
 
     The set holds the deviation zeta of the loop u = v - h from the linear one (eq.

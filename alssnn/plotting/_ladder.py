@@ -134,11 +134,11 @@ def _draw_outputs(ax, ladder, window, output):
     t = ladder.dt * np.arange(window.start, window.stop)
     y = ladder.y_test[window, output]
     ax.plot(t, y, label="measured", **MEASURED)
-    limits = _limits(y, [row.y_hat[window, output] for row in ladder.rows])
+    limits = limits_of(y, [row.y_hat[window, output] for row in ladder.rows])
     for i, row in enumerate(ladder.rows):
         # every other line is dashed: where models agree, the one below shows through
         style = {"color": color(i), "lw": 1.6, "ls": (0, (4, 4)) if i % 2 else "-"}
-        note = _out_of_view(row.y_hat[window, output], *limits)
+        note = out_of_view(row.y_hat[window, output], *limits)
         ax.plot(t, row.y_hat[window, output], label=f"{row.name}{note}", **style)
     ax.set_ylim(*limits)
     ax.set_xlim(t[0], t[-1])
@@ -147,8 +147,21 @@ def _draw_outputs(ax, ladder, window, output):
     finish(ax, legend="beside")
 
 
-def _limits(y, simulated):
-    """Return limits that show all curves, unless one diverges far from y."""
+def limits_of(y, simulated):
+    """Return limits that show all curves, unless one diverges far from y.
+
+    Parameters
+    ----------
+    y : ndarray of shape (N,)
+        Measured output; nan where not measured.
+    simulated : list of ndarray of shape (N,)
+        Simulated outputs.
+
+    Returns
+    -------
+    low, high : float
+        Limits of the axis.
+    """
     y = y[np.isfinite(y)]  # without its gaps
     if not len(y):
         y = np.concatenate([z[np.isfinite(z)] for z in simulated] + [np.zeros(1)])
@@ -158,8 +171,21 @@ def _limits(y, simulated):
     return curves.min() - 0.05 * size, curves.max() + 0.05 * size
 
 
-def _out_of_view(curve, low, high):
-    """Say in the legend that a curve leaves the picture, and where to."""
+def out_of_view(curve, low, high):
+    """Say in the legend that a curve leaves the picture, and where to.
+
+    Parameters
+    ----------
+    curve : ndarray of shape (N,)
+        The curve.
+    low, high : float
+        Limits of the axis.
+
+    Returns
+    -------
+    note : str
+        On a line of its own; empty if the curve stays.
+    """
     if not np.isfinite(curve).all():
         return "\n(diverges)"
     beyond = (curve < low) | (curve > high)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ._axes import color, finish, grid_of_axes
+from ._axes import Display, color, finish, grid_of_axes
 
 
-class LawRatesDisplay:
+class LawRatesDisplay(Display):
     """Show what it costs that the input is held while the law waits.
 
     Parameters

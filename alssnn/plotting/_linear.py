@@ -6,10 +6,10 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..certificates import full_gain
 from ..plants import as_plant
-from ._axes import color, finish, grid_of_axes
+from ._axes import Display, color, finish, grid_of_axes
 
 
-class SingularValuesDisplay:
+class SingularValuesDisplay(Display):
     """Show the singular values of the subspace step of a model.
 
     Parameters
@@ -98,7 +98,7 @@ class SingularValuesDisplay:
         return self
 
 
-class PoleDisplay:
+class PoleDisplay(Display):
     """Show poles in the plane of z, beside the unit circle.
 
     Parameters

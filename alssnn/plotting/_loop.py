@@ -4,10 +4,10 @@ import numpy as np
 
 from ..plants import as_plant
 from ..validation import column_names, moved_names
-from ._axes import color, finish, grid_of_axes, time_axis
+from ._axes import Display, color, finish, grid_of_axes, time_axis
 
 
-class LoopDisplay:
+class LoopDisplay(Display):
     """Compare responses, such as open loop, linear design and linearized loop.
 
     Parameters

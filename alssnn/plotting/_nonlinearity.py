@@ -5,7 +5,15 @@ import numpy as np
 from ..plants import as_plant
 from ..simulation import simulate
 from ..validation import column_names, moved_names, scored_experiments
-from ._axes import MEASURED, color, few_ticks, finish, frequency_axis, grid_of_axes
+from ._axes import (
+    MEASURED,
+    Display,
+    color,
+    few_ticks,
+    finish,
+    frequency_axis,
+    grid_of_axes,
+)
 from ._spectrum import amplitude_spectrum
 
 N_POINTS = 200  # of a curve of h
@@ -13,7 +21,7 @@ BINS = 40
 LEVELS = (0.1, 0.5, 0.9)  # quantiles of h at which s rests below a curve of phi
 
 
-class NonlinearityDisplay:
+class NonlinearityDisplay(Display):
     """Show h over its input range, with the density of the data.
 
     With several arguments s the curves are cuts: one argument moves, the others rest
@@ -187,7 +195,7 @@ class NonlinearityDisplay:
             yield s[:, j], phi, f"phi, s where h is at its {level:.0%} quantile"
 
 
-class ResidualNonlinearityDisplay:
+class ResidualNonlinearityDisplay(Display):
     """Show what g adds to the output once h is cancelled (eq. gauge).
 
     Left the distribution of e, right its amplitude spectrum beside that of the output.

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.ticker import EngFormatter
 
 from ..validation import column_names, judged_experiments, residual_tests
-from ._axes import BAND, color, finish, grid_of_axes
+from ._axes import BAND, Display, color, finish, grid_of_axes
 
 
-class ResidualDisplay:
+class ResidualDisplay(Display):
     """Show whether residuals are noise: autocorrelation, and correlation with u.
 
     The upper row is the autocorrelation of the residual itself: it may well leave its

@@ -6,6 +6,7 @@ from ..metrics import fit_percent
 from ..validation import check_names, column_names, scored_experiments
 from ._axes import (
     MEASURED,
+    Display,
     color,
     columns,
     finish,
@@ -14,7 +15,7 @@ from ._axes import (
 )
 
 
-class SimulationDisplay:
+class SimulationDisplay(Display):
     """Show a free-run simulation against the measured output.
 
     Use `from_estimator` or `from_predictions` to make one.

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ._axes import color, finish, grid_of_axes
+from ._axes import Display, color, finish, grid_of_axes
 
 
-class GammaPathDisplay:
+class GammaPathDisplay(Display):
     """Show the trade-off between accuracy and linearity.
 
     Parameters

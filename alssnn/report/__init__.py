@@ -7,6 +7,7 @@ cannot be computed gives its reason instead.
 """
 
 from ._sections import model_steps
+from ._summary import Summary, summarize
 from ._write import write_report
 
-__all__ = ["model_steps", "write_report"]
+__all__ = ["Summary", "model_steps", "summarize", "write_report"]

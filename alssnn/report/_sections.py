@@ -111,7 +111,7 @@ def equations(model):
     arrays = {name: values for name, (values, _) in linear.items()} | arrays
     return "".join(
         [
-            *(paragraph(line, "equation") for line in _in_words(model)),
+            *(paragraph(line, "equation") for line in in_words(model)),
             paragraph(f"du = u - u_e, {_delay_words(model)}", "note"),
             *_disturbance_words(model),
             *_law_words(plant),
@@ -137,8 +137,19 @@ def _pole_words(model):
     return f"Poles of A: {', '.join(words)}. The steps below are from sample to sample."
 
 
-def _in_words(model):
-    """Return the equations of a model of the family; others have their steps."""
+def in_words(model):
+    """Return the equations of a model of the family.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    lines : list of str
+        Plain text; none for other structures, which have their steps.
+    """
     options = model.fitted_.structure.options
     if "n_h" not in options:
         return []

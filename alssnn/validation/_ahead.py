@@ -11,6 +11,7 @@ import numpy as np
 
 from ..metrics import fit_percent
 from ..plants import as_plant
+from ..shown import short_repr
 
 OBSERVED = 20_000  # samples on which predictions are compared: the observer is slow
 
@@ -37,6 +38,8 @@ class AheadFit:
     >>> ahead.horizons, ahead.last_value.shape
     (array([1, 5]), (2, 1))
     """
+
+    __repr__ = short_repr
 
     horizons: np.ndarray
     fit: np.ndarray

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..regression import lagged
+from ..shown import short_repr
 from ._lags import LEAST, MOST, POWER_LAGS, ROWS
 from ._regression import regress
 from ._residuals import PERFECT, whiten
@@ -57,6 +58,8 @@ class FeedbackTests:
     >>> bool(tests.p_values[0, 0] < 0.01)
     True
     """
+
+    __repr__ = short_repr
 
     p_values: np.ndarray
     shares: np.ndarray

@@ -12,6 +12,7 @@ import numpy as np
 from ..certificates import linearized_loop
 from ..lure import Lure
 from ..plants import as_plant
+from ..shown import short_repr
 from ..simulation import simulate
 
 SETTLED = 1e-4  # what is left of the transient when the response is measured
@@ -166,6 +167,8 @@ class LoopDeviation:
     >>> run.X.shape == run.Z.shape == (600, 2)
     True
     """
+
+    __repr__ = short_repr
 
     X: np.ndarray
     Z: np.ndarray

@@ -37,6 +37,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from ..regression import Triangle, lagged
+from ..shown import short_repr
 from ._explained import explained_shares
 from ._lags import LEAST, POWER_LAGS, choose_lags, fewest_rows, rows_needed
 from ._regression import regress
@@ -107,6 +108,8 @@ class ResidualTests:
     >>> bool(tests.p_values["independence"] > 0.01)
     True
     """
+
+    __repr__ = short_repr
 
     lags: np.ndarray
     autocorrelation: np.ndarray

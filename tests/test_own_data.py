@@ -1,0 +1,232 @@
+"""Records of the user's own: read, looked at, prepared, joined."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.exceptions import ConvergenceWarning
+
+from alssnn import LinearStateSpace
+from alssnn.datasets import (
+    Record,
+    make_fan_arm,
+    make_pendulum,
+    make_valve_tank,
+    make_wiener_hammerstein,
+)
+
+N = 600
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return make_pendulum(N, noise=0.01, random_state=0)
+
+
+@pytest.fixture
+def table(plain):
+    t = 3.0 + plain.dt * np.arange(N)
+    columns = [("time", t), ("torque [Nm]", plain.u[:, 0]), ("angle", plain.y[:, 0])]
+    return pd.DataFrame(dict(columns))
+
+
+NAMES = "torque [Nm]", "angle"
+
+
+def test_a_csv_file_becomes_a_record(plain, table, tmp_path):
+    path = tmp_path / "pendulum.csv"
+    table.to_csv(path, index=False)
+    record = Record.from_csv(path, *NAMES)
+    np.testing.assert_array_equal(record.u, plain.u)
+    np.testing.assert_array_equal(record.y, plain.y)
+    assert record.dt == pytest.approx(plain.dt, rel=1e-9)
+    assert record.inputs == ["torque [Nm]"] and record.outputs == ["angle"]
+    assert record.name == str(path)
+    assert Record.from_csv(path, *NAMES, dt=2.0, name="mine").dt == 2.0
+    renamed = tmp_path / "renamed.csv"
+    table.rename(columns={"time": "clock"}).to_csv(renamed, index=False)
+    with pytest.raises(ValueError, match="`dt` must be given where no column of time"):
+        Record.from_csv(renamed, *NAMES)
+    again = Record.from_csv(renamed, *NAMES, time="clock")
+    assert again.dt == pytest.approx(plain.dt, rel=1e-9)
+
+
+def test_gaps_of_outputs_are_kept(plain, table, tmp_path):
+    table.loc[7, "angle"] = np.nan
+    table.to_csv(tmp_path / "gaps.csv", index=False)
+    record = Record.from_csv(tmp_path / "gaps.csv", *NAMES)
+    assert np.flatnonzero(np.isnan(record.y[:, 0])).tolist() == [7]
+    with pytest.raises(ValueError, match="got a gap at row 7"):
+        record.decimate(2)
+    rest = record.detrend().y - record.y
+    assert np.isnan(rest[7]) and np.abs(np.nanmean(rest)) < 1e-12
+    with pytest.raises(ValueError, match="`y` must be finite, got infinity at row 0"):
+        Record([0.0], [np.inf], 1.0)
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        lambda dt: pd.date_range("2024-05-01", periods=N, freq=f"{1000 * dt:g}ms"),
+        lambda dt: pd.to_timedelta(dt * np.arange(N), unit="s"),
+    ],
+)
+def test_dates_tell_the_sampling_time(plain, table, index):
+    frame = table.set_index(index(plain.dt))
+    assert Record.from_dataframe(frame, *NAMES).dt == pytest.approx(plain.dt)
+    column = frame.rename_axis("when").reset_index()
+    assert Record.from_dataframe(column, *NAMES, time="when").dt == pytest.approx(
+        plain.dt
+    )
+
+
+def test_other_frames(plain, table):
+    polars = pytest.importorskip("polars")
+    record = Record.from_dataframe(polars.DataFrame(table), *NAMES, time="time")
+    np.testing.assert_array_equal(record.u, plain.u)
+    assert record.dt == pytest.approx(plain.dt)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: np.r_[t[:5], t[5:] + 1.0], "got a step of 1.05 s after sample 4"),
+        (lambda t: t[::-1], "must rise evenly, got a step of -0.05 s after sample 0"),
+        (lambda t: 0 * t, "must rise evenly, got a step of 0 s"),
+    ],
+)
+def test_uneven_times_are_refused(table, change, message):
+    table["time"] = change(table["time"].to_numpy())
+    with pytest.raises(ValueError, match=message):
+        Record.from_dataframe(table, *NAMES, time="time")
+    assert Record.from_dataframe(table, *NAMES, time="time", dt=1.0).dt == 1.0
+
+
+def test_columns_that_are_missing(table):
+    with pytest.raises(ValueError, match="none called 'speed' among time, torque"):
+        Record.from_dataframe(table, "torque [Nm]", "speed", dt=1.0)
+    with pytest.raises(ValueError, match="`dt` must be given"):
+        Record.from_dataframe(table, *NAMES)
+
+
+def test_names(plain):
+    assert plain.inputs == ["u0"] and not plain.is_named
+    with pytest.raises(ValueError, match="`outputs` must be 1 names, one per column"):
+        Record(plain.u, plain.y, 1.0, outputs=["a", "b"])
+    with pytest.raises(ValueError, match="must be different names"):
+        Record(plain.u, plain.y, 1.0, inputs="a", outputs="a")
+
+
+def test_frames_carry_names_to_the_model(table):
+    record = Record.from_dataframe(table, *NAMES, time="time")
+    model = LinearStateSpace(nx=2, dt=record.dt).fit(*record.to_frames())
+    assert model.plant_.inputs == ["torque [Nm]"]
+    assert model.output_names_ == ["angle"]
+
+
+def test_a_drift_of_the_sensor_goes_and_the_mean_stays(plain):
+    drift = np.linspace(-3, 5, N)[:, None]
+    drifting = Record(plain.u, plain.y + drift, plain.dt)
+    record = drifting.detrend()
+    line = np.polynomial.Polynomial.fit(np.arange(N), plain.y[:, 0], 1)
+    expected = plain.y[:, 0] - line(np.arange(N)) + (plain.y + drift).mean()
+    np.testing.assert_allclose(record.y[:, 0], expected, atol=1e-10)
+    np.testing.assert_array_equal(record.u, drifting.u)
+    moved = drifting.detrend(inputs=True).u
+    assert abs(np.polyfit(np.arange(N), moved[:, 0], 1)[0]) < 1e-12
+    assert moved.mean() == pytest.approx(plain.u.mean())
+
+
+def test_a_lower_rate_keeps_what_is_slow_and_has_no_aliases():
+    t = 0.01 * np.arange(4000)
+    slow, fast = np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 13.0 * t)
+    record = Record(5 + slow, 7 + slow + fast, 0.01, "sines", inputs="a", outputs="b")
+    for other in (record.decimate(5), record.resample(0.05)):
+        assert other.dt == pytest.approx(0.05) and len(other) == 800
+        assert (other.inputs, other.outputs) == (["a"], ["b"])
+        inner = slice(20, -20)
+        expected = np.sin(2 * np.pi * 0.5 * other.t)
+        assert np.abs(other.u[inner, 0] - 5 - expected[inner]).max() < 0.01
+        assert np.abs(other.y[inner, 0] - 7 - expected[inner]).max() < 0.01
+    faster = record.resample(0.01 * 2 / 3)
+    assert faster.dt == pytest.approx(0.01 * 2 / 3)
+    assert (
+        np.abs(faster.u[50:-50, 0] - 5 - np.sin(np.pi * faster.t)[50:-50]).max() < 0.01
+    )
+    assert record.decimate(1) is record
+    with pytest.raises(ValueError, match="ratio of whole numbers up to 1000"):
+        record.resample(0.01 * np.pi)
+    for wrong in (0, 2.5, True):
+        with pytest.raises(ValueError, match="`q` must be a positive integer"):
+            record.decimate(wrong)
+    with pytest.raises(ValueError, match="`dt` must be positive and finite"):
+        record.resample(-1.0)
+
+
+def test_parts_keep_names(table):
+    record = Record.from_dataframe(table, *NAMES, time="time", name="arm")
+    first, rest = record.split(0.5)
+    assert rest.inputs == ["torque [Nm]"] and rest.name == f"arm[{N // 2}:]"
+    assert first.dt == record.dt
+
+
+def test_experiments_are_merged_for_a_fit(plain, table):
+    named = Record.from_dataframe(table, *NAMES, time="time")
+    for record in (plain, named):
+        parts = record.split(0.4)
+        u, y, experiment = Record.merge(parts)
+        model = LinearStateSpace(nx=2, dt=record.dt).fit(u, y, experiment)
+        assert model.experiments_ == [0, 1]
+        np.testing.assert_array_equal(np.asarray(u), record.u)
+        assert hasattr(u, "columns") == record.is_named
+    with pytest.raises(ValueError, match="must have the same inputs"):
+        Record.merge([named, plain])
+    with pytest.raises(ValueError, match="at least one record"):
+        Record.merge([])
+
+
+def test_signals_are_drawn(table):
+    record = Record.from_dataframe(table, *NAMES, time="time", name="arm")
+    display = record.plot()
+    assert [ax.get_ylabel() for ax in display.axes_[:, 0]] == ["angle", "torque [Nm]"]
+    np.testing.assert_array_equal(
+        display.axes_[1, 0].lines[0].get_ydata(), record.u[:, 0]
+    )
+
+
+# -- what a fit says of a record that was given in another way -------------------------
+
+
+@pytest.mark.parametrize(
+    "make", [make_pendulum, make_wiener_hammerstein, make_fan_arm, make_valve_tank]
+)
+def test_a_fit_of_exchanged_signals_says_so(make):
+    record = make(1500, random_state=0)
+    model = LinearStateSpace(nx=2, dt=record.dt)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.fit(record.u, record.y)
+    with pytest.warns(ConvergenceWarning, match="exchange them"):
+        model.fit(record.y, record.u)
+
+
+def test_noise_is_not_taken_for_exchanged_signals():
+    u, y = np.random.default_rng(0).standard_normal((2, 1500))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        LinearStateSpace(nx=1).fit(u, y)
+
+
+def test_a_sampling_time_that_was_forgotten_is_named(plain, table):
+    index = pd.date_range("2024-05-01", periods=N, freq=f"{1000 * plain.dt:g}ms")
+    frame = table.set_index(index)
+    u, y = frame[["torque [Nm]"]], frame["angle"]
+    with pytest.warns(UserWarning, match=r"steps of 0.05 s, and `dt` is 1 s.*dt=0.05"):
+        LinearStateSpace(nx=2).fit(u, y)
+    with pytest.warns(UserWarning, match=r"steps of 0.05 s"):
+        LinearStateSpace(nx=2).fit(u["torque [Nm]"], y)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        LinearStateSpace(nx=2, dt=plain.dt).fit(u, y)
+        LinearStateSpace(nx=2).fit(u.reset_index(drop=True), y.reset_index(drop=True))
