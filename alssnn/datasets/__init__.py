@@ -13,6 +13,7 @@ from ._populations import make_prey_predator
 from ._processes import make_heat_exchanger, make_valve_tank
 from ._record import Record
 from ._simulated import make_wiener_hammerstein
+from ._stamps import on_grid
 
 __all__ = [
     "Record",
@@ -33,4 +34,5 @@ __all__ = [
     "make_two_input_arm",
     "make_valve_tank",
     "make_wiener_hammerstein",
+    "on_grid",
 ]
