@@ -1,9 +1,8 @@
 """Parsers and options that the commands share."""
 
 import argparse
+import math
 from pathlib import Path
-
-import numpy as np
 
 FIGURE_FORMATS = (".png", ".pdf", ".svg")
 
@@ -183,7 +182,7 @@ def number(text):
     try:
         return float(text)
     except ValueError:
-        return np.nan
+        return math.nan
 
 
 def finite(text):
@@ -199,7 +198,7 @@ def finite(text):
     value : float
         The number.
     """
-    if not np.isfinite(value := number(text)):
+    if not math.isfinite(value := number(text)):
         raise argparse.ArgumentTypeError(f"must be a number, got {text}")
     return value
 
@@ -217,7 +216,7 @@ def positive(text):
     value : float
         The number.
     """
-    if not 0 < (value := number(text)) < np.inf:
+    if not 0 < (value := number(text)) < math.inf:
         raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
     return value
 
@@ -235,7 +234,7 @@ def weight(text):
     value : float
         The number.
     """
-    if not 0 <= (value := number(text)) < np.inf:
+    if not 0 <= (value := number(text)) < math.inf:
         raise argparse.ArgumentTypeError(f"must be a number of at least 0, got {text}")
     return value
 
@@ -320,3 +319,37 @@ def add_output(parser, metavar, what, default=None):
         metavar=metavar,
         help=what + note,
     )
+
+
+def add_limits(parser):
+    """Add the options that limit the inputs.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    for flag, what in (("--u-min", "lower"), ("--u-max", "upper")):
+        parser.add_argument(
+            flag,
+            nargs="+",
+            type=finite,
+            metavar="U",
+            help=f"{what} limits of the inputs: one, or one per input",
+        )
+
+
+def scalar(values):
+    """Return limits as a number where there is one.
+
+    Parameters
+    ----------
+    values : list of float or None
+        What the user gave.
+
+    Returns
+    -------
+    value : float, list of float or None
+        The limits.
+    """
+    return values[0] if values is not None and len(values) == 1 else values

@@ -3,8 +3,6 @@
 import contextlib
 import sys
 
-from ..ladder import model_ladder
-
 FIGURE_DPI = 150
 
 
@@ -48,6 +46,9 @@ def run_ladder(args, u, y, **options):
     ladder : Ladder
         The ladder.
     """
+    # the search takes seconds to import, which --help should not
+    from ..ladder import model_ladder
+
     verbose = 0 if args.quiet else 1
     # the estimators report to the standard output, which is for the result here
     with contextlib.redirect_stdout(sys.stderr):

@@ -1,10 +1,8 @@
 """`alssnn excite`: a signal to record a plant with, as CSV."""
 
 import inspect
-from collections.abc import Callable
 from pathlib import Path
 
-from ..excitation import multisine, prbs, steps, swept_sine
 from ._arguments import (
     add_command,
     add_output,
@@ -15,12 +13,7 @@ from ._arguments import (
     positive,
 )
 
-KINDS: dict[str, Callable] = {
-    "multisine": multisine,
-    "steps": steps,
-    "prbs": prbs,
-    "swept-sine": swept_sine,
-}
+KINDS = ("multisine", "steps", "prbs", "swept-sine")
 
 EPILOG = """\
 Columns of the file: time, the inputs, experiment. Play every experiment from the same
@@ -53,7 +46,7 @@ def add(commands):
         EPILOG,
         help="write a signal to record a plant with",
     )
-    parser.add_argument("kind", choices=list(KINDS), help="kind of signal")
+    parser.add_argument("kind", choices=KINDS, help="kind of signal")
     parser.add_argument(
         "--input", nargs="+", default=["u"], metavar="COL", help="names of the inputs"
     )
@@ -109,7 +102,9 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
-    make = KINDS[args.kind]
+    from .. import excitation as signals
+
+    make = getattr(signals, args.kind.replace("-", "_"))
     given = {name: value for name, value in vars(args).items() if value is not None}
     for name in ("run", "parser", "kind", "input", "seed", "output_file", "figure"):
         given.pop(name, None)

@@ -6,9 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..continuous import HOLDS
-from ..ladder import LADDER, PRESETS
-from ..tables import read_csv, read_steps
 from ._arguments import (
     add_command,
     add_common,
@@ -23,6 +20,10 @@ from ._arguments import (
 from ._comparison import prepare_figure, report, run_ladder
 from ._record import report_gaps
 
+# Said again here, for --help would take seconds to import them from where they belong.
+MODELS = ("lti", "fl", "al", "al-paper", "gr")  # the keys of `ladder.PRESETS`
+FOUR = ("lti", "fl", "al", "gr")  # `ladder.LADDER`
+HOLDS = ("zoh", "linear", "cubic")  # those of `continuous`
 TEXT_WIDTH = 79  # columns
 TIME_TOL = 0.05  # of a step: above the rounding of printed times
 FIT_EPILOG = """\
@@ -140,12 +141,12 @@ def _add_models(model):
     which.add_argument(
         "--models",
         nargs="+",
-        choices=list(PRESETS),
-        help=f"models to compare (default: {' '.join(LADDER)})",
+        choices=list(MODELS),
+        help=f"models to compare (default: {' '.join(FOUR)})",
     )
     which.add_argument(
         "--model",
-        choices=[*PRESETS, "ladder"],
+        choices=[*MODELS, "ladder"],
         default="ladder",
         help="the one model to fit, or the ladder of four (default: %(default)s); "
         "al-paper is al with h(y), a penalty on |g|^2, and A free",
@@ -286,6 +287,10 @@ def run(args):
         0, or 1 if the one model that was asked for is worse than a linear one, or than
         the mean of the output, on the hidden part.
     """
+    # the rest takes seconds to import, which --help should not
+    from ..ladder import PRESETS
+    from ..tables import read_csv
+
     for option, default in (("drift", None), ("horizon", 1)):
         if getattr(args, option) != default and not args.innovations:
             args.parser.error(f"--{option} needs --innovations")
@@ -295,7 +300,7 @@ def run(args):
         args.parser.error("--continuous needs --dt, the sampling time in seconds")
     models = args.models or [args.model]
     if models == ["ladder"]:
-        models = list(LADDER)
+        models = list(FOUR)
     if args.save is not None:
         if len(models) != 1:
             args.parser.error("--save needs one model, such as --model al")
@@ -365,6 +370,8 @@ def _compare_times(args):
     """Warn where a column of time contradicts the sampling time."""
     if args.experiment is not None:
         return  # its time may start anew
+    from ..tables import read_steps
+
     name, steps = read_steps(args.file)
     if not len(steps):
         return

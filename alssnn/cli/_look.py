@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from ..first_look import look
-from ..tables import read_csv
 from ._arguments import add_command, count, positive
 
 EPILOG = """\
@@ -59,5 +57,8 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
+    from ..first_look import look
+    from ..tables import read_csv
+
     u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
     print(look(u, y, experiment, dt=args.dt, period=args.period))

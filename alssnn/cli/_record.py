@@ -7,9 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..ladder import hold_out_last
-from ..tables import read_csv
-from ..whole_files import replace_file
 from ._arguments import fraction
 
 
@@ -97,6 +94,9 @@ def read_record(args, model):
     record, before : tuple or None
         Both as (u, y, experiment); nothing lies before the whole.
     """
+    from ..ladder import hold_out_last
+    from ..tables import read_csv
+
     ny, nu = len(model.C_), model.n_features_in_
     fitted = getattr(model, "feature_names_in_", None)
     inputs = _columns(args, "--input", args.input, fitted, nu)
@@ -169,6 +169,8 @@ def write_csv(path, header, rows):
     rows : iterable
         Rows of cells.
     """
+    from ..whole_files import replace_file
+
     path.parent.mkdir(parents=True, exist_ok=True)
     text = io.StringIO(newline="")
     writer = csv.writer(text)

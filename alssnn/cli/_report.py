@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from ..estimators import load
 from ._arguments import add_command, add_output
 from ._record import add_data, add_model, read_record
 
@@ -46,6 +45,8 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
+    from ..estimators import load
+
     model = load(args.model)
     record, before = read_record(args, model)
     args.output_file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,5 @@
 """`alssnn validate`: whether a model deserves trust."""
 
-from ..estimators import load
 from ._arguments import add_command, add_output, count
 from ._record import add_data, add_model, read_record, write_csv
 
@@ -55,6 +54,8 @@ def run(args):
     code : int
         0 if the checks passed, else 1.
     """
+    from ..estimators import load
+
     model = load(args.model)
     record, _ = read_record(args, model)
     validation = model.validate(*record, n_lags=args.lags or "auto")

@@ -5,8 +5,8 @@
 All of it works on a `Plant`; a fitted model is one by its `plant_`. `export` makes
 systems with the names of its signals, `law` cancels h, `observer` estimates the state,
 `design` computes gains for (A, B, C), `controller` gives them the operating point,
-`loop` connects all, with `algebraic` where the plant has feedthrough, and `proposal`
-makes a first design and compares it with the model.
+`loop` connects all, with `algebraic` where the plant has feedthrough, `proposal` makes
+a first design and compares it with the model, and `tracking` with the plant.
 
 python-control is imported in this package and nowhere else.  Its objects cannot be
 pickled, so none is ever stored: they are built on demand.  Its axes are (signals,
@@ -21,6 +21,7 @@ from .law import LinearizingLaw
 from .loop import closed_loop, designed_loop
 from .observer import Observer
 from .proposal import balanced_weights, input_range, step_comparison
+from .tracking import tracking_comparison
 
 __all__ = [
     "DisturbanceObserver",
@@ -40,5 +41,6 @@ __all__ = [
     "step_comparison",
     "to_nlsys",
     "to_statespace",
+    "tracking_comparison",
     "weigh_outputs",
 ]

@@ -13,6 +13,7 @@ from ._axes import COLORS
 from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
+from ._designs import plot_designs
 from ._ladder import plot_ladder
 from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
@@ -37,5 +38,6 @@ __all__ = [
     "ResidualNonlinearityDisplay",
     "SimulationDisplay",
     "SingularValuesDisplay",
+    "plot_designs",
     "plot_ladder",
 ]
