@@ -11,7 +11,8 @@ from scipy.io import loadmat
 
 import alssnn
 from alssnn import cli
-from alssnn.cli import _demo
+from alssnn.cli import _demo, _fit_options
+from alssnn.continuous import HOLDS
 from alssnn.datasets import (
     Record,
     make_inverted_pendulum,
@@ -19,7 +20,7 @@ from alssnn.datasets import (
     make_wiener_hammerstein,
 )
 from alssnn.feedback import balanced_weights, lqi
-from alssnn.ladder import model_ladder
+from alssnn.ladder import LADDER, PRESETS, model_ladder
 from alssnn.tables import read_csv
 from helpers import simulate_linear
 
@@ -217,8 +218,11 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
     options += ["--gamma-h", "0.001", "--alpha", "0.1", "--stability", "none"]
     options += ["--feedback", "output", "--input-map", "monotone", "--innovations"]
-    options += ["--drift", "input", "--horizon", "3"]
+    options += ["--drift", "input", "--horizon", "3", "--odd", "--max-time", "60"]
+    options += ["--operating-point", "zero", "--initial-state", "rest"]
+    options += ["--input-delay", "1"]
     assert run_fit(plant, *options, "--quiet") == 0
+    assert callable(seen.pop("callback"))
     np.testing.assert_allclose(seen.pop("u"), RECORD.u, rtol=1e-8)
     np.testing.assert_allclose(seen.pop("y"), RECORD.y, rtol=1e-8)
     assert list(seen.pop("experiment")) == ["first"] * 400 + ["second"] * 400
@@ -243,12 +247,25 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "hold": "zoh",
         "horizon": 3,
         "n_init": 2,
+        "odd": True,
+        "operating_point": "zero",
+        "initial_state": "rest",
+        "input_delay": 1,
+        "max_time": 60.0,
+        "test": None,
         "random_state": 5,
         "dt": 0.1,
         "verbose": 0,
     }
     out, err = capsys.readouterr()
     assert "Figure" not in out and "Accuracy" not in out and err == ""
+
+
+@pytest.mark.parametrize("known", [_fit_options.MODELS, _fit_options.FOUR])
+def test_the_command_knows_the_models_of_the_ladder(known):
+    ladder = PRESETS if known is _fit_options.MODELS else LADDER
+    assert known == tuple(ladder)
+    assert _fit_options.HOLDS == HOLDS
 
 
 def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
@@ -283,6 +300,11 @@ def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
         (["--hold", "cubic"], "--hold needs --continuous"),
         (["--continuous"], "--continuous needs --dt, the sampling time in seconds"),
         (["--horizon", "2"], "--horizon needs --innovations"),
+        (["--test", "t.csv", "--test-size", "0.3"], "exclude each other"),
+        (["--dt", "1", "--time-column", "t"], "exclude each other"),
+        (["--input-delay", "auto", "1"], "takes auto alone"),
+        (["--input-delay", "-1"], "must be an integer of at least 0, got -1"),
+        (["--gama", "1"], "alssnn fit: error: unrecognized arguments: --gama 1"),
     ],
 )
 def test_wrong_usage_of_fit(plant, argv, message, capsys):
@@ -473,7 +495,10 @@ def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     text = path.read_text(encoding="utf-8")
     assert "speed" in text and "<td>training</td>" in text
     assert "u is what the plant gets, over its range in the training data" in text
-    assert run("report", saved, "--data", linear_plant, "-o", path) == 0
+    assert run("report", saved, "--data", linear_plant, "-o", path) == 2
+    assert_one_line(capsys, "report.html` must not exist yet", "--overwrite")
+    argv = ["report", saved, "--data", linear_plant, "-o", path]
+    assert run(*argv, "--overwrite") == 0
     assert "<td>training</td>" not in path.read_text(encoding="utf-8")
 
 
@@ -801,7 +826,19 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"alssnn {alssnn.__version__}\n"
 
 
-COMMANDS = ["demo", "excite", "look", "fit", "validate", "report", "control", "export"]
+COMMANDS = [
+    "demo",
+    "excite",
+    "look",
+    "fit",
+    "info",
+    "simulate",
+    "compare",
+    "validate",
+    "report",
+    "control",
+    "export",
+]
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])

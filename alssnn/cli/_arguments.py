@@ -61,7 +61,15 @@ def add_command(commands, name, run, description, epilog, **options):
     parser = new_parser(
         lambda **rest: commands.add_parser(name, **rest), description, epilog, **options
     )
-    parser.set_defaults(run=run, parser=parser)
+    parser.set_defaults(run=run, parser=parser, result=None)
+    parser.add_argument(
+        "-q", "--quiet", action="store_true", help="do not report progress"
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print numbers for another program instead of text for you",
+    )
     return parser
 
 
@@ -79,9 +87,6 @@ def add_common(parser):
         default=0,
         metavar="N",
         help="seed of everything random (default: %(default)s)",
-    )
-    parser.add_argument(
-        "-q", "--quiet", action="store_true", help="do not report progress"
     )
 
 
@@ -164,6 +169,22 @@ def order(text):
     if (low := count(first)) > (high := count(last)):
         raise argparse.ArgumentTypeError(f"must be a range that ascends, got {text}")
     return range(low, high + 1)
+
+
+def delay(text):
+    """Return a number of samples, or auto.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : int or str
+        The number.
+    """
+    return text if text == "auto" else count_or_zero(text)
 
 
 def number(text):
@@ -311,6 +332,8 @@ def add_output(parser, metavar, what, default=None):
         File if none is named.
     """
     note = "" if default is None else " (default: %(default)s)"
+    if metavar.startswith("FILE"):
+        add_overwrite(parser)
     parser.add_argument(
         "-o",
         dest="output_file",
@@ -319,6 +342,46 @@ def add_output(parser, metavar, what, default=None):
         metavar=metavar,
         help=what + note,
     )
+
+
+def add_overwrite(parser):
+    """Add the option that allows a file to be replaced.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="replace a file that exists",
+    )
+
+
+def refuse_existing(args, path):
+    """Refuse to replace a file, before a computation that may take long.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of a command with ``--overwrite``.
+    path : Path or None
+        What is to be written; its folder is made if missing.
+
+    Raises
+    ------
+    ValueError
+        If it exists and ``--overwrite`` was not given.
+    """
+    if path is None:
+        return
+    if path.exists() and not args.overwrite:
+        raise ValueError(
+            f"`{path}` must not exist yet. Name another file, or replace it by "
+            "--overwrite."
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
 
 
 def add_limits(parser):

@@ -78,3 +78,31 @@ def report(ladder, figure, **labels):
         axes = plot_ladder(ladder, **labels)
         axes[0].figure.savefig(figure, dpi=FIGURE_DPI)
         print(f"\nFigure: {figure}")
+
+
+def row_numbers(row):
+    """Return the figures of a row, for ``--json``.
+
+    Parameters
+    ----------
+    row : Rung
+        Row of a ladder.
+
+    Returns
+    -------
+    numbers : dict
+        The figures by name.
+    """
+    names = (
+        "name",
+        "n_params",
+        "rmse_train",
+        "rmse_test",
+        "fit_percent",
+        "linearization_error",
+        "closed_linearization_error",
+        "spectral_radius",
+        "seconds",
+        "converged",
+    )
+    return {name: getattr(row, name) for name in names} | {"nx": row.model.nx_}

@@ -160,6 +160,12 @@ def run(args):
     )
     if args.data is None:
         print(textwrap.fill(_unknown(model), TEXT_WIDTH))
+    args.result = {
+        "columns": columns,
+        "gain": K,
+        "distance": display.distance_["model"],
+        "files": [folder / name for name in ("gain.csv", "step.csv", args.figure)],
+    }
     if not np.isfinite(table).all():
         print("The loop of the model diverges: choose slower weights.")
         return 1

@@ -150,6 +150,16 @@ def _run_pendulum(args, figure, samples, noise, max_iter):
     )
     # y has the noise in it, whose variance adds
     print(explain(outcomes, noise * record.y.std() / (1 + noise**2) ** 0.5))
+    args.result = {
+        name: {
+            "simulation_error_percent": 100 * one.missed,
+            "open_loop_distance": one.open_distance,
+            "loop_distance": one.loop_distance,
+            "largest_torque": abs(one.torque).max(),
+            "seconds": one.seconds,
+        }
+        for name, one in outcomes.items()
+    }
     linear = outcomes[LINEAR].response
     drawn = plot_designs(
         {
@@ -167,7 +177,7 @@ def _run_pendulum(args, figure, samples, noise, max_iter):
 
 def _run_circuit(args, figure, samples, noise, max_iter):
     from ..datasets import make_wiener_hammerstein
-    from ._comparison import report, run_ladder
+    from ._comparison import report, row_numbers, run_ladder
 
     if args.measured:
         train, test = _measured(args)
@@ -180,6 +190,7 @@ def _run_circuit(args, figure, samples, noise, max_iter):
     options = {"nx": 6, "max_iter": max_iter, "n_init": 1 if args.quick else None}
     ladder = run_ladder(args, *train, test=test, dt=train.dt, **options)
     report(ladder, figure, label="output", unit="V")
+    args.result = {"models": [row_numbers(row) for row in ladder], "figure": figure}
 
 
 def _measured(args):

@@ -11,9 +11,26 @@ from ._arguments import (
     figure_name,
     finite,
     positive,
+    refuse_existing,
 )
 
 KINDS = ("multisine", "steps", "prbs", "swept-sine")
+
+# what the command takes for itself
+NOT_OF_SIGNALS = (
+    "run",
+    "parser",
+    "result",
+    "command",
+    "kind",
+    "input",
+    "seed",
+    "output_file",
+    "overwrite",
+    "figure",
+    "quiet",
+    "json",
+)
 
 EPILOG = """\
 Columns of the file: time, the inputs, experiment. Play every experiment from the same
@@ -106,7 +123,7 @@ def run(args):
 
     make = getattr(signals, args.kind.replace("-", "_"))
     given = {name: value for name, value in vars(args).items() if value is not None}
-    for name in ("run", "parser", "kind", "input", "seed", "output_file", "figure"):
+    for name in NOT_OF_SIGNALS:
         given.pop(name, None)
     if "bit" in given:
         given["hold"] = given.pop("bit")
@@ -121,10 +138,11 @@ def run(args):
     if "n_samples" in known and "n_samples" not in given:
         args.parser.error(f"{args.kind} needs --samples")
     given |= {"nu": len(args.input), "names": args.input, "random_state": args.seed}
+    refuse_existing(args, args.output_file)
     excitation = make(**given)
-    args.output_file.parent.mkdir(parents=True, exist_ok=True)
     excitation.to_csv(args.output_file)
     print(f"{excitation!r}: {args.output_file}")
+    args.result = {"file": args.output_file, "figure": args.figure}
     if args.figure is not None:
         args.figure.parent.mkdir(parents=True, exist_ok=True)
         excitation.plot().figure_.savefig(args.figure)

@@ -2,7 +2,13 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, add_limits, scalar
+from ._arguments import (
+    add_command,
+    add_limits,
+    add_overwrite,
+    refuse_existing,
+    scalar,
+)
 from ._record import add_model, gain_columns
 
 EPILOG = """\
@@ -48,6 +54,7 @@ def add(commands):
         metavar="FILE.csv",
         help="gain of the controller, as `alssnn control` writes it",
     )
+    add_overwrite(parser)
     add_limits(parser)
     parser.add_argument(
         "--prefix",
@@ -85,7 +92,7 @@ def run(args):
     if args.u_min is not None or args.u_max is not None:
         law = model.linearizing_law(scalar(args.u_min), scalar(args.u_max))
     if args.mat is not None:
-        args.mat.parent.mkdir(parents=True, exist_ok=True)
+        refuse_existing(args, args.mat)
         model.to_mat(args.mat, gain=gain, law=law)
         paths = [args.mat]
     elif args.onnx is not None:
@@ -95,6 +102,7 @@ def run(args):
             args.c, gain=gain, law=law, dtype=args.dtype, prefix=args.prefix
         )
     print("\n".join(map(str, paths)))
+    args.result = {"files": list(paths)}
 
 
 def _read_gain(path, model):
