@@ -1,4 +1,4 @@
-"""`alssnn demo`: the package in a minute, or four models of a circuit."""
+"""`alssnn demo`: the loop of a pendulum, or four models of a circuit."""
 
 import sys
 from pathlib import Path
@@ -29,7 +29,7 @@ The table goes to the standard output, the figure to a file.
 
 examples:
   alssnn demo                                    the pendulum, half a minute
-  alssnn demo --quick                            fewer samples, half the time
+  alssnn demo --quick                            fewer samples
   alssnn demo --noise 0.05 --seed 1 -o results   another record, figure in results/
   alssnn demo wiener-hammerstein                 four models, some minutes
   alssnn demo wiener-hammerstein --measured      the measured benchmark, many minutes
