@@ -92,6 +92,21 @@ def test_another_record_tests(folder, tmp_path, capsys):
     )
 
 
+def test_a_model_does_not_replace_a_record(folder, piped, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    options = [*COLUMNS, "--model", "lti", "--nx", 2, "--overwrite", "-q"]
+    for argv in (["plant.csv"], ["-", "--test", "plant.csv"]):
+        with pytest.raises(SystemExit):
+            run("fit", *argv, *options, "--save", "plant.csv")
+        assert "--save must not be the record itself" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        run("fit", "-", *options, "--test", "-")
+    assert "one record, not both" in capsys.readouterr().err
+    # what comes through a pipe is no file
+    options = [*options, "--time-column", "t"]
+    assert run("fit", "-", *options, "--save", "large.npz") == 0
+
+
 # pipes
 
 

@@ -129,7 +129,7 @@ def run(args):
     if args.save is not None:
         if len(models) != 1:
             args.parser.error("--save needs one model, such as --model al")
-        if args.save.exists() and args.save.samefile(args.file):
+        if any(_is_same(args.save, path) for path in (args.file, args.test)):
             args.parser.error("--save must not be the record itself")
         # before the fit: a folder that cannot be made should not cost minutes
         refuse_existing(args, args.save)
@@ -150,7 +150,7 @@ def run(args):
             u,
             y,
             experiment=experiment,
-            test=None if args.test is None else _read(args, args.test),
+            test=None if args.test is None else _read(args, source_of(args.test)),
             # an integer where 1.0 would be taken for the default
             dt=1 if args.continuous and dt == 1.0 else dt,
             models=models,
@@ -181,6 +181,13 @@ def run(args):
     return int(refused and not args.force)
 
 
+def _is_same(path, record):
+    """Return whether a path to write is that of a record."""
+    if record is None or not (path.exists() and record.exists()):
+        return False
+    return path.samefile(record)
+
+
 def _check_options(args):
     """Refuse options that need others."""
     for option, default in (("drift", None), ("horizon", 1)):
@@ -192,6 +199,8 @@ def _check_options(args):
         args.parser.error("--continuous needs --dt, the sampling time in seconds")
     if args.test is not None and args.test_size is not None:
         args.parser.error("--test and --test-size exclude each other")
+    if str(args.file) == str(args.test) == "-":
+        args.parser.error("the standard input can be one record, not both")
     if args.input_delay and "auto" in args.input_delay and len(args.input_delay) > 1:
         args.parser.error("--input-delay takes auto alone, for all inputs")
 
