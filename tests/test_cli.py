@@ -11,7 +11,7 @@ from scipy.io import loadmat
 
 import alssnn
 from alssnn import cli
-from alssnn.cli import _demo, _fit_options
+from alssnn.cli import _demo, _fit_options, _main
 from alssnn.continuous import HOLDS
 from alssnn.datasets import (
     Record,
@@ -826,19 +826,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"alssnn {alssnn.__version__}\n"
 
 
-COMMANDS = [
-    "demo",
-    "excite",
-    "look",
-    "fit",
-    "info",
-    "simulate",
-    "compare",
-    "validate",
-    "report",
-    "control",
-    "export",
-]
+COMMANDS = [module.__name__.rpartition("_")[2] for module in _main.COMMANDS]
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])

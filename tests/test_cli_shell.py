@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -315,6 +316,33 @@ def test_models_of_other_plants_are_not_compared(folder):
         judge({"a": model, "b": faster}, u, y)
     with pytest.raises(ValueError, match="must have one sampling time, got no model"):
         judge({}, u, y)
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["va"], ["validate"]),
+        (["fit", "--op"], ["--operating-point"]),
+        (["fit", "plant.csv", "--in"], ["--initial-state", "--innovations"]),
+        (["info", "--gamma"], []),
+        (["info", "lar"], ["large.npz"]),
+        (["nothing", "--"], []),
+    ],
+)
+def test_completion_knows_commands_options_and_files(folder, capsys, words, expected):
+    assert run("completion") == 0
+    line = ["alssnn", *words]
+    script = capsys.readouterr().out + (
+        f"COMP_WORDS=({' '.join(line)})\nCOMP_CWORD={len(words)}\n_alssnn\n"
+        'printf "%s\\n" "${COMPREPLY[@]}"\n'
+    )
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=folder, capture_output=True, text=True, check=True
+    )
+    found = done.stdout.split()
+    assert set(expected) <= set(found) and len(found) <= len(expected) + 3
+    assert done.stderr == "" and (expected or not found)
 
 
 # an interrupt

@@ -16,6 +16,7 @@ import numpy as np
 from .. import __version__
 from . import (
     _compare,
+    _completion,
     _control,
     _demo,
     _excite,
@@ -41,6 +42,7 @@ COMMANDS = (
     _report,
     _control,
     _export,
+    _completion,
 )
 READER_GONE = 141  # what a shell gives for a program that a closed pipe ended
 
