@@ -1,5 +1,6 @@
 """Records from CSV files: named columns, and errors that say where to look."""
 
+import contextlib
 import csv
 import difflib
 import re
@@ -24,9 +25,9 @@ def read_csv(path, inputs, outputs, experiment=None):
 
     Parameters
     ----------
-    path : str or path-like
-        File; columns are separated by comma, semicolon or tab, whichever the header
-        has most of.
+    path : str, path-like or text file
+        File, or what was read from it, such as io.StringIO; columns are separated by
+        comma, semicolon or tab, whichever the header has most of.
     inputs : sequence of str
         Names of the columns of the inputs.
     outputs : sequence of str
@@ -53,7 +54,7 @@ def read_csv(path, inputs, outputs, experiment=None):
     """
     names = [*inputs, *outputs]
     wanted = names if experiment is None else [*names, experiment]
-    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+    with _opened(path) as file:
         columns, delimiter = _read_header(file)
         places = _find_columns(path, columns, wanted)
         reader = csv.reader(file, delimiter=delimiter)
@@ -83,6 +84,14 @@ def read_csv(path, inputs, outputs, experiment=None):
     data = np.array(values)
     u, y = data[:, : len(inputs)], data[:, len(inputs) :]
     return u, y, None if experiment is None else np.array(labels)
+
+
+def _opened(path):
+    """Return the open file, a text file from its beginning."""
+    if hasattr(path, "read"):
+        path.seek(0)
+        return contextlib.nullcontext(path)
+    return open(path, encoding="utf-8-sig", errors="replace", newline="")
 
 
 def _read_header(file):
@@ -125,7 +134,7 @@ def read_steps(path):
 
     Parameters
     ----------
-    path : str or path-like
+    path : str, path-like or text file
         File that `read_csv` reads.
 
     Returns
@@ -136,7 +145,7 @@ def read_steps(path):
     steps : ndarray of shape (N - 1,)
         Differences of its values; none where one is not a number.
     """
-    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+    with _opened(path) as file:
         columns, _ = _read_header(file)
     times = [c for c in columns if TIME.fullmatch(c)]
     if len(times) != 1:

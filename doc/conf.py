@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "numpydoc",
     "markdown_report",
+    "tutorial",
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build"]

@@ -11,7 +11,8 @@ from scipy.io import loadmat
 
 import alssnn
 from alssnn import cli
-from alssnn.cli import _comparison, _demo
+from alssnn.cli import _demo, _fit_options, _main
+from alssnn.continuous import HOLDS
 from alssnn.datasets import (
     Record,
     make_inverted_pendulum,
@@ -19,6 +20,7 @@ from alssnn.datasets import (
     make_wiener_hammerstein,
 )
 from alssnn.feedback import balanced_weights, lqi
+from alssnn.ladder import LADDER, PRESETS, model_ladder
 from alssnn.tables import read_csv
 from helpers import simulate_linear
 
@@ -62,10 +64,45 @@ def assert_one_line(capsys, *parts):
 # demo
 
 
-def test_demo_prints_the_table_and_writes_the_figure(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(_demo, "QUICK_MAX_ITER", 8)
+def test_demo_runs_the_loops_of_a_pendulum(tmp_path, capsys):
     folder = tmp_path / "new" / "folder"
-    assert run("demo", "--quick", "--samples", 1200, "-o", folder) == 0
+    assert run("demo", "--quick", "-o", folder) == 0
+    out, err = capsys.readouterr()
+    table, notes, verdict, figure = out.split("\n\n")
+    head, _, *lines = table.splitlines()
+    assert re.split("  +", head)[-2:] == ["linear model", "model with h"]
+    figures = {
+        re.split("  +", line)[0]: [float(z) for z in re.split("  +", line)[1:]]
+        for line in lines
+    }
+    # every line of the table is explained, in its order
+    assert re.findall(r"^- (.*?):", notes, re.M) == [
+        name.partition(",")[0] for name in figures
+    ]
+    errors = figures["simulation error, rad"]
+    noise = float(re.search(r"alone\s+makes\s+(\S+)\s+rad", notes)[1])
+    assert noise < errors[1] < 2 * noise < errors[0] / 3
+    linear, law = figures["in the loop, rad"]
+    assert law < linear / 5
+    ratio = float(re.search(r"is\s+(\S+)\s+times", verdict)[1])
+    assert ratio == pytest.approx(linear / law, rel=0.06)  # two digits
+    assert "*" not in table
+    assert "model with h: fitted in" in err and "warning" not in err
+    assert (folder / "alssnn-demo.png").stat().st_size > 10_000
+    assert figure == f"Figure: {folder / 'alssnn-demo.png'}\n"
+
+
+@pytest.mark.filterwarnings("ignore:The networks of FlSsnn do not simulate")
+def test_demo_says_where_the_law_does_not_help(tmp_path, capsys):
+    options = ["--samples", 200, "--noise", 1, "-q", "-o", tmp_path]
+    assert run("demo", *options) == 0
+    out, err = capsys.readouterr()
+    assert "does not bring the loop closer" in " ".join(out.split()) and err == ""
+
+
+def test_demo_of_the_circuit(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(_demo.QUICK, _demo.CIRCUIT, (1200, 8))
+    assert run("demo", "wiener-hammerstein", "--quick", "-o", tmp_path) == 0
     out, err = capsys.readouterr()
     assert [line.split()[0] for line in out.splitlines()[3:7]] == [
         "LTI",
@@ -75,17 +112,17 @@ def test_demo_prints_the_table_and_writes_the_figure(tmp_path, monkeypatch, caps
     ]
     assert "- Accuracy: " in out and "- Linearity: " in out and "- Stability: " in out
     assert "cost" in err and "cost " not in out.splitlines()[0]
-    assert (folder / "alssnn-demo.png").stat().st_size > 10_000
-    assert f"Figure: {folder / 'alssnn-demo.png'}" in out
+    assert (tmp_path / "alssnn-demo.png").stat().st_size > 10_000
 
 
 def test_demo_depends_on_the_seed_alone(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(_demo, "QUICK_MAX_ITER", 2)
+    monkeypatch.setitem(_demo.QUICK, _demo.CIRCUIT, (600, 2))
     tables = []
     for seed in (0, 0, 1):
         name = f"{len(tables)}.svg"
-        options = ["--noise", 0.1, "--samples", 600, "--seed", seed, "-q"]
-        assert run("demo", "--quick", *options, "-o", tmp_path, "--figure", name) == 0
+        options = ["--noise", 0.1, "--seed", seed, "-q", "-o", tmp_path]
+        argv = ["demo", "wiener-hammerstein", "--quick", *options]
+        assert run(*argv, "--figure", name) == 0
         out, err = capsys.readouterr()
         assert err == ""
         assert (tmp_path / name).read_text().startswith("<?xml")
@@ -103,12 +140,12 @@ def test_demo_of_the_measured_record(tmp_path, monkeypatch, capsys):
 
     def ladder(u, y, **options):
         calls.append((len(u), options))
-        return alssnn.ladder.model_ladder(u[:600], y[:600], nx=2, models=["lti"])
+        return model_ladder(u[:600], y[:600], nx=2, models=["lti"])
 
-    monkeypatch.setattr(_demo, "fetch_wiener_hammerstein", fetch)
-    monkeypatch.setattr(_comparison, "model_ladder", ladder)
+    monkeypatch.setattr(alssnn.datasets, "fetch_wiener_hammerstein", fetch)
+    monkeypatch.setattr(alssnn.ladder, "model_ladder", ladder)
     monkeypatch.setattr(_demo, "MEASURED_QUICK", 500)
-    argv = ["demo", "--record", "wiener-hammerstein", "-o", tmp_path]
+    argv = ["demo", "wiener-hammerstein", "--measured", "-o", tmp_path]
     assert run(*argv) == 0 and run(*argv, "--quick") == 0
     (whole, options), (part, quick) = calls
     assert (whole, len(options["test"])) == (6000, 6000)
@@ -119,7 +156,7 @@ def test_demo_of_the_measured_record(tmp_path, monkeypatch, capsys):
 
 def test_demo_without_the_measured_record(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("ALSSNN_DATA_HOME", str(tmp_path))
-    argv = ["demo", "--record", "wiener-hammerstein", "-o", tmp_path]
+    argv = ["demo", "wiener-hammerstein", "--measured", "-o", tmp_path]
     assert run(*argv) == 2
     assert_one_line(capsys, "WienerHammerBenchmark.csv was not found")
 
@@ -127,8 +164,10 @@ def test_demo_without_the_measured_record(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["--record", "wiener-hammerstein", "--noise", "0.1"], "belong to --record"),
-        (["--record", "wiener-hammerstein", "--samples", "9"], "belong to --record"),
+        (["wiener-hammerstein", "--measured", "--noise", "0.1"], "belong to a sim"),
+        (["wiener-hammerstein", "--measured", "--samples", "9"], "belong to a sim"),
+        (["--measured"], "--measured belongs to wiener-hammerstein"),
+        (["--noise", "-1"], "must be a number of at least 0, got -1"),
         (["--figure", "demo.doc"], "must end in .png, .pdf, .svg, got demo.doc"),
         (["--samples", "0"], "must be an integer of at least 1, got 0"),
         (["--seed", "-1"], "must be an integer of at least 0, got -1"),
@@ -139,11 +178,6 @@ def test_wrong_usage_of_demo(argv, message, tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         run("demo", "-o", tmp_path, *argv)
     assert message in capsys.readouterr().err
-
-
-def test_demo_with_wrong_noise(tmp_path, capsys):
-    assert run("demo", "--noise", "-1", "-o", tmp_path) == 2
-    assert_one_line(capsys, "`noise` must be nonnegative and finite, got -1.0.")
 
 
 def test_output_folder_that_is_a_file(plant, capsys):
@@ -177,15 +211,18 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
 
     def ladder(u, y, **options):
         seen.update(options, u=u, y=y)
-        return alssnn.ladder.model_ladder(u, y, nx=2, models=["lti"])
+        return model_ladder(u, y, nx=2, models=["lti"])
 
-    monkeypatch.setattr(_comparison, "model_ladder", ladder)
+    monkeypatch.setattr(alssnn.ladder, "model_ladder", ladder)
     options = ["--experiment", "run", "--test-size", "0.25", "--models", "al", "lti"]
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
     options += ["--gamma-h", "0.001", "--alpha", "0.1", "--stability", "none"]
     options += ["--feedback", "output", "--input-map", "monotone", "--innovations"]
-    options += ["--drift", "input", "--horizon", "3"]
+    options += ["--drift", "input", "--horizon", "3", "--odd", "--max-time", "60"]
+    options += ["--operating-point", "zero", "--initial-state", "rest"]
+    options += ["--input-delay", "1"]
     assert run_fit(plant, *options, "--quiet") == 0
+    assert callable(seen.pop("callback"))
     np.testing.assert_allclose(seen.pop("u"), RECORD.u, rtol=1e-8)
     np.testing.assert_allclose(seen.pop("y"), RECORD.y, rtol=1e-8)
     assert list(seen.pop("experiment")) == ["first"] * 400 + ["second"] * 400
@@ -210,12 +247,25 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "hold": "zoh",
         "horizon": 3,
         "n_init": 2,
+        "odd": True,
+        "operating_point": "zero",
+        "initial_state": "rest",
+        "input_delay": 1,
+        "max_time": 60.0,
+        "test": None,
         "random_state": 5,
         "dt": 0.1,
         "verbose": 0,
     }
     out, err = capsys.readouterr()
     assert "Figure" not in out and "Accuracy" not in out and err == ""
+
+
+@pytest.mark.parametrize("known", [_fit_options.MODELS, _fit_options.FOUR])
+def test_the_command_knows_the_models_of_the_ladder(known):
+    ladder = PRESETS if known is _fit_options.MODELS else LADDER
+    assert known == tuple(ladder)
+    assert _fit_options.HOLDS == HOLDS
 
 
 def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
@@ -250,6 +300,11 @@ def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
         (["--hold", "cubic"], "--hold needs --continuous"),
         (["--continuous"], "--continuous needs --dt, the sampling time in seconds"),
         (["--horizon", "2"], "--horizon needs --innovations"),
+        (["--test", "t.csv", "--test-size", "0.3"], "exclude each other"),
+        (["--dt", "1", "--time-column", "t"], "exclude each other"),
+        (["--input-delay", "auto", "1"], "takes auto alone"),
+        (["--input-delay", "-1"], "must be an integer of at least 0, got -1"),
+        (["--gama", "1"], "alssnn fit: error: unrecognized arguments: --gama 1"),
     ],
 )
 def test_wrong_usage_of_fit(plant, argv, message, capsys):
@@ -285,7 +340,7 @@ def test_exit_codes(plant, monkeypatch, error, code, message, capsys):
     def fail(*args, **options):
         raise error
 
-    monkeypatch.setattr(_comparison, "model_ladder", fail)
+    monkeypatch.setattr(alssnn.ladder, "model_ladder", fail)
     assert run_fit(plant) == code
     assert_one_line(capsys, message)
 
@@ -294,7 +349,7 @@ def test_faults_of_the_package_keep_their_traceback(plant, monkeypatch):
     def fail(*args, **options):
         raise AttributeError("a bug")
 
-    monkeypatch.setattr(_comparison, "model_ladder", fail)
+    monkeypatch.setattr(alssnn.ladder, "model_ladder", fail)
     with pytest.raises(AttributeError, match="a bug"):
         run_fit(plant)
 
@@ -367,17 +422,15 @@ def test_a_model_worse_than_the_linear_one_is_not_saved(
     """A fit that is no model is refused, with a sentence and exit code 1."""
     from dataclasses import replace
 
-    real = alssnn.ladder.model_ladder
-
     def ladder(u, y, **options):
-        found = real(u, y, **{**options, "nx": 2, "max_iter": 2})
+        found = model_ladder(u, y, **{**options, "nx": 2, "max_iter": 2})
         assert [row.name for row in found] == ["LTI", "FL-SSNN"]
         missed = options.pop("missed", case["missed"])
         fl = replace(found.rows[1], fit_percent=100 - np.array([missed]))
         lti = replace(found.rows[0], fit_percent=np.array([85.0]))
         return replace(found, rows=(lti, fl))
 
-    monkeypatch.setattr(_comparison, "model_ladder", ladder)
+    monkeypatch.setattr(alssnn.ladder, "model_ladder", ladder)
     path = tmp_path / "m.npz"
     argv = ["--model", "fl", "--n-h", "2", "--save", path, "-q"]
     for missed, words in (
@@ -442,7 +495,10 @@ def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     text = path.read_text(encoding="utf-8")
     assert "speed" in text and "<td>training</td>" in text
     assert "u is what the plant gets, over its range in the training data" in text
-    assert run("report", saved, "--data", linear_plant, "-o", path) == 0
+    assert run("report", saved, "--data", linear_plant, "-o", path) == 2
+    assert_one_line(capsys, "report.html` must not exist yet", "--overwrite")
+    argv = ["report", saved, "--data", linear_plant, "-o", path]
+    assert run(*argv, "--overwrite") == 0
     assert "<td>training</td>" not in path.read_text(encoding="utf-8")
 
 
@@ -770,7 +826,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"alssnn {alssnn.__version__}\n"
 
 
-COMMANDS = ["demo", "excite", "look", "fit", "validate", "report", "control", "export"]
+COMMANDS = [module.__name__.rpartition("_")[2] for module in _main.COMMANDS]
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])

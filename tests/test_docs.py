@@ -59,14 +59,25 @@ def test_readme_names_things_that_exist():
         assert (ROOT / target).exists(), target
 
 
-def test_the_loop_of_the_readme_tracks_its_reference():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", readme, re.S)
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_quick_start_of_the_readme_prints_what_it_says(capsys):
+    code, said = re.search(
+        r"## Quick start\n\n```python\n(.*?)```\n\nIt prints\n\n```\n(.*?)```",
+        README,
+        re.S,
+    ).groups()
+    exec(code, {})  # without a warning
+    assert capsys.readouterr().out == said
+
+
+def test_the_loop_of_the_readme_tracks_its_reference(capsys):
+    blocks = re.findall(r"```python\n(.*?)```", README, re.S)
     code, tank, upright = [block for block in blocks if "closed_loop(" in block]
     names = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        exec(code, names)
+    exec(code, names)  # without a warning
+    assert f"prints `{capsys.readouterr().out.strip()}`" in README
     assert names["y"][-1] == pytest.approx(1.3, abs=1e-6)  # the true pendulum, rad
     assert np.max(names["u"]) == 12  # the law did limit the torque
     assert np.max(names["y"]) < 1.3 * 1.05  # and the integrator did not wind up

@@ -2,6 +2,10 @@ import os
 import subprocess
 import sys
 
+import pytest
+
+import alssnn
+
 # What scikit-learn's base takes is not ours to change, and it depends on what else is
 # installed: `benchmarks.speed` measures the sum, this test our own part of it.
 SCRIPT = """
@@ -9,10 +13,42 @@ import sys, time
 import sklearn.base, sklearn.metrics, joblib, scipy.optimize
 start = time.process_time()
 import alssnn
+alssnn.AlSsnn, alssnn.model_ladder, alssnn.metrics, alssnn.datasets
 print(time.process_time() - start)
 heavy = {"cvxpy", "control", "matplotlib", "numba", "osqp"} & set(sys.modules)
 assert not heavy, heavy
 """
+
+
+HELP = """
+import sys, time
+from alssnn.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    print(time.process_time())  # that of the interpreter, too
+heavy = {"sklearn", "scipy", "pandas", "joblib"} & set(sys.modules)
+assert not heavy, heavy
+"""
+
+
+@pytest.mark.parametrize("command", [[], ["fit"], ["demo"], ["control"], ["excite"]])
+def test_help_is_fast(command):
+    line = [sys.executable, "-c", HELP, *command, "--help"]
+    options = {"capture_output": True, "text": True, "check": True}
+    runs = [subprocess.run(line, **options).stdout for _ in range(3)]
+    assert all(out.startswith("usage: alssnn") for out in runs)
+    # the best of them: others share the machine
+    assert min(float(out.splitlines()[-1]) for out in runs) < 0.5
+
+
+def test_all_names_of_the_package_are_found():
+    assert set(alssnn.__all__) <= set(dir(alssnn))
+    for name in alssnn.__all__:
+        assert getattr(alssnn, name).__name__.rpartition(".")[2] == name
+    assert alssnn.certificates.__name__ == "alssnn.certificates"  # a module, too
+    with pytest.raises(AttributeError, match="has no attribute 'AlSnn'"):
+        getattr(alssnn, "AlS" + "nn")
 
 
 def test_import_is_fast_and_lean(tmp_path):

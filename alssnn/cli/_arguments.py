@@ -1,9 +1,8 @@
 """Parsers and options that the commands share."""
 
 import argparse
+import math
 from pathlib import Path
-
-import numpy as np
 
 FIGURE_FORMATS = (".png", ".pdf", ".svg")
 
@@ -62,7 +61,15 @@ def add_command(commands, name, run, description, epilog, **options):
     parser = new_parser(
         lambda **rest: commands.add_parser(name, **rest), description, epilog, **options
     )
-    parser.set_defaults(run=run, parser=parser)
+    parser.set_defaults(run=run, parser=parser, result=None)
+    parser.add_argument(
+        "-q", "--quiet", action="store_true", help="do not report progress"
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print numbers for another program instead of text for you",
+    )
     return parser
 
 
@@ -80,9 +87,6 @@ def add_common(parser):
         default=0,
         metavar="N",
         help="seed of everything random (default: %(default)s)",
-    )
-    parser.add_argument(
-        "-q", "--quiet", action="store_true", help="do not report progress"
     )
 
 
@@ -167,6 +171,22 @@ def order(text):
     return range(low, high + 1)
 
 
+def delay(text):
+    """Return a number of samples, or auto.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    value : int or str
+        The number.
+    """
+    return text if text == "auto" else count_or_zero(text)
+
+
 def number(text):
     """Return a number, nan for another text.
 
@@ -183,7 +203,7 @@ def number(text):
     try:
         return float(text)
     except ValueError:
-        return np.nan
+        return math.nan
 
 
 def finite(text):
@@ -199,7 +219,7 @@ def finite(text):
     value : float
         The number.
     """
-    if not np.isfinite(value := number(text)):
+    if not math.isfinite(value := number(text)):
         raise argparse.ArgumentTypeError(f"must be a number, got {text}")
     return value
 
@@ -217,7 +237,7 @@ def positive(text):
     value : float
         The number.
     """
-    if not 0 < (value := number(text)) < np.inf:
+    if not 0 < (value := number(text)) < math.inf:
         raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
     return value
 
@@ -235,7 +255,7 @@ def weight(text):
     value : float
         The number.
     """
-    if not 0 <= (value := number(text)) < np.inf:
+    if not 0 <= (value := number(text)) < math.inf:
         raise argparse.ArgumentTypeError(f"must be a number of at least 0, got {text}")
     return value
 
@@ -312,6 +332,8 @@ def add_output(parser, metavar, what, default=None):
         File if none is named.
     """
     note = "" if default is None else " (default: %(default)s)"
+    if metavar.startswith("FILE"):
+        add_overwrite(parser)
     parser.add_argument(
         "-o",
         dest="output_file",
@@ -320,3 +342,77 @@ def add_output(parser, metavar, what, default=None):
         metavar=metavar,
         help=what + note,
     )
+
+
+def add_overwrite(parser):
+    """Add the option that allows a file to be replaced.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="replace a file that exists",
+    )
+
+
+def refuse_existing(args, path):
+    """Refuse to replace a file, before a computation that may take long.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of a command with ``--overwrite``.
+    path : Path or None
+        What is to be written; its folder is made if missing.
+
+    Raises
+    ------
+    ValueError
+        If it exists and ``--overwrite`` was not given.
+    """
+    if path is None:
+        return
+    if path.exists() and not args.overwrite:
+        raise ValueError(
+            f"`{path}` must not exist yet. Name another file, or replace it by "
+            "--overwrite."
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+
+
+def add_limits(parser):
+    """Add the options that limit the inputs.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    """
+    for flag, what in (("--u-min", "lower"), ("--u-max", "upper")):
+        parser.add_argument(
+            flag,
+            nargs="+",
+            type=finite,
+            metavar="U",
+            help=f"{what} limits of the inputs: one, or one per input",
+        )
+
+
+def scalar(values):
+    """Return limits as a number where there is one.
+
+    Parameters
+    ----------
+    values : list of float or None
+        What the user gave.
+
+    Returns
+    -------
+    value : float, list of float or None
+        The limits.
+    """
+    return values[0] if values is not None and len(values) == 1 else values

@@ -3,8 +3,6 @@
 import contextlib
 import sys
 
-from ..ladder import model_ladder
-
 FIGURE_DPI = 150
 
 
@@ -48,6 +46,9 @@ def run_ladder(args, u, y, **options):
     ladder : Ladder
         The ladder.
     """
+    # the search takes seconds to import, which --help should not
+    from ..ladder import model_ladder
+
     verbose = 0 if args.quiet else 1
     # the estimators report to the standard output, which is for the result here
     with contextlib.redirect_stdout(sys.stderr):
@@ -77,3 +78,31 @@ def report(ladder, figure, **labels):
         axes = plot_ladder(ladder, **labels)
         axes[0].figure.savefig(figure, dpi=FIGURE_DPI)
         print(f"\nFigure: {figure}")
+
+
+def row_numbers(row):
+    """Return the figures of a row, for ``--json``.
+
+    Parameters
+    ----------
+    row : Rung
+        Row of a ladder.
+
+    Returns
+    -------
+    numbers : dict
+        The figures by name.
+    """
+    names = (
+        "name",
+        "n_params",
+        "rmse_train",
+        "rmse_test",
+        "fit_percent",
+        "linearization_error",
+        "closed_linearization_error",
+        "spectral_radius",
+        "seconds",
+        "converged",
+    )
+    return {name: getattr(row, name) for name in names} | {"nx": row.model.nx_}

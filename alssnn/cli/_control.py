@@ -5,8 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..estimators import load
-from ._arguments import add_command, add_output, count, figure_name, finite, weight
+from ._arguments import (
+    add_command,
+    add_limits,
+    add_output,
+    count,
+    figure_name,
+    finite,
+    scalar,
+    weight,
+)
 from ._comparison import FIGURE_DPI
 from ._record import (
     add_data,
@@ -76,14 +84,7 @@ def add(commands):
             metavar="WEIGHT",
             help=f"weight of the {what} (default: %(default)s)",
         )
-    for flag, what in (("--u-min", "lower"), ("--u-max", "upper")):
-        parser.add_argument(
-            flag,
-            nargs="+",
-            type=finite,
-            metavar="U",
-            help=f"{what} limits of the inputs: one, or one per input",
-        )
+    add_limits(parser)
     parser.add_argument(
         "--step",
         nargs="+",
@@ -121,6 +122,8 @@ def run(args):
     code : int
         0, or 1 if the model fails its validation or its loop diverges.
     """
+    from ..estimators import load
+
     if args.data is None:
         refuse_columns(args)
     # python-control and matplotlib take a while: only for those who want a design
@@ -130,12 +133,12 @@ def run(args):
     if not _trusted(args, model) and not args.force:
         print("No controller was designed. To design one anyway, use --force.")
         return 1
-    law = model.linearizing_law(*(_scalar(z) for z in (args.u_min, args.u_max)))
+    law = model.linearizing_law(*(scalar(z) for z in (args.u_min, args.u_max)))
     Q, R = balanced_weights(
         model, state=args.qx, output=args.qy, integral=args.qi, control=args.ru
     )
     K = lqi(model, Q, R)
-    step = _scalar(args.step)
+    step = scalar(args.step)
     responses = step_comparison(model, K, step=step, n_samples=args.samples, law=law)
     folder = args.output_file
     states, integrators = gain_columns(model)
@@ -157,6 +160,12 @@ def run(args):
     )
     if args.data is None:
         print(textwrap.fill(_unknown(model), TEXT_WIDTH))
+    args.result = {
+        "columns": columns,
+        "gain": K,
+        "distance": display.distance_["model"],
+        "files": [folder / name for name in ("gain.csv", "step.csv", args.figure)],
+    }
     if not np.isfinite(table).all():
         print("The loop of the model diverges: choose slower weights.")
         return 1
@@ -232,11 +241,6 @@ def _compare_inputs(names, u, seen, law):
                 TEXT_WIDTH,
             )
         )
-
-
-def _scalar(values):
-    """Return limits as a number where there is one."""
-    return values[0] if values is not None and len(values) == 1 else values
 
 
 def _table(responses):

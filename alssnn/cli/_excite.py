@@ -1,10 +1,8 @@
 """`alssnn excite`: a signal to record a plant with, as CSV."""
 
 import inspect
-from collections.abc import Callable
 from pathlib import Path
 
-from ..excitation import multisine, prbs, steps, swept_sine
 from ._arguments import (
     add_command,
     add_output,
@@ -13,14 +11,26 @@ from ._arguments import (
     figure_name,
     finite,
     positive,
+    refuse_existing,
 )
 
-KINDS: dict[str, Callable] = {
-    "multisine": multisine,
-    "steps": steps,
-    "prbs": prbs,
-    "swept-sine": swept_sine,
-}
+KINDS = ("multisine", "steps", "prbs", "swept-sine")
+
+# what the command takes for itself
+NOT_OF_SIGNALS = (
+    "run",
+    "parser",
+    "result",
+    "command",
+    "kind",
+    "input",
+    "seed",
+    "output_file",
+    "overwrite",
+    "figure",
+    "quiet",
+    "json",
+)
 
 EPILOG = """\
 Columns of the file: time, the inputs, experiment. Play every experiment from the same
@@ -53,7 +63,7 @@ def add(commands):
         EPILOG,
         help="write a signal to record a plant with",
     )
-    parser.add_argument("kind", choices=list(KINDS), help="kind of signal")
+    parser.add_argument("kind", choices=KINDS, help="kind of signal")
     parser.add_argument(
         "--input", nargs="+", default=["u"], metavar="COL", help="names of the inputs"
     )
@@ -109,9 +119,11 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
-    make = KINDS[args.kind]
+    from .. import excitation as signals
+
+    make = getattr(signals, args.kind.replace("-", "_"))
     given = {name: value for name, value in vars(args).items() if value is not None}
-    for name in ("run", "parser", "kind", "input", "seed", "output_file", "figure"):
+    for name in NOT_OF_SIGNALS:
         given.pop(name, None)
     if "bit" in given:
         given["hold"] = given.pop("bit")
@@ -126,10 +138,11 @@ def run(args):
     if "n_samples" in known and "n_samples" not in given:
         args.parser.error(f"{args.kind} needs --samples")
     given |= {"nu": len(args.input), "names": args.input, "random_state": args.seed}
+    refuse_existing(args, args.output_file)
     excitation = make(**given)
-    args.output_file.parent.mkdir(parents=True, exist_ok=True)
     excitation.to_csv(args.output_file)
     print(f"{excitation!r}: {args.output_file}")
+    args.result = {"file": args.output_file, "figure": args.figure}
     if args.figure is not None:
         args.figure.parent.mkdir(parents=True, exist_ok=True)
         excitation.plot().figure_.savefig(args.figure)

@@ -2,9 +2,13 @@
 
 from pathlib import Path
 
-from ..estimators import load
-from ..tables import read_csv
-from ._arguments import add_command
+from ._arguments import (
+    add_command,
+    add_limits,
+    add_overwrite,
+    refuse_existing,
+    scalar,
+)
 from ._record import add_model, gain_columns
 
 EPILOG = """\
@@ -14,6 +18,8 @@ C sources and the file for MATLAB hold the model, its law and an observer, and w
 examples:
   alssnn export plant.npz --c firmware
   alssnn export plant.npz --c firmware --gain design/gain.csv --dtype float
+  alssnn export plant.npz --c firmware --gain design/gain.csv --u-min -5 --u-max 5
+      the law limits u, and integrators do not wind up
   alssnn export plant.npz --mat plant.mat
   alssnn export plant.npz --onnx graphs
 """
@@ -48,6 +54,15 @@ def add(commands):
         metavar="FILE.csv",
         help="gain of the controller, as `alssnn control` writes it",
     )
+    add_overwrite(parser)
+    add_limits(parser)
+    parser.add_argument(
+        "--prefix",
+        default="plant",
+        metavar="NAME",
+        help="begins the names of files and functions, C and ONNX (default: "
+        "%(default)s)",
+    )
     parser.add_argument(
         "--dtype",
         choices=["double", "float"],
@@ -64,6 +79,8 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
+    from ..estimators import load
+
     if args.onnx is not None and args.gain is not None:
         raise ValueError(
             "`--gain` must be left out with --onnx, whose graphs hold no controller. "
@@ -71,17 +88,25 @@ def run(args):
         )
     model = load(args.model)
     gain = None if args.gain is None else _read_gain(args.gain, model)
+    law = None
+    if args.u_min is not None or args.u_max is not None:
+        law = model.linearizing_law(scalar(args.u_min), scalar(args.u_max))
     if args.mat is not None:
-        args.mat.parent.mkdir(parents=True, exist_ok=True)
-        model.to_mat(args.mat, gain=gain)
+        refuse_existing(args, args.mat)
+        model.to_mat(args.mat, gain=gain, law=law)
         paths = [args.mat]
     elif args.onnx is not None:
-        paths = model.to_onnx(args.onnx)
+        paths = model.to_onnx(args.onnx, law=law, prefix=args.prefix)
     else:
-        paths = model.to_c(args.c, gain=gain, dtype=args.dtype)
+        paths = model.to_c(
+            args.c, gain=gain, law=law, dtype=args.dtype, prefix=args.prefix
+        )
     print("\n".join(map(str, paths)))
+    args.result = {"files": list(paths)}
 
 
 def _read_gain(path, model):
+    from ..tables import read_csv
+
     K_x, K_z, _ = read_csv(path, *gain_columns(model))
     return [[*x, *z] for x, z in zip(K_x, K_z, strict=True)]

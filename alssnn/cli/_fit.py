@@ -1,30 +1,32 @@
 """`alssnn fit`: models of your own record."""
 
+import sys
 import textwrap
 import warnings
 from pathlib import Path
 
 import numpy as np
 
-from ..continuous import HOLDS
-from ..ladder import LADDER, PRESETS
-from ..tables import read_csv, read_steps
 from ._arguments import (
     add_command,
     add_common,
-    count,
-    count_or_zero,
+    add_overwrite,
     figure_name,
-    order,
-    positive,
-    weight,
-    weight_or_auto,
+    refuse_existing,
 )
-from ._comparison import prepare_figure, report, run_ladder
-from ._record import report_gaps
+from ._comparison import prepare_figure, report, row_numbers, run_ladder
+from ._fit_options import (
+    FOUR,
+    add_data,
+    add_effort,
+    add_form,
+    add_models,
+    add_time,
+    add_weights,
+)
+from ._record import TIME_TOL, report_gaps, sampling_time, source_of
 
 TEXT_WIDTH = 79  # columns
-TIME_TOL = 0.05  # of a step: above the rounding of printed times
 FIT_EPILOG = """\
 The file has one header line with the names of the columns and one line per sample, in
 time order, sampled at a fixed rate; columns are separated by comma, semicolon or tab.
@@ -40,6 +42,8 @@ examples:
       several experiments, told apart by the labels in the column `run`
   alssnn fit plant.csv --input valve --disturbance inflow --output level
       the inflow is measured, and the law feeds it forward
+  alssnn fit monday.csv --input u --output y --time-column t --test tuesday.csv
+      sampling time from a column, and another record to test on
   alssnn fit plant.csv --input u --output y --gamma 1
       more weight on linearity than on accuracy
   alssnn fit plant.csv --input u --output y --model al --save plant.npz
@@ -51,7 +55,8 @@ controller on top of u = v - h(x) will work. An equals sign behind a name means 
 its networks did not help: the model is the linear one.
 
 A single model is fitted beside the linear one. If it is worse on the hidden part, the
-exit code is 1 and nothing is saved (but by --force).
+exit code is 1 and nothing is saved (but by --force). An interrupt by Ctrl-C saves the
+best model that was found up to then.
 """
 
 
@@ -74,9 +79,9 @@ def add(commands):
         usage="alssnn fit FILE.csv --input COL [COL ...] --output COL [COL ...] "
         "[options]",
     )
-    _add_data(fit.add_argument_group("data"))
+    add_data(fit.add_argument_group("data"))
     models = fit.add_argument_group("models")
-    for add_some in (_add_models, _add_weights, _add_form, _add_time, _add_effort):
+    for add_some in (add_models, add_weights, add_form, add_time, add_effort):
         add_some(models)
     fit.add_argument(
         "--save",
@@ -95,181 +100,9 @@ def add(commands):
         action="store_true",
         help="save a model that is worse than the linear one or than the mean, too",
     )
+    add_overwrite(fit)
     add_common(fit)
     fit.set_defaults(output_dir=Path())
-
-
-def _add_data(data):
-    """Add the options that say what is read, and how much of it tests."""
-    data.add_argument("file", type=Path, metavar="FILE.csv", help="record to read")
-    for flag, what in (("--input", "inputs"), ("--output", "outputs")):
-        data.add_argument(
-            flag, nargs="+", required=True, metavar="COL", help=f"columns of the {what}"
-        )
-    data.add_argument(
-        "--disturbance",
-        nargs="+",
-        default=[],
-        metavar="COL",
-        help="columns of further inputs that are measured but no controller moves",
-    )
-    data.add_argument(
-        "--experiment",
-        metavar="COL",
-        help="column of labels, one per uninterrupted experiment",
-    )
-    data.add_argument(
-        "--dt",
-        type=positive,
-        default=1.0,
-        metavar="S",
-        help="sampling time in seconds (default: %(default)s)",
-    )
-    data.add_argument(
-        "--test-size",
-        type=float,
-        default=0.5,
-        metavar="SHARE",
-        help="last part of every experiment, kept for testing (default: %(default)s)",
-    )
-
-
-def _add_models(model):
-    """Add the options that say which models are fitted, and of what size."""
-    which = model.add_mutually_exclusive_group()
-    which.add_argument(
-        "--models",
-        nargs="+",
-        choices=list(PRESETS),
-        help=f"models to compare (default: {' '.join(LADDER)})",
-    )
-    which.add_argument(
-        "--model",
-        choices=[*PRESETS, "ladder"],
-        default="ladder",
-        help="the one model to fit, or the ladder of four (default: %(default)s); "
-        "al-paper is al with h(y), a penalty on |g|^2, and A free",
-    )
-    model.add_argument(
-        "--nx",
-        type=order,
-        default="auto",
-        metavar="N",
-        help="number of states, a range such as 2-5, or auto: chosen by hidden samples "
-        "(default: %(default)s)",
-    )
-    for net, default in (("h", 10), ("g", 10), ("f", 15)):
-        model.add_argument(
-            f"--n-{net}",
-            type=count_or_zero,
-            default=default,
-            metavar="N",
-            help=f"hidden neurons of {net} (default: %(default)s)",
-        )
-
-
-def _add_weights(model):
-    """Add the options that weigh what a fit would rather do without."""
-    model.add_argument(
-        "--gamma",
-        type=weight,
-        metavar="WEIGHT",
-        help="weight of the nonlinear rest in AL-SSNN, outputs scaled to unit "
-        "variance; larger is more linear and less accurate (default: 0.01, and 1 for "
-        "al-paper)",
-    )
-    model.add_argument(
-        "--gamma-h",
-        type=weight,
-        metavar="WEIGHT",
-        help="weight of |h|^2; larger keeps u closer to v and the loop inside the "
-        "data (default: 0)",
-    )
-    model.add_argument(
-        "--alpha",
-        type=weight_or_auto,
-        default="auto",
-        metavar="WEIGHT",
-        help="weight of the squared network parameters; auto chooses it, and returns "
-        "the linear model where networks do not help (default: %(default)s)",
-    )
-
-
-def _add_form(model):
-    """Add the options that say what the equations are, and what their noise."""
-    model.add_argument(
-        "--stability",
-        choices=["auto", "contractive", "none"],
-        default="auto",
-        help="whether A is kept a contraction (default: %(default)s: in all models but "
-        "al-paper)",
-    )
-    model.add_argument(
-        "--feedback",
-        choices=["state", "output"],
-        help="what h sees (default: state, output for al-paper)",
-    )
-    model.add_argument(
-        "--input-map",
-        choices=["identity", "monotone"],
-        default="identity",
-        help="what the linear part of FL-SSNN and AL-SSNN answers to: u + h, or a map "
-        "that increases with u, for valves, fans and gains that depend on the state "
-        "(default: %(default)s)",
-    )
-    model.add_argument(
-        "--innovations",
-        action="store_true",
-        help="fit the errors one sample ahead instead of a simulation: for a record of "
-        "a loop, and for noise that goes through the plant",
-    )
-
-
-def _add_time(model):
-    """Add the options of models in continuous time."""
-    model.add_argument(
-        "--continuous",
-        action="store_true",
-        help="fit equations of derivatives: one model for every sampling time",
-    )
-    model.add_argument(
-        "--hold",
-        choices=HOLDS,
-        help="with --continuous, what the inputs do between samples: zoh if a computer "
-        "set them (default), linear or cubic if they were measured",
-    )
-
-
-def _add_effort(model):
-    """Add the options that say how long a training searches."""
-    model.add_argument(
-        "--drift",
-        choices=["output", "input"],
-        help="with --innovations, a random walk that nobody measured, added to the "
-        "outputs or to the inputs: a sensor or a load that drifts",
-    )
-    model.add_argument(
-        "--horizon",
-        type=count,
-        default=1,
-        metavar="K",
-        help="with --innovations, samples over which predictions are trained "
-        "(default: %(default)s)",
-    )
-    model.add_argument(
-        "--max-iter",
-        type=count,
-        metavar="N",
-        help="largest number of trial steps of the training of every model, without "
-        "the search for alpha and the stages on all samples of a record of more than "
-        "8000 (default: 300, 100 for lti)",
-    )
-    model.add_argument(
-        "--n-init",
-        type=count,
-        metavar="N",
-        help="random starts of every network (default: 3)",
-    )
 
 
 def run(args):
@@ -286,86 +119,185 @@ def run(args):
         0, or 1 if the one model that was asked for is worse than a linear one, or than
         the mean of the output, on the hidden part.
     """
+    # the rest takes seconds to import, which --help should not
+    from ..ladder import PRESETS
+
+    _check_options(args)
+    models = args.models or [args.model]
+    if models == ["ladder"]:
+        models = list(FOUR)
+    if args.save is not None:
+        if len(models) != 1:
+            args.parser.error("--save needs one model, such as --model al")
+        if any(_is_same(args.save, path) for path in (args.file, args.test)):
+            args.parser.error("--save must not be the record itself")
+        # before the fit: a folder that cannot be made should not cost minutes
+        refuse_existing(args, args.save)
+    chosen = models[0] if len(models) == 1 else None
+    if chosen not in (None, "lti"):
+        models = ["lti", chosen]  # to compare with
+    figure = prepare_figure(args)
+    source = source_of(args.file)
+    dt = sampling_time(args, source)
+    if args.time_column is None:
+        _compare_times(args, source, dt)
+    name = PRESETS[chosen][0] if chosen else None
+    u, y, experiment = _read(args, source)
+    rows: list = []
+    try:
+        ladder = run_ladder(
+            args,
+            u,
+            y,
+            experiment=experiment,
+            test=None if args.test is None else _read(args, source_of(args.test)),
+            # an integer where 1.0 would be taken for the default
+            dt=1 if args.continuous and dt == 1.0 else dt,
+            models=models,
+            callback=rows.append,
+            **_options(args),
+        )
+    except KeyboardInterrupt:
+        _save_interrupted(args, rows, name)
+        raise
+    faults = {row.name: reason for row in ladder if (reason := ladder.fault(row))}
+    refused = name in faults
+    saves = args.save is not None and not (refused and not args.force)
+    if saves:
+        _save(args, ladder[name].model)  # before a figure that may fail
+    report(ladder, figure, label=args.output[0])
+    for reason in faults.values():
+        print("\n" + textwrap.fill(f"Caution: {reason}", TEXT_WIDTH))
+    if saves:
+        print(f"\nModel: {args.save}. {_unseen(args)}")
+    elif args.save is not None:
+        print(f"\n{args.save} was not written. To save the model anyway, use --force.")
+    args.result = {
+        "models": [row_numbers(row) for row in ladder],
+        "cautions": faults,
+        "saved": args.save if saves else None,
+        "figure": figure,
+    }
+    return int(refused and not args.force)
+
+
+def _is_same(path, record):
+    """Return whether a path to write is that of a record."""
+    if record is None or not (path.exists() and record.exists()):
+        return False
+    return path.samefile(record)
+
+
+def _check_options(args):
+    """Refuse options that need others."""
     for option, default in (("drift", None), ("horizon", 1)):
         if getattr(args, option) != default and not args.innovations:
             args.parser.error(f"--{option} needs --innovations")
     if args.hold is not None and not args.continuous:
         args.parser.error("--hold needs --continuous")
-    if args.continuous and args.dt is args.parser.get_default("dt"):
+    if args.continuous and args.dt is None and args.time_column is None:
         args.parser.error("--continuous needs --dt, the sampling time in seconds")
-    models = args.models or [args.model]
-    if models == ["ladder"]:
-        models = list(LADDER)
-    if args.save is not None:
-        if len(models) != 1:
-            args.parser.error("--save needs one model, such as --model al")
-        if args.save.exists() and args.save.samefile(args.file):
-            args.parser.error("--save must not be the record itself")
-        # before the fit: a folder that cannot be made should not cost minutes
-        args.save.parent.mkdir(parents=True, exist_ok=True)
-    chosen = models[0] if len(models) == 1 else None
-    if chosen not in (None, "lti"):
-        models = ["lti", chosen]  # to compare with
-    figure = prepare_figure(args)
-    inputs = [*args.input, *args.disturbance]
-    u, y, experiment = read_csv(args.file, inputs, args.output, args.experiment)
+    if args.test is not None and args.test_size is not None:
+        args.parser.error("--test and --test-size exclude each other")
+    if str(args.file) == str(args.test) == "-":
+        args.parser.error("the standard input can be one record, not both")
+    if args.input_delay and "auto" in args.input_delay and len(args.input_delay) > 1:
+        args.parser.error("--input-delay takes auto alone, for all inputs")
+
+
+def _read(args, source):
+    """Return a record as (u, y, experiment)."""
+    from ..tables import read_csv
+
+    u, y, experiment = read_csv(source, _inputs(args), args.output, args.experiment)
     report_gaps(y, args.output)
-    _compare_times(args)
-    ladder = run_ladder(
-        args,
-        u,
-        y,
-        experiment=experiment,
-        test_size=args.test_size,
-        # an integer where 1.0 would be taken for the default
-        dt=1 if args.continuous and args.dt == 1.0 else args.dt,
-        nx=args.nx,
-        n_h=args.n_h,
-        n_g=args.n_g,
-        n_f=args.n_f,
-        gamma=args.gamma,
-        gamma_h=args.gamma_h,
-        alpha=args.alpha,
-        stability=None if args.stability == "none" else args.stability,
-        feedback=args.feedback,
-        input_map=args.input_map,
-        disturbances=list(range(len(args.input), len(inputs))) or None,
-        noise="innovations" if args.innovations else "output",
-        drift=args.drift,
-        horizon=args.horizon,
-        time="continuous" if args.continuous else "discrete",
-        hold=args.hold or "zoh",
-        max_iter=args.max_iter,
-        n_init=args.n_init,
-        models=models,
+    return u, y, experiment
+
+
+def _inputs(args):
+    """Return the columns of all inputs."""
+    return [*args.input, *args.disturbance]
+
+
+def _options(args):
+    """Return what the ladder hands to the models."""
+    options = {
+        "test_size": 0.5 if args.test_size is None else args.test_size,
+        "nx": args.nx,
+        "n_h": args.n_h,
+        "n_g": args.n_g,
+        "n_f": args.n_f,
+        "gamma": args.gamma,
+        "gamma_h": args.gamma_h,
+        "alpha": args.alpha,
+        "stability": None if args.stability == "none" else args.stability,
+        "feedback": args.feedback,
+        "input_map": args.input_map,
+        "disturbances": list(range(len(args.input), len(_inputs(args)))) or None,
+        "noise": "innovations" if args.innovations else "output",
+        "drift": args.drift,
+        "horizon": args.horizon,
+        "time": "continuous" if args.continuous else "discrete",
+        "hold": args.hold or "zoh",
+        "max_iter": args.max_iter,
+        "n_init": args.n_init,
+    }
+    late = args.input_delay
+    choices = {
+        "odd": args.odd or None,
+        "operating_point": args.operating_point,
+        "initial_state": args.initial_state,
+        "input_delay": late[0] if late and len(late) == 1 else late,
+        "max_time": args.max_time,
+    }
+    return options | {name: z for name, z in choices.items() if z is not None}
+
+
+def _save(args, model):
+    """Save a model with the names of its columns."""
+    model.feature_names_in_ = np.array(_inputs(args), dtype=object)
+    model.output_names_ = list(args.output)
+    model.save(args.save)
+
+
+def _save_interrupted(args, rows, name):
+    """Save the best model so far, if the one that was asked for is under way."""
+    from ..ladder import fault
+
+    known = {row.name: row for row in rows}
+    if args.save is None or name not in known:
+        return
+    row = known[name]
+    reason = fault(row, known.get("LTI"))
+    if reason and not args.force:
+        print(f"{args.save} was not written. {reason}", file=sys.stderr)
+        return
+    _save(args, row.model)
+    print(
+        f"Model: {args.save}, the best one up to the interrupt, which misses "
+        f"{100 - row.fit_percent.mean():.3g} % of the test output. {_unseen(args)}",
+        file=sys.stderr,
     )
-    faults = {row.name: fault for row in ladder if (fault := ladder.fault(row))}
-    row = ladder[PRESETS[chosen][0]] if chosen else None
-    refused = row is not None and row.name in faults
-    saves = args.save is not None and not (refused and not args.force)
-    if saves and row is not None:
-        row.model.feature_names_in_ = np.array(inputs, dtype=object)
-        row.model.output_names_ = list(args.output)
-        row.model.save(args.save)  # before a figure that may fail
-    report(ladder, figure, label=args.output[0])
-    for fault in faults.values():
-        print("\n" + textwrap.fill(f"Caution: {fault}", TEXT_WIDTH))
-    if saves:
-        print(
-            f"\nModel: {args.save}. It was not trained on the last "
-            f"{100 * args.test_size:g} %: validate it there, by --last "
-            f"{args.test_size:g}."
-        )
-    elif args.save is not None:
-        print(f"\n{args.save} was not written. To save the model anyway, use --force.")
-    return int(refused and not args.force)
 
 
-def _compare_times(args):
+def _unseen(args):
+    """Say which record did not train the model."""
+    if args.test is not None:
+        return f"It was not trained on {args.test}: validate it there."
+    share = 0.5 if args.test_size is None else args.test_size
+    return (
+        f"It was not trained on the last {100 * share:g} %: validate it there, by "
+        f"--last {share:g}."
+    )
+
+
+def _compare_times(args, source, dt):
     """Warn where a column of time contradicts the sampling time."""
     if args.experiment is not None:
         return  # its time may start anew
-    name, steps = read_steps(args.file)
+    from ..tables import read_steps
+
+    name, steps = read_steps(source)
     if not len(steps):
         return
     middle = float(np.median(steps))
@@ -375,9 +307,9 @@ def _compare_times(args):
             f"{steps.max():g}. Models need a fixed rate: resample the record.",
             stacklevel=2,
         )
-    elif abs(middle - args.dt) > TIME_TOL * args.dt:
+    elif abs(middle - dt) > TIME_TOL * dt:
         warnings.warn(
             f"The steps of the column {name!r} are {middle:g}, but the sampling time "
-            f"is {args.dt:g} s. If the column is in seconds, use --dt {middle:g}.",
+            f"is {dt:g} s. If the column is in seconds, use --dt {middle:g}.",
             stacklevel=2,
         )

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from ..first_look import look
-from ..tables import read_csv
-from ._arguments import add_command, count, positive
+from ._arguments import add_command, count
+from ._record import add_sampling, sampling_time, source_of
 
 EPILOG = """\
 An exclamation mark stands where something is to be done, or to be known. With --period
@@ -33,7 +32,12 @@ def add(commands):
         EPILOG,
         help="say what is in a record before a fit",
     )
-    parser.add_argument("file", type=Path, metavar="FILE.csv", help="record to read")
+    parser.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE.csv",
+        help="record to read; - is the standard input",
+    )
     for flag in ("--input", "--output"):
         parser.add_argument(
             flag,
@@ -43,9 +47,7 @@ def add(commands):
             help=f"columns of {flag[2:]}s",
         )
     parser.add_argument("--experiment", metavar="COL", help="column of labels")
-    parser.add_argument(
-        "--dt", type=positive, default=1.0, help="sampling time in s (default: 1)"
-    )
+    add_sampling(parser)
     parser.add_argument(
         "--period", type=count, metavar="N", help="samples of a period, if periodic"
     )
@@ -59,5 +61,12 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
-    u, y, experiment = read_csv(args.file, args.input, args.output, args.experiment)
-    print(look(u, y, experiment, dt=args.dt, period=args.period))
+    from ..first_look import look
+    from ..tables import read_csv
+
+    source = source_of(args.file)
+    u, y, experiment = read_csv(source, args.input, args.output, args.experiment)
+    dt = sampling_time(args, source)
+    page = look(u, y, experiment, dt=dt, period=args.period)
+    print(page)
+    args.result = {"findings": [vars(finding) for finding in page]}

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..ladder import hold_out_last
-from ..tables import read_csv
-from ..whole_files import replace_file
-from ._arguments import fraction
+from ._arguments import fraction, positive
+
+TIME_TOL = 0.05  # of a step: above the rounding of printed times
 
 
 def add_model(parser):
@@ -40,7 +39,8 @@ def add_data(parser, *, required=True):
         type=Path,
         required=required,
         metavar="FILE.csv",
-        help="record to read" if required else "record to validate the model on first",
+        help=("record to read" if required else "record to validate the model on first")
+        + "; - is the standard input",
     )
     for flag, what in (("--input", "inputs"), ("--output", "outputs")):
         data.add_argument(
@@ -97,16 +97,159 @@ def read_record(args, model):
     record, before : tuple or None
         Both as (u, y, experiment); nothing lies before the whole.
     """
-    ny, nu = len(model.C_), model.n_features_in_
+    outputs = _columns(
+        args, "--output", args.output, model.output_names_, len(model.C_)
+    )
+    record, before = _read(args, model, outputs)
+    report_gaps(record[1], outputs)
+    return record, before
+
+
+def read_inputs(args, model):
+    """Return the inputs of a record and its labels.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    u : ndarray of shape (N, nu)
+        Inputs.
+    experiment : ndarray of shape (N,) or None
+        Labels.
+    """
+    (u, _, experiment), _ = _read(args, model, [])
+    return u, experiment
+
+
+def _read(args, model, outputs):
+    """Return the record with these outputs, and what lies before it."""
+    from ..ladder import hold_out_last
+    from ..tables import read_csv
+
     fitted = getattr(model, "feature_names_in_", None)
-    inputs = _columns(args, "--input", args.input, fitted, nu)
-    outputs = _columns(args, "--output", args.output, model.output_names_, ny)
+    inputs = _columns(args, "--input", args.input, fitted, model.n_features_in_)
+    if str(args.data) == "-":  # once, for all models that read it
+        args.data = source_of(args.data)
     u, y, experiment = read_csv(args.data, inputs, outputs, args.experiment)
-    report_gaps(y, outputs)
     if args.last == 1:
         return (u, y, experiment), None
     before, last = hold_out_last(u, y, experiment, args.last, name="--last")
     return last, before
+
+
+class StandardInput(io.StringIO):
+    """What came through a pipe, kept because it may be read twice."""
+
+    def __str__(self):
+        """Return what messages call it."""
+        return "the standard input"
+
+
+def source_of(path):
+    """Return what `read_csv` reads: a file, or for - the standard input.
+
+    Parameters
+    ----------
+    path : Path
+        Argument of the command.
+
+    Returns
+    -------
+    source : Path or StandardInput
+        The source.
+    """
+    if str(path) != "-":
+        return path
+    data = sys.stdin.buffer.read()
+    return StandardInput(data.decode("utf-8-sig", errors="replace"), newline="")
+
+
+def sampling_steps(source, column, experiment=None):
+    """Return the steps of a column of time, within the experiments.
+
+    Parameters
+    ----------
+    source : Path or StandardInput
+        Record.
+    column : str
+        Column of time, in seconds.
+    experiment : str or None, default=None
+        Column of labels.
+
+    Returns
+    -------
+    steps : ndarray of shape (n,)
+        Differences, in seconds.
+    """
+    from ..tables import read_csv
+
+    t, _, labels = read_csv(source, [column], [], experiment)
+    steps = np.diff(t[:, 0])
+    return steps if labels is None else steps[labels[1:] == labels[:-1]]
+
+
+def sampling_time(args, source, default=1.0):
+    """Return the sampling time, given or that of the column of time.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments with `dt`, `time_column` and `experiment`.
+    source : Path or StandardInput
+        Record.
+    default : float, default=1.0
+        Value if neither was given.
+
+    Returns
+    -------
+    dt : float
+        Sampling time, in seconds.
+
+    Raises
+    ------
+    ValueError
+        If the steps of the column are not all alike.
+    """
+    if args.time_column is None:
+        return default if args.dt is None else args.dt
+    if args.dt is not None:
+        args.parser.error("--dt and --time-column exclude each other")
+    steps = sampling_steps(source, args.time_column, args.experiment)
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    if middle <= 0 or np.abs(steps - middle).max() > TIME_TOL * middle:
+        found = f"{steps.min():g} to {steps.max():g}" if len(steps) else "none"
+        raise ValueError(
+            f"`--time-column` must have equal steps above zero, got {found} in "
+            f"{args.time_column!r}. Models need a fixed rate: resample the record."
+        )
+    # the mean of many steps has less of the rounding of printed times
+    return float(f"{steps.mean():.6g}")
+
+
+def add_sampling(parser):
+    """Add the options that say how fast the record was sampled.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser, or a group of it.
+    """
+    parser.add_argument(
+        "--dt",
+        type=positive,
+        metavar="S",
+        help="sampling time in seconds (default: 1)",
+    )
+    parser.add_argument(
+        "--time-column",
+        metavar="COL",
+        help="column of time in seconds, whose steps are the sampling time",
+    )
 
 
 def report_gaps(y, names):
@@ -169,6 +312,8 @@ def write_csv(path, header, rows):
     rows : iterable
         Rows of cells.
     """
+    from ..whole_files import replace_file
+
     path.parent.mkdir(parents=True, exist_ok=True)
     text = io.StringIO(newline="")
     writer = csv.writer(text)

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from ..estimators import load
-from ._arguments import add_command, add_output
+from ._arguments import add_command, add_output, refuse_existing
 from ._record import add_data, add_model, read_record
 
 EPILOG = """\
@@ -46,8 +45,11 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
+    from ..estimators import load
+
+    refuse_existing(args, args.output_file)
     model = load(args.model)
     record, before = read_record(args, model)
-    args.output_file.parent.mkdir(parents=True, exist_ok=True)
     model.report(args.output_file, *record, train=before)
+    args.result = {"file": args.output_file}
     print(f"Report: {args.output_file}")

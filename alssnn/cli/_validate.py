@@ -1,7 +1,6 @@
 """`alssnn validate`: whether a model deserves trust."""
 
-from ..estimators import load
-from ._arguments import add_command, add_output, count
+from ._arguments import add_command, add_output, count, refuse_existing
 from ._record import add_data, add_model, read_record, write_csv
 
 EPILOG = """\
@@ -55,12 +54,24 @@ def run(args):
     code : int
         0 if the checks passed, else 1.
     """
+    from ..estimators import load
+
+    refuse_existing(args, args.output_file)
     model = load(args.model)
     record, _ = read_record(args, model)
     validation = model.validate(*record, n_lags=args.lags or "auto")
     print(validation)
+    columns = ("name", "passed", "decides", "value", "quantity", "sentence")
+    args.result = {
+        "passed": validation.passed,
+        "verdict": validation.verdict,
+        "checks": [
+            {name: getattr(check, name) for name in (*columns, "outcome")}
+            for check in validation
+        ],
+        "file": args.output_file,
+    }
     if args.output_file is not None:
-        columns = ("name", "passed", "decides", "value", "quantity", "sentence")
         rows = [[getattr(check, name) for name in columns] for check in validation]
         write_csv(args.output_file, columns, rows)
     return 0 if validation.passed else 1

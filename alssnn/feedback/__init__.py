@@ -6,8 +6,8 @@ All of it works on a `Plant`; a fitted model is one by its `plant_`. `export` ma
 systems with the names of its signals, `law` cancels h, `observer` estimates the state,
 `design` computes gains for (A, B, C), `controller` gives them the operating point,
 `online` is all of it as one object that runs sample by sample (`run`), `loop` connects
-it with a plant, with `algebraic` where the plant has feedthrough, and `proposal`
-compares a design with the model.
+it with a plant, with `algebraic` where the plant has feedthrough, `proposal` makes a
+first design and compares it with the model, and `tracking` with the plant.
 
 python-control is imported in this package and nowhere else.  Its objects cannot be
 pickled, so none is ever stored: they are built on demand.  Its axes are (signals,
@@ -24,6 +24,7 @@ from .observer import Observer
 from .online import LinearizingController
 from .proposal import input_range, step_comparison
 from .run import Controller, LoopRecord, LoopStep
+from .tracking import tracking_comparison
 
 __all__ = [
     "Controller",
@@ -47,5 +48,6 @@ __all__ = [
     "step_comparison",
     "to_nlsys",
     "to_statespace",
+    "tracking_comparison",
     "weigh_outputs",
 ]

@@ -19,7 +19,17 @@ what a linear design on (A, B, C) does not see.  For GR-SSNN, which has no h, e 
 whole of what f does to the output.
 """
 
-from ._fit import LADDER, PRESETS, hold_out_last, model_ladder
+from ._explain import fault
+from ._fit import LADDER, PRESETS, hold_out_last, judge_models, model_ladder
 from ._records import Ladder, Rung
 
-__all__ = ["LADDER", "PRESETS", "Ladder", "Rung", "hold_out_last", "model_ladder"]
+__all__ = [
+    "LADDER",
+    "PRESETS",
+    "Ladder",
+    "Rung",
+    "fault",
+    "hold_out_last",
+    "judge_models",
+    "model_ladder",
+]

@@ -1,5 +1,6 @@
 """Fit the models of a ladder to the same data."""
 
+import copy
 import time
 import warnings
 from collections.abc import Mapping
@@ -62,6 +63,7 @@ def model_ladder(
     noise_floor=None,
     verbose=0,
     callback=None,
+    **more,
 ):
     """Fit several models to the same data and compare them.
 
@@ -139,6 +141,9 @@ def model_ladder(
         1 prints a line per stage of the training, 2 every step; not for a dict.
     callback : callable or None, default=None
         Called as ``callback(row)`` with every finished `Rung`.
+    **more : dict
+        Further options of the estimators, such as ``input_delay``, ``odd`` or
+        ``max_time``, for all models that have them; not for a dict.
 
     Returns
     -------
@@ -147,6 +152,11 @@ def model_ladder(
 
     Raises
     ------
+    KeyboardInterrupt
+        If the user interrupts. The row of the model under way, with the best
+        parameters so far, goes to `callback` before.
+    TypeError
+        If no estimator has an option of that name.
     ValueError
         If `models` is empty or unknown, `test` or `test_size` does not give test data,
         or the data or parameters are refused by the estimators.
@@ -199,15 +209,87 @@ def model_ladder(
     options |= {name: value for name, value in choices.items() if value is not None}
     if stability != "auto":
         options["stability"] = stability
+    foreign = set(more).difference(
+        *(cls().get_params() for _, cls, _ in PRESETS.values())
+    )
+    if foreign:
+        raise TypeError(
+            f"`model_ladder` must be given options of estimators, got "
+            f"{', '.join(sorted(foreign))}. Look at the options of `AlSsnn`."
+        )
+    options |= more
     estimators = _estimators(models, options)
     floor = noise_levels(noise_floor, 1 if np.ndim(y) < 2 else np.shape(y)[1])
     train, test = _train_and_test(u, y, experiment, test, test_size)
     rows = []
     for name, model in estimators.items():
-        row, records = _climb(name, model, train, test)
+        seconds, interrupt = _fit(model, train)
+        row, records = _judge(name, model, train, test, seconds)
         rows.append(row)
         if callback is not None:
             callback(row)
+        if interrupt is not None:
+            raise interrupt
+    return _ladder(rows, records, dt, floor)
+
+
+def judge_models(models, u, y, experiment=None):
+    """Compare fitted models on one record.
+
+    Parameters
+    ----------
+    models : dict of str to estimator
+        Fitted models by name, all of the same outputs and sampling time.
+    u : array_like of shape (N, nu), or dict of str to array_like
+        Inputs, of all models or by their names; time runs down the rows.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs.
+    experiment : array_like of shape (N,) or None, default=None
+        Label of the experiment of every sample.
+
+    Returns
+    -------
+    ladder : Ladder
+        One row per model; errors of the training and durations are nan.
+
+    Raises
+    ------
+    ValueError
+        If there is no model, or their sampling times or outputs differ.
+
+    Examples
+    --------
+    >>> from alssnn.ladder import judge_models
+    >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
+    >>> models = {
+    ...     f"nx={nx}": alssnn.LinearStateSpace(nx=nx, dt=record.dt).fit(*record)
+    ...     for nx in (2, 6)
+    ... }
+    >>> small, large = judge_models(models, *record)
+    >>> bool(large.rmse_test < small.rmse_test)
+    True
+    """
+    for name, values in (
+        ("sampling time", {float(model.dt) for model in models.values()}),
+        ("number of outputs", {len(model.C_) for model in models.values()}),
+    ):
+        if len(values) != 1:
+            found = ", ".join(f"{value:g}" for value in sorted(values)) or "no model"
+            raise ValueError(
+                f"`models` must have one {name}, got {found}. Compare models of the "
+                "same plant and rate."
+            )
+    rows = []
+    for name, model in models.items():
+        model = copy.deepcopy(model).set_params(n_init_samples=N_INIT_SAMPLES)
+        test = (u[name] if isinstance(u, Mapping) else u, y, experiment)
+        row, records = _judge(name, model, None, test, np.nan)
+        rows.append(row)
+    return _ladder(rows, records, model.dt)
+
+
+def _ladder(rows, records, dt, noise_floor=None):
+    """Return rows with the test data of the last one."""
     scored = [record.y[record.scored] for record in records]
     stops = np.cumsum([0, *map(len, scored)]).tolist()
     return Ladder(
@@ -216,7 +298,7 @@ def model_ladder(
         parts=tuple(map(slice, stops[:-1], stops[1:])),
         dt=float(dt),
         output_names=rows[0].model.output_names_,
-        noise_floor=floor,
+        noise_floor=noise_floor,
     )
 
 
@@ -335,15 +417,27 @@ def _test_data(test):
 # -- one model -------------------------------------------------------------------------
 
 
-def _climb(name, model, train, test):
-    """Return the row of one model, and the test data as it judges them."""
+def _fit(model, train):
+    """Return the duration of a fit, and what interrupted it, if a model is left."""
     start = time.perf_counter()
+    interrupt = None
     with warnings.catch_warnings():
         # the table marks the row instead
         warnings.simplefilter("ignore", ConvergenceWarning)
-        model.fit(*train)
-    seconds = time.perf_counter() - start
-    rmse_train, _ = _errors(*_columns(model.simulate_test(*train)))
+        try:
+            model.fit(*train)
+        except KeyboardInterrupt as stop:
+            if not hasattr(model, "train_score_"):
+                raise
+            interrupt = stop
+    return time.perf_counter() - start, interrupt
+
+
+def _judge(name, model, train, test, seconds):
+    """Return the row of one fitted model, and the test data as it judges them."""
+    rmse_train = np.full(len(model.C_), np.nan)
+    if train is not None:
+        rmse_train, _ = _errors(*_columns(model.simulate_test(*train)))
     y_test, y_hat = _columns(model.simulate_test(*test))
     rmse_test, fit = _errors(y_test, y_hat)
     record = model.linearizability(*test)

@@ -320,12 +320,12 @@ def _cells(row):
     return (
         row.name + (" =" if row.is_left_linear else "" if row.converged else " *"),
         str(row.n_params),
-        f"{row.rmse_train.mean():.3e}",
+        "-" if np.isnan(row.seconds) else f"{row.rmse_train.mean():.3e}",
         f"{row.rmse_test.mean():.3e}",
         f"{row.fit_percent.mean():.2f}",
         *(_rest(100 * float(np.mean(error))) for error in errors),
         f"{row.spectral_radius:.4f}",
-        f"{row.seconds:.1f}",
+        "-" if np.isnan(row.seconds) else f"{row.seconds:.1f}",
     )
 
 

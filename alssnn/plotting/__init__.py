@@ -14,6 +14,7 @@ from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
 from ._comparison import BodeComparisonDisplay, ComparisonDisplay
+from ._designs import plot_designs
 from ._ladder import plot_ladder
 from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
@@ -44,5 +45,6 @@ __all__ = [
     "RunDisplay",
     "SimulationDisplay",
     "SingularValuesDisplay",
+    "plot_designs",
     "plot_ladder",
 ]

@@ -1,0 +1,146 @@
+"""`alssnn simulate`: the outputs that a saved model predicts for recorded inputs."""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ._arguments import add_command, add_output, figure_name, refuse_existing
+from ._comparison import FIGURE_DPI
+from ._record import add_data, add_model, read_inputs, read_record, write_csv
+
+EPILOG = """\
+The simulation is free-run: measured outputs are not fed back. By default it starts at
+the operating point, and the file needs the inputs alone. With --x0 estimate it starts
+where the first measured outputs put it, and the fit is reported. The table has a column
+of time, the simulated outputs and, with several experiments, their labels; it goes to
+the standard output, or to a file by -o.
+
+examples:
+  alssnn simulate plant.npz --data inputs.csv > simulated.csv
+  alssnn simulate plant.npz --data plant.csv --x0 estimate -o simulated.csv
+  alssnn simulate plant.npz --data plant.csv --last 0.5 --x0 estimate --figure s.png
+"""
+
+
+def add(commands):
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    """
+    parser = add_command(
+        commands,
+        "simulate",
+        run,
+        "Simulate a saved model with the inputs of a record.",
+        EPILOG,
+        help="simulate a saved model with recorded inputs",
+    )
+    add_model(parser)
+    add_data(parser)
+    parser.add_argument(
+        "--x0",
+        choices=["rest", "estimate"],
+        default="rest",
+        help="initial states: at the operating point, or estimated from the first "
+        "outputs of every experiment (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--figure",
+        type=figure_name,
+        metavar="FILE",
+        help="draw measured and simulated outputs, with --x0 estimate: .png, .pdf or "
+        ".svg",
+    )
+    add_output(parser, "FILE.csv", "table to write (default: the standard output)")
+
+
+def run(args):
+    """Run the command.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+
+    Returns
+    -------
+    code : int
+        0, or 1 if the simulation diverges.
+    """
+    from ..estimators import load
+    from ..metrics import fit_percent
+    from ..validation import column_names
+
+    if args.figure is not None and args.x0 == "rest":
+        args.parser.error("--figure needs --x0 estimate, which reads the outputs")
+    refuse_existing(args, args.output_file)
+    model = load(args.model)
+    _, names = column_names(model)
+    x0, fit = "rest", None
+    if args.x0 == "estimate":
+        (u, y, labels), _ = read_record(args, model)
+        x0 = model.estimate_x0(u, y, labels)
+    else:
+        u, labels = read_inputs(args, model)
+    y_hat = np.reshape(model.predict(u, labels, x0=x0), (len(u), -1))
+    diverges = not np.isfinite(y_hat).all()
+    if args.x0 == "estimate" and not diverges:
+        fit = [_fit(fit_percent, y[:, i], y_hat[:, i]) for i in range(len(names))]
+        if not args.quiet:
+            for name, value in zip(names, fit, strict=True):
+                print(f"{name}: fit {value:.2f} %", file=sys.stderr)
+        _draw(args, model, u, y, labels)
+    steps = _samples(labels, len(u))
+    header = ["time", *names] + ([] if labels is None else [args.experiment])
+    rows = [
+        [f"{model.dt * k:.10g}", *(f"{z:.10g}" for z in row)]
+        + ([] if labels is None else [label])
+        for k, row, label in zip(
+            steps, y_hat, steps if labels is None else labels, strict=True
+        )
+    ]
+    if args.output_file is not None:
+        write_csv(args.output_file, header, rows)
+        print(f"Simulation: {args.output_file}")
+    else:
+        csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
+    args.result = {
+        "fit_percent": None if fit is None else dict(zip(names, fit, strict=True)),
+        "file": args.output_file,
+    }
+    if args.output_file is None:
+        args.result["outputs"] = {name: y_hat[:, i] for i, name in enumerate(names)}
+    if diverges:
+        print("The simulation diverges.", file=sys.stderr)
+    return int(diverges)
+
+
+def _fit(fit_percent, y, y_hat):
+    """Return the fit of one output where it was measured."""
+    measured = np.isfinite(y)
+    return float(fit_percent(y[measured], y_hat[measured]))
+
+
+def _samples(labels, n):
+    """Return the number of every sample within its experiment."""
+    if labels is None:
+        return range(n)
+    starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
+    return np.arange(n) - np.repeat(starts, np.diff(np.append(starts, n)))
+
+
+def _draw(args, model, u, y, labels):
+    """Draw the first experiment, if a figure is wanted."""
+    if args.figure is None:
+        return
+    # matplotlib takes a while: only for those who want a figure
+    from ..plotting import SimulationDisplay
+
+    Path(args.figure).parent.mkdir(parents=True, exist_ok=True)
+    display = SimulationDisplay.from_estimator(model, u, y, labels)
+    display.figure_.savefig(args.figure, dpi=FIGURE_DPI)

@@ -1,0 +1,113 @@
+"""The tutorial does what it says, in Python and on the command line."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import alssnn
+from alssnn import cli
+
+DOC = Path(__file__).parents[1] / "doc"
+PAGE = (DOC / "tutorial.rst").read_text(encoding="utf-8")
+BLOCKS = [
+    (kind, textwrap.dedent(block).strip() + "\n")
+    for kind, block in re.findall(r"\.\. code-block:: (\w+)\n\n((?:   .*\n|\n)+)", PAGE)
+]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    shutil.copy(DOC / "tutorial" / "arm.csv", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def squeezed(text):
+    return " ".join(text.split())
+
+
+def test_the_record_is_that_of_its_script(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(DOC / "tutorial"))
+    import make_csv
+
+    monkeypatch.setattr(make_csv, "OUT", tmp_path / "arm.csv")
+    make_csv.main()
+    again = (tmp_path / "arm.csv").read_text()
+    assert again == (DOC / "tutorial" / "arm.csv").read_text()
+    (shown, *_) = [text for kind, text in BLOCKS if kind == "text"]
+    assert again.startswith(shown)
+
+
+def test_the_python_of_the_tutorial_prints_what_it_says(folder, capsys, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names, printed = {}, []
+    for kind, block in BLOCKS:
+        if kind == "python":
+            exec(block, names)
+            printed.append(squeezed(capsys.readouterr().out))
+        elif kind == "text" and printed:
+            assert squeezed(block) in printed
+            printed.remove(squeezed(block))
+    assert set(printed) == {""}  # nothing that is printed is left out
+    figures = re.findall(r"tutorial/figures/(\S+)", PAGE)
+    assert len(figures) == 5
+    assert all((folder / name).stat().st_size > 5_000 for name in figures)
+    angle, torque = names["angle"], names["torque"]
+    assert angle[-1] == pytest.approx(-0.8, abs=5e-3)  # the true arm
+    assert np.abs(torque).max() < 12
+
+
+def test_the_commands_of_the_tutorial_give_the_same_controller(folder, capsys):
+    text = "".join(block for kind, block in BLOCKS if kind == "sh")
+    commands = [shlex.split(line) for line in text.replace("\\\n", " ").splitlines()]
+    assert [command[:2] for command in commands] == [
+        ["alssnn", name]
+        for name in ("look", "fit", "validate", "report", "control", "export")
+    ]
+    for command in commands:
+        assert cli.main(command[1:]) == 0, command
+        out = capsys.readouterr().out
+        if command[1] in ("look", "export"):
+            said = [squeezed(block) for kind, block in BLOCKS if kind == "text"]
+            assert squeezed(out) in said
+    assert (folder / "report.html").stat().st_size > 50_000
+    # what Python designs, from the same options
+    u, y, _ = alssnn.tables.read_csv("arm.csv", ["torque"], ["angle"])
+    model = alssnn.FlSsnn(nx=2, gamma_h=0.01, n_init=1, dt=0.05, random_state=0)
+    model.fit(u[:1200], y[:1200])
+    weights = alssnn.feedback.balanced_weights(model, integral=0.02, control=0.05)
+    gain = np.loadtxt("design/gain.csv", delimiter=",", skiprows=1, ndmin=2)
+    np.testing.assert_allclose(gain, alssnn.feedback.lqi(model, *weights), rtol=1e-9)
+    if shutil.which("make") and shutil.which("cc"):
+        built = subprocess.run(["make"], cwd="firmware", capture_output=True, text=True)
+        assert built.returncode == 0, built.stderr
+        demo = subprocess.run(["./arm_demo"], cwd="firmware", capture_output=True)
+        assert demo.returncode == 0 and b"nan" not in demo.stdout
+
+
+def test_the_figures_are_drawn_when_the_page_is_newer(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(DOC / "_ext"))
+    import tutorial
+
+    page = ".. code-block:: python\n\n   from pathlib import Path\n"
+    page += "   Path('one.png').write_text(NAME)\n\n"
+    page += ".. figure:: tutorial/figures/one.png\n"
+    (tmp_path / "tutorial").mkdir()
+    (tmp_path / "tutorial" / "arm.csv").write_text("time\n")
+    app = type("App", (), {"srcdir": str(tmp_path)})
+    drawn = tmp_path / "tutorial" / "figures" / "one.png"
+    for name, expected in (("'a'", "a"), ("'b'", "b")):
+        (tmp_path / "tutorial.rst").write_text(page.replace("NAME", name))
+        tutorial.draw_figures(app)
+        assert drawn.read_text() == expected
+    written = drawn.stat().st_mtime_ns
+    tutorial.draw_figures(app)
+    assert drawn.stat().st_mtime_ns == written
+    assert "tutorial" in sys.modules
