@@ -45,7 +45,8 @@ class Activation:
         "c" is an expression of C99 with ``math.h``, and ``{f}`` the suffix of functions
         and numbers in single precision; "c_slope" is the derivative in C, where ``{w}``
         stands for the value, taken by differences if it is missing; "matlab" is an
-        elementwise expression; "onnx" is the name of an operator.
+        elementwise expression, "casadi" one of functions of CasADi; "onnx" is the name
+        of an operator.
 
     Examples
     --------
@@ -58,6 +59,7 @@ class Activation:
     ...     odd=True,
     ...     expressions={
     ...         "c": "{v} / (1.0{f} + fabs{f}({v}))",
+    ...         "casadi": "{v} / (1 + fabs({v}))",
     ...         "matlab": "{v} ./ (1 + abs({v}))",
     ...         "onnx": "Softsign",
     ...     },
@@ -131,6 +133,7 @@ ACTIVATIONS = {
             expressions={
                 "c": "tanh{f}({v})",
                 "c_slope": "1.0{f} - {w} * {w}",
+                "casadi": "tanh({v})",
                 "matlab": "tanh({v})",
                 "onnx": "Tanh",
             },
@@ -145,6 +148,7 @@ ACTIVATIONS = {
             expressions={
                 "c": "0.5{f} * (1.0{f} + tanh{f}(0.5{f} * {v}))",
                 "c_slope": "{w} * (1.0{f} - {w})",
+                "casadi": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
                 "onnx": "Sigmoid",
             },
@@ -159,6 +163,7 @@ ACTIVATIONS = {
             expressions={
                 "c": "{v} < 0 ? 0 : {v}",
                 "c_slope": "{v} > 0 ? 1.0{f} : 0.0{f}",
+                "casadi": "if_else({v} < 0, 0, {v})",
                 "matlab": "max({v}, 0)",
                 "onnx": "Relu",
             },
@@ -173,6 +178,7 @@ ACTIVATIONS = {
             expressions={
                 "c": "{v}",
                 "c_slope": "1.0{f}",
+                "casadi": "{v}",
                 "matlab": "{v}",
                 "onnx": "Identity",
             },
@@ -185,7 +191,12 @@ ACTIVATIONS = {
             1.0,
             odd=True,
             code=SIN,
-            expressions={"c": "sin{f}({v})", "matlab": "sin({v})", "onnx": "Sin"},
+            expressions={
+                "c": "sin{f}({v})",
+                "casadi": "sin({v})",
+                "matlab": "sin({v})",
+                "onnx": "Sin",
+            },
         ),
     )
 }

@@ -174,6 +174,7 @@ class StateSpaceModel(
     save = deferred("persistence", "save")
     to_mat = deferred("persistence", "to_mat")
     to_c = deferred("persistence", "to_c")
+    to_casadi = deferred("persistence", "to_casadi")
     to_onnx = deferred("persistence", "to_onnx")
     report = deferred("report", "write_report")
 
