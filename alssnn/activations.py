@@ -193,6 +193,7 @@ ACTIVATIONS = {
             code=SIN,
             expressions={
                 "c": "sin{f}({v})",
+                "c_slope": "cos{f}({v})",
                 "casadi": "sin({v})",
                 "matlab": "sin({v})",
                 "onnx": "Sin",

@@ -175,6 +175,7 @@ class StateSpaceModel(
     to_mat = deferred("persistence", "to_mat")
     to_c = deferred("persistence", "to_c")
     to_casadi = deferred("persistence", "to_casadi")
+    to_fmu = deferred("persistence", "to_fmu")
     to_onnx = deferred("persistence", "to_onnx")
     report = deferred("report", "write_report")
 

@@ -9,7 +9,17 @@ layer by layer (`walk`): `_c` writes C, `_onnx` graphs, `_casadi` makes function
 from ._c import to_c
 from ._casadi import to_casadi
 from ._file import load, save
+from ._fmu import Fmu, to_fmu
 from ._mat import to_mat
 from ._onnx import to_onnx
 
-__all__ = ["load", "save", "to_c", "to_casadi", "to_mat", "to_onnx"]
+__all__ = [
+    "Fmu",
+    "load",
+    "save",
+    "to_c",
+    "to_casadi",
+    "to_fmu",
+    "to_mat",
+    "to_onnx",
+]

@@ -17,7 +17,7 @@ from ..walk import static_map, walk
 from ..whole_files import replace_file
 from ._archive import release
 from ._c_law import Inverse
-from ._c_map import SUFFIX, Function, Numbers
+from ._c_map import SUFFIX, Function, Numbers, Slope
 from ._export import Export
 
 TEMPLATES = {
@@ -84,21 +84,50 @@ def to_c(
             "`prefix` must begin with a letter and consist of letters, digits and _, "
             f"got {prefix!r}. It begins names in C."
         )
-    export, numbers = Export.of(model, law, observer, gain), Numbers(dtype)
-    is_solved = export.law is not None and not export.plant.is_explicit
-    inverse = Inverse(export.plant) if is_solved else None
-    flags = _flags(export, inverse)
-    blanks = _values(export, inverse, flags, numbers)
-    values = {"prefix": prefix, "dtype": dtype, **blanks}
-    texts = {
-        name.format(prefix): _fill(template, prefix, flags, values)
-        for template, name in TEMPLATES.items()
-    }
+    export = Export.of(model, law, observer, gain)
+    texts = sources(export, TEMPLATES, dtype, prefix)
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     for name, content in texts.items():
         replace_file(directory / name, content)
     return [directory / name for name in texts]
+
+
+def sources(export, templates, dtype, prefix, flags=None, values=None):
+    """Return the files of an export in C.
+
+    Parameters
+    ----------
+    export : Export
+        The export.
+    templates : dict of str to str
+        Names of templates, and of the files that become of them, with ``{}`` for the
+        prefix.
+    dtype : {"double", "float"}
+        Type of all numbers.
+    prefix : str
+        Begins the names of files, functions and types.
+    flags : dict of str to bool or None, default=None
+        What else decides on lines of the templates; "SLOPE" asks for derivatives of
+        the output.
+    values : dict of str to str or None, default=None
+        What else stands for blanks.
+
+    Returns
+    -------
+    texts : dict of str to str
+        Contents of the files.
+    """
+    numbers = Numbers(dtype)
+    is_solved = export.law is not None and not export.plant.is_explicit
+    inverse = Inverse(export.plant) if is_solved else None
+    flags = {"SLOPE": False, **_flags(export, inverse), **(flags or {})}
+    blanks = _values(export, inverse, flags, numbers)
+    blanks = {"prefix": prefix, "dtype": dtype, **blanks, **(values or {})}
+    return {
+        name.format(prefix): _fill(template, prefix, flags, blanks)
+        for template, name in templates.items()
+    }
 
 
 def _fill(template, prefix, flags, values):
@@ -173,9 +202,6 @@ def _values(export, inverse, flags, numbers):
         "v_scale": "v_scale" if plant.nd else "u_scale",
         "d": "c->d, " if plant.nd else "",
         "law_d": "d, " if plant.nd else "",
-        "seen": "set(PLANT_NS, s, seen);"
-        if by_state
-        else "subtract(NY, s, y_offset, seen);",
         **_places(plant, numbers),
         "r_units": "y" if flags["INTEGRATES"] else "u",
         "late": ", then past inputs, oldest first" if flags["LATE"] else "",
@@ -194,7 +220,7 @@ def _values(export, inverse, flags, numbers):
         "respond": inverse.response(numbers) if inverse else "",
         "EPS": numbers.literal("EPS", 4 * numbers.eps),
         "constants": "\n".join(_constants(export, inverse, flags, numbers)),
-        "maps": "\n\n".join(_maps(export, inverse, numbers)),
+        "maps": "\n\n".join(_maps(export, inverse, flags, numbers)),
     }
 
 
@@ -243,7 +269,7 @@ def _constants(export, inverse, flags, numbers):
             yield f"static const int {name}[] = {{{places}}}; /* places in u */"
 
 
-def _maps(export, inverse, numbers):
+def _maps(export, inverse, flags, numbers):
     """Yield the functions of next state, output, and what the law cancels."""
     plant, form = export.plant, export.plant.form
     output = static_map(form, slice(form.nx, form.nx + plant.ny))
@@ -260,6 +286,10 @@ def _maps(export, inverse, numbers):
     for value, (comment, lure, signals) in maps.items():
         function = Function(value, signals, numbers, comment)
         walk(lure, signals, function, value)
+        yield function.source()
+    if flags["SLOPE"]:
+        function = Slope("y", inputs, numbers, "change of y along changes of x and du")
+        walk(output, inputs, function, "y")
         yield function.source()
 
 
