@@ -46,7 +46,9 @@ class Activation:
         and numbers in single precision; "c_slope" is the derivative in C, where ``{w}``
         stands for the value, taken by differences if it is missing; "matlab" is an
         elementwise expression, "casadi" one of functions of CasADi; "onnx" is the name
-        of an operator.
+        of an operator; "st" is an expression of Structured Text, where ``{t}`` begins
+        literals and ``{p}`` the names of functions (``{p}tanh`` is one), and "st_slope"
+        as "c_slope".
 
     Examples
     --------
@@ -136,6 +138,8 @@ ACTIVATIONS = {
                 "casadi": "tanh({v})",
                 "matlab": "tanh({v})",
                 "onnx": "Tanh",
+                "st": "{p}tanh({v})",
+                "st_slope": "{t}1.0 - {w} * {w}",
             },
         ),
         Activation(
@@ -151,6 +155,8 @@ ACTIVATIONS = {
                 "casadi": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
                 "onnx": "Sigmoid",
+                "st": "{t}0.5 * ({t}1.0 + {p}tanh({t}0.5 * {v}))",
+                "st_slope": "{w} * ({t}1.0 - {w})",
             },
         ),
         Activation(
@@ -166,6 +172,8 @@ ACTIVATIONS = {
                 "casadi": "if_else({v} < 0, 0, {v})",
                 "matlab": "max({v}, 0)",
                 "onnx": "Relu",
+                "st": "SEL({v} < {t}0.0, {v}, {t}0.0)",
+                "st_slope": "SEL({v} > {t}0.0, {t}0.0, {t}1.0)",
             },
         ),
         Activation(
@@ -181,6 +189,8 @@ ACTIVATIONS = {
                 "casadi": "{v}",
                 "matlab": "{v}",
                 "onnx": "Identity",
+                "st": "{v}",
+                "st_slope": "{t}1.0",
             },
         ),
         Activation(
@@ -197,6 +207,8 @@ ACTIVATIONS = {
                 "casadi": "sin({v})",
                 "matlab": "sin({v})",
                 "onnx": "Sin",
+                "st": "SIN({v})",
+                "st_slope": "COS({v})",
             },
         ),
     )

@@ -158,6 +158,7 @@ SOFTSIGN = Activation(
         "casadi": "{v} / (1 + fabs({v}))",
         "matlab": "{v} ./ (1 + abs({v}))",
         "onnx": "Softsign",
+        "st": "{v} / ({t}1.0 + ABS({v}))",
     },
 )
 

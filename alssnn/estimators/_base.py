@@ -177,6 +177,7 @@ class StateSpaceModel(
     to_casadi = deferred("persistence", "to_casadi")
     to_fmu = deferred("persistence", "to_fmu")
     to_onnx = deferred("persistence", "to_onnx")
+    to_st = deferred("persistence", "to_st")
     report = deferred("report", "write_report")
 
     @property

@@ -12,6 +12,7 @@ from ._file import load, save
 from ._fmu import Fmu, to_fmu
 from ._mat import to_mat
 from ._onnx import to_onnx
+from ._st import to_st
 
 __all__ = [
     "Fmu",
@@ -22,4 +23,5 @@ __all__ = [
     "to_fmu",
     "to_mat",
     "to_onnx",
+    "to_st",
 ]
