@@ -17,6 +17,7 @@ from exported import (
     make_unknown,
     signals,
 )
+from models import fit, fl_ssnn
 
 casadi = pytest.importorskip("casadi", reason="casadi is not installed")
 
@@ -112,6 +113,18 @@ def test_the_controller_acts_as_in_python(loop):
     assert_exact(u, expected_u)
     finite = np.isfinite(y)
     assert_exact(y[finite], expected_y[finite])
+
+
+@pytest.mark.parametrize("hold", ["zoh", "cubic"])
+def test_a_plant_in_continuous_time_is_one_of_its_samples(hold):
+    options = {"time": "continuous", "hold": hold, "max_iter": 3, "random_state": 0}
+    model = fit(fl_ssnn(nx=2, n_h=2, dt=0.25, **options), 1, 1)
+    rng = np.random.default_rng(0)
+    for plant in (model.plant_, model.plant_.at(0.1)):
+        late = plant.late()
+        x, u = rng.standard_normal((20, late.nx)), rng.standard_normal((20, late.nu))
+        step = to_casadi(plant, observer=False)["step"]
+        assert_exact(rows(step, x, u)[0], late.step(x, u))
 
 
 def test_a_steep_map_is_solved():

@@ -301,6 +301,85 @@ def test_what_is_wrong_is_refused(version, tmp_path, load):
     slave.fmu.instantiate()
 
 
+HOST = r"""
+#define _POSIX_C_SOURCE 200112L
+#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "fmi3FunctionTypes.h"
+
+#define LOAD(name) name##TYPE *name = (name##TYPE *)dlsym(library, #name)
+
+/* path, token, steps, dt, inputs: prints all outputs of the last sample, and s/step */
+int main(int argc, char **argv)
+{
+    void *library = dlopen(argv[1], RTLD_NOW | RTLD_LOCAL);
+    long k, n = atol(argv[3]);
+    double dt = atof(argv[4]), u = 0, y = 0, last;
+    fmi3ValueReference in = 1, out = (fmi3ValueReference)atol(argv[5]);
+    fmi3Boolean a, b, c;
+    fmi3Instance fmu;
+    clock_t start;
+    LOAD(fmi3InstantiateCoSimulation);
+    LOAD(fmi3EnterInitializationMode);
+    LOAD(fmi3ExitInitializationMode);
+    LOAD(fmi3SetFloat64);
+    LOAD(fmi3GetFloat64);
+    LOAD(fmi3DoStep);
+    (void)argc;
+    fmu = fmi3InstantiateCoSimulation("a", argv[2], 0, 0, 0, 0, 0, 0, 0, 0, 0, 0);
+    fmi3EnterInitializationMode(fmu, 0, 0, 0, 0, 0);
+    fmi3ExitInitializationMode(fmu);
+    start = clock();
+    for (k = 0; k < n; k++) {
+        u = (double)(k % 7) - 3;
+        if (fmi3SetFloat64(fmu, &in, 1, &u, 1) || fmi3GetFloat64(fmu, &out, 1, &y, 1)
+            || fmi3DoStep(fmu, k * dt, dt, 1, &a, &b, &c, &last))
+            return 1;
+    }
+    printf("%.17g %.9g\n", y, (double)(clock() - start) / CLOCKS_PER_SEC / n);
+    return 0;
+}
+"""
+
+
+def test_a_program_without_python_runs_it(tmp_path):
+    """In a process of its own, and fast: a million steps in a few seconds."""
+    from alssnn.models import state_space
+    from helpers import plant_of_structure
+
+    rng, n = np.random.default_rng(0), 50
+    C = rng.standard_normal((1, 6))
+    structure = state_space(6, 1, 1, n_h=10, n_g=10, C=C, feedback="output")
+    p = {k: 0.2 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    p["A"] = np.diag(np.linspace(0.1, 0.8, 6))
+    plant = plant_of_structure(structure, structure.join(p), rng)
+    fmu = to_fmu(plant, tmp_path / "a.fmu")
+    zipfile.ZipFile(fmu.path).extractall(tmp_path)
+    told = fmpy.read_model_description(str(fmu.path))
+    (tmp_path / "host.c").write_text(HOST)
+    command = ["gcc", "-O2", "-I", HEADERS, "-o", tmp_path / "host"]
+    subprocess.run([*command, tmp_path / "host.c", "-ldl"], check=True)
+
+    def run(steps):
+        words = [tmp_path / fmu.binary, told.instantiationToken, steps, plant.dt, 2]
+        run = subprocess.run(
+            [tmp_path / "host", *map(str, words)], capture_output=True, check=True
+        )
+        return map(float, run.stdout.split())
+
+    x = np.zeros(6)
+    for k in range(n):
+        u = np.array([k % 7 - 3.0])
+        y = plant.output(x, u)
+        x = plant.step(x, u)
+    assert_exact(next(run(n)), y)
+    _, seconds = run(1_000_000)
+    assert seconds < 1e-5  # 0.3 microseconds where nothing else runs
+
+
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_functions_are_those_of_the_standard(version, tmp_path):
     """Compiled after the official headers: another prototype is an error."""
