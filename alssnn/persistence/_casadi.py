@@ -45,7 +45,8 @@ def to_casadi(model, *, law=None, observer=None, gain=None):
         outputs by its inputs, such as ``dx_next_du``. Signals are columns in the units
         of the data; states are deviations, behind them the past of late inputs, oldest
         first. s is y or x, whatever the law measures, and d the measured disturbances
-        (no rows without any). What is not finite in y was not measured.
+        (no rows without any). What is not finite in y was not measured; all else must
+        be finite.
 
     Raises
     ------
