@@ -171,6 +171,23 @@ def test_every_structure_is_what_its_plant_is(name, tmp_path):
         assert not cut.any()
 
 
+def self_test_of(plant, folder):
+    """Return what the self-test of a plant says."""
+    to_c(plant, folder, observer=False)
+    files = [folder / "plant_test.c", folder / "plant.c", "-lm"]
+    command = ["gcc", *STRICT.split(), "-o", folder / "test", *files]
+    subprocess.run(command, check=True)
+    return subprocess.run([folder / "test"], capture_output=True, text=True).stdout
+
+
+def test_the_self_test_of_plants_that_were_changed(tmp_path):
+    for i, kind in enumerate(("output", "input")):
+        plant = make_plant("al").with_disturbance(kind)
+        assert self_test_of(plant, tmp_path / str(i)) == "passed: 20 samples\n"
+    plant = make_plant("linear, late").late()
+    assert self_test_of(plant, tmp_path / "late") == "passed: 20 samples\n"
+
+
 @pytest.mark.parametrize("dtype", TYPES)
 @pytest.mark.parametrize("name", MODELS)
 def test_the_self_test_passes_and_can_fail(fitted, name, dtype, tmp_path):
