@@ -45,7 +45,10 @@ class Activation:
         "c" is an expression of C99 with ``math.h``, and ``{f}`` the suffix of functions
         and numbers in single precision; "c_slope" is the derivative in C, where ``{w}``
         stands for the value, taken by differences if it is missing; "matlab" is an
-        elementwise expression; "onnx" is the name of an operator.
+        elementwise expression, "casadi" one of functions of CasADi; "onnx" is the name
+        of an operator; "st" is an expression of Structured Text, where ``{t}`` begins
+        literals and ``{p}`` the names of functions (``{p}tanh`` is one), and "st_slope"
+        as "c_slope".
 
     Examples
     --------
@@ -58,6 +61,7 @@ class Activation:
     ...     odd=True,
     ...     expressions={
     ...         "c": "{v} / (1.0{f} + fabs{f}({v}))",
+    ...         "casadi": "{v} / (1 + fabs({v}))",
     ...         "matlab": "{v} ./ (1 + abs({v}))",
     ...         "onnx": "Softsign",
     ...     },
@@ -131,8 +135,11 @@ ACTIVATIONS = {
             expressions={
                 "c": "tanh{f}({v})",
                 "c_slope": "1.0{f} - {w} * {w}",
+                "casadi": "tanh({v})",
                 "matlab": "tanh({v})",
                 "onnx": "Tanh",
+                "st": "{p}tanh({v})",
+                "st_slope": "{t}1.0 - {w} * {w}",
             },
         ),
         Activation(
@@ -145,8 +152,11 @@ ACTIVATIONS = {
             expressions={
                 "c": "0.5{f} * (1.0{f} + tanh{f}(0.5{f} * {v}))",
                 "c_slope": "{w} * (1.0{f} - {w})",
+                "casadi": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
                 "onnx": "Sigmoid",
+                "st": "{t}0.5 * ({t}1.0 + {p}tanh({t}0.5 * {v}))",
+                "st_slope": "{w} * ({t}1.0 - {w})",
             },
         ),
         Activation(
@@ -159,8 +169,11 @@ ACTIVATIONS = {
             expressions={
                 "c": "{v} < 0 ? 0 : {v}",
                 "c_slope": "{v} > 0 ? 1.0{f} : 0.0{f}",
+                "casadi": "if_else({v} < 0, 0, {v})",
                 "matlab": "max({v}, 0)",
                 "onnx": "Relu",
+                "st": "SEL({v} < {t}0.0, {v}, {t}0.0)",
+                "st_slope": "SEL({v} > {t}0.0, {t}0.0, {t}1.0)",
             },
         ),
         Activation(
@@ -173,8 +186,11 @@ ACTIVATIONS = {
             expressions={
                 "c": "{v}",
                 "c_slope": "1.0{f}",
+                "casadi": "{v}",
                 "matlab": "{v}",
                 "onnx": "Identity",
+                "st": "{v}",
+                "st_slope": "{t}1.0",
             },
         ),
         Activation(
@@ -185,7 +201,15 @@ ACTIVATIONS = {
             1.0,
             odd=True,
             code=SIN,
-            expressions={"c": "sin{f}({v})", "matlab": "sin({v})", "onnx": "Sin"},
+            expressions={
+                "c": "sin{f}({v})",
+                "c_slope": "cos{f}({v})",
+                "casadi": "sin({v})",
+                "matlab": "sin({v})",
+                "onnx": "Sin",
+                "st": "SIN({v})",
+                "st_slope": "COS({v})",
+            },
         ),
     )
 }

@@ -171,6 +171,43 @@ def test_every_structure_is_what_its_plant_is(name, tmp_path):
         assert not cut.any()
 
 
+def self_test_of(plant, folder):
+    """Return what the self-test of a plant says."""
+    to_c(plant, folder, observer=False)
+    files = [folder / "plant_test.c", folder / "plant.c", "-lm"]
+    command = ["gcc", *STRICT.split(), "-o", folder / "test", *files]
+    subprocess.run(command, check=True)
+    return subprocess.run([folder / "test"], capture_output=True, text=True).stdout
+
+
+def test_the_self_test_of_plants_that_were_changed(tmp_path):
+    for i, kind in enumerate(("output", "input")):
+        plant = make_plant("al").with_disturbance(kind)
+        assert self_test_of(plant, tmp_path / str(i)) == "passed: 20 samples\n"
+    plant = make_plant("linear, late").late()
+    assert self_test_of(plant, tmp_path / "late") == "passed: 20 samples\n"
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("name", MODELS)
+def test_the_self_test_passes_and_can_fail(fitted, name, dtype, tmp_path):
+    to_c(fitted[name], tmp_path, dtype=dtype)
+
+    def run():
+        files = [tmp_path / "plant_test.c", tmp_path / "plant.c", "-lm"]
+        command = ["gcc", *STRICT.split(), "-o", tmp_path / "test", *files]
+        subprocess.run(command, check=True)
+        return subprocess.run([tmp_path / "test"], capture_output=True, text=True)
+
+    passed = run()
+    assert (passed.returncode, passed.stdout) == (0, "passed: 20 samples\n")
+    # another model behind the same numbers
+    source = tmp_path / "plant.c"
+    source.write_text(source.read_text().replace("y[i] += sum", "y[i] -= sum"))
+    failed = run()
+    assert failed.returncode == 1 and failed.stdout.endswith("failed\n")
+
+
 def test_sources_are_short_and_name_their_signals(fitted, tmp_path):
     model = lively(fit(al_ssnn(nx=6, n_h=10, n_g=10, **SMALL), 1, 1))
     model.to_c(tmp_path, gain=lqi(model, np.eye(7), np.eye(1)), prefix="motor")

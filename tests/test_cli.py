@@ -3,6 +3,7 @@ import re
 import shlex
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -608,6 +609,29 @@ def test_a_gain_of_late_inputs_goes_from_control_to_export(tmp_path, capsys):
     np.testing.assert_array_equal(np.hstack([held["K_x"], held["K_z"]]), K)
 
 
+def test_export_for_plcs_and_as_fmus(saved, tmp_path, capsys):
+    assert run("control", saved, "-o", tmp_path) == 0
+    gain = tmp_path / "gain.csv"
+    path = tmp_path / "new" / "plant.st"
+    assert run("export", saved, "--st", path, "--gain", gain, "--dtype", "float") == 0
+    assert capsys.readouterr().out.splitlines()[-1] == str(path)
+    text = path.read_text()
+    assert "FUNCTION_BLOCK PLANT_CONTROL" in text and "LREAL" not in text
+    for options, kind in (
+        ([], "Model"),
+        (["--gain", gain], "Controller"),
+        (["--gain", gain, "--both", "--fmi", "2.0"], "Both"),
+    ):
+        path = tmp_path / f"{kind}.fmu"
+        assert run("export", saved, "--fmu", path, *options) == 0
+        assert capsys.readouterr().out.splitlines()[-1] == str(path)
+        told = zipfile.ZipFile(path).read("modelDescription.xml").decode()
+        assert f'description="{kind}, ' in told
+        assert ('fmiVersion="2.0"' in told) == (kind == "Both")
+    assert run("export", saved, "--fmu", path, "--both") == 2
+    assert_one_line(capsys, "`--both` must come with --fmu and --gain")
+
+
 def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
     pytest.importorskip("onnx", reason="onnx is not installed")
     assert run("export", saved, "--onnx", tmp_path / "graphs") == 0
@@ -633,7 +657,7 @@ def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
         (["report", "{npz}", "--data", "{csv}", "--last", "2"], "a share above 0"),
         (["control", "{npz}", "--qx", "-1"], "must be a number of at least 0, got -1"),
         (["control", "{npz}", "--step", "high"], "must be a number, got high"),
-        (["export", "{npz}"], "one of the arguments --c --mat --onnx is required"),
+        (["export", "{npz}"], "arguments --c --mat --onnx --st --fmu is"),
     ],
 )
 def test_wrong_usage_of_commands_on_models(argv, message, saved, linear_plant, capsys):

@@ -155,8 +155,10 @@ SOFTSIGN = Activation(
     odd=True,
     expressions={  # for exports
         "c": "{v} / (1.0{f} + fabs{f}({v}))",
+        "casadi": "{v} / (1 + fabs({v}))",
         "matlab": "{v} ./ (1 + abs({v}))",
         "onnx": "Softsign",
+        "st": "{v} / ({t}1.0 + ABS({v}))",
     },
 )
 

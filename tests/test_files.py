@@ -278,7 +278,7 @@ def test_a_failed_save_keeps_the_old_file(fitted, path):
 
 
 def test_only_fitted_models_are_saved(path):
-    for export in ("save", "to_mat", "to_c", "to_onnx"):
+    for export in ("save", "to_mat", "to_c", "to_fmu", "to_onnx", "to_st"):
         with pytest.raises(NotFittedError):
             getattr(al_ssnn(), export)(path)
 

@@ -12,8 +12,9 @@ from ._arguments import (
 from ._record import add_model, gain_columns
 
 EPILOG = """\
-C sources and the file for MATLAB hold the model, its law and an observer, and with
---gain the controller; ONNX graphs hold one step of the model, and the law.
+C sources, Structured Text and the file for MATLAB hold the model, its law and an
+observer, and with --gain the controller; ONNX graphs hold one step of the model, and
+the law. An FMU is the model, or with --gain the controller, or by --both their loop.
 
 examples:
   alssnn export plant.npz --c firmware
@@ -22,6 +23,9 @@ examples:
       the law limits u, and integrators do not wind up
   alssnn export plant.npz --mat plant.mat
   alssnn export plant.npz --onnx graphs
+  alssnn export plant.npz --st plant.st --gain design/gain.csv
+  alssnn export plant.npz --fmu plant.fmu
+  alssnn export plant.npz --fmu control.fmu --gain design/gain.csv --fmi 2.0
 """
 
 
@@ -37,9 +41,10 @@ def add(commands):
         commands,
         "export",
         run,
-        "Write a saved model as C sources, for MATLAB, or as ONNX graphs.",
+        "Write a saved model as C sources, for MATLAB, as ONNX graphs, as Structured "
+        "Text for PLCs, or as an FMU.",
         EPILOG,
-        help="write a saved model as C sources, for MATLAB or ONNX",
+        help="write a saved model for C, MATLAB, ONNX, PLCs or as an FMU",
     )
     add_model(parser)
     target = parser.add_mutually_exclusive_group(required=True)
@@ -47,6 +52,12 @@ def add(commands):
     target.add_argument("--mat", type=Path, metavar="FILE", help="file for MATLAB")
     target.add_argument(
         "--onnx", type=Path, metavar="DIR", help="folder of ONNX graphs (extra onnx)"
+    )
+    target.add_argument(
+        "--st", type=Path, metavar="FILE", help="Structured Text of IEC 61131-3"
+    )
+    target.add_argument(
+        "--fmu", type=Path, metavar="FILE", help="FMU for co-simulation"
     )
     parser.add_argument(
         "--gain",
@@ -67,7 +78,18 @@ def add(commands):
         "--dtype",
         choices=["double", "float"],
         default="double",
-        help="type of the numbers in C (default: %(default)s)",
+        help="type of the numbers in C and Structured Text (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--both",
+        action="store_true",
+        help="with --fmu and --gain: the loop of model and controller",
+    )
+    parser.add_argument(
+        "--fmi",
+        choices=["3.0", "2.0"],
+        default="3.0",
+        help="version of the FMU (default: %(default)s)",
     )
 
 
@@ -84,7 +106,12 @@ def run(args):
     if args.onnx is not None and args.gain is not None:
         raise ValueError(
             "`--gain` must be left out with --onnx, whose graphs hold no controller. "
-            "Use --c or --mat for one."
+            "Use --c, --st, --fmu or --mat for one."
+        )
+    if args.both and (args.fmu is None or args.gain is None):
+        raise ValueError(
+            "`--both` must come with --fmu and --gain: the loop needs a controller. "
+            "`alssnn control` writes a gain."
         )
     model = load(args.model)
     gain = None if args.gain is None else _read_gain(args.gain, model)
@@ -97,12 +124,26 @@ def run(args):
         paths = [args.mat]
     elif args.onnx is not None:
         paths = model.to_onnx(args.onnx, law=law, prefix=args.prefix)
+    elif args.st is not None:
+        refuse_existing(args, args.st)
+        paths = [model.to_st(args.st, gain=gain, law=law, dtype=args.dtype)]
+    elif args.fmu is not None:
+        refuse_existing(args, args.fmu)
+        paths = [_write_fmu(model, args, gain, law)]
     else:
         paths = model.to_c(
             args.c, gain=gain, law=law, dtype=args.dtype, prefix=args.prefix
         )
     print("\n".join(map(str, paths)))
     args.result = {"files": list(paths)}
+
+
+def _write_fmu(model, args, gain, law):
+    what = "both" if args.both else "model" if gain is None else "controller"
+    fmu = model.to_fmu(args.fmu, what=what, version=args.fmi, gain=gain, law=law)
+    if fmu.no_binary:
+        print(fmu.no_binary)
+    return fmu.path
 
 
 def _read_gain(path, model):

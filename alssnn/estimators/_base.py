@@ -179,7 +179,10 @@ class StateSpaceModel(
     save = deferred("persistence", "save")
     to_mat = deferred("persistence", "to_mat")
     to_c = deferred("persistence", "to_c")
+    to_casadi = deferred("persistence", "to_casadi")
+    to_fmu = deferred("persistence", "to_fmu")
     to_onnx = deferred("persistence", "to_onnx")
+    to_st = deferred("persistence", "to_st")
     report = deferred("report", "write_report")
     summary = deferred("report", "summarize")
 

@@ -1,13 +1,27 @@
-"""Keep identified models and hand them on: files, MATLAB, embedded C, ONNX.
+"""Keep identified models and hand them on: files, MATLAB, embedded C, ONNX, CasADi.
 
 `_archive` reads and writes archives of arrays, `_file` knows what a fitted model
 consists of. An export is a plant with its law, observer and gain (`_export`), stated
-layer by layer (`walk`): `_c` writes C, `_onnx` graphs, and `_mat` a struct for MATLAB.
+layer by layer (`walk`): `_c` writes C, `_onnx` graphs, `_casadi` makes functions, and
+`_mat` writes a struct for MATLAB.
 """
 
 from ._c import to_c
+from ._casadi import to_casadi
 from ._file import load, save
+from ._fmu import Fmu, to_fmu
 from ._mat import to_mat
 from ._onnx import to_onnx
+from ._st import to_st
 
-__all__ = ["load", "save", "to_c", "to_mat", "to_onnx"]
+__all__ = [
+    "Fmu",
+    "load",
+    "save",
+    "to_c",
+    "to_casadi",
+    "to_fmu",
+    "to_mat",
+    "to_onnx",
+    "to_st",
+]

@@ -17,13 +17,15 @@ from ..walk import static_map, walk
 from ..whole_files import replace_file
 from ._archive import release
 from ._c_law import Inverse
-from ._c_map import SUFFIX, Function, Numbers
+from ._c_map import SUFFIX, Function, Numbers, Slope
+from ._c_test import SAMPLES, vectors
 from ._export import Export
 
 TEMPLATES = {
     "plant.h": "{}.h",
     "plant.c": "{}.c",
     "plant_demo.c": "{}_demo.c",
+    "plant_test.c": "{}_test.c",
     "Makefile": "Makefile",
     "README.md": "README.md",
 }
@@ -84,16 +86,10 @@ def to_c(
             "`prefix` must begin with a letter and consist of letters, digits and _, "
             f"got {prefix!r}. It begins names in C."
         )
-    export, numbers = Export.of(model, law, observer, gain), Numbers(dtype)
-    is_solved = export.law is not None and not export.plant.is_explicit
-    inverse = Inverse(export.plant) if is_solved else None
-    flags = _flags(export, inverse)
-    blanks = _values(export, inverse, flags, numbers)
-    values = {"prefix": prefix, "dtype": dtype, **blanks}
-    texts = {
-        name.format(prefix): _fill(template, prefix, flags, values)
-        for template, name in TEMPLATES.items()
-    }
+    export = Export.of(model, law, observer, gain)
+    known = vectors(export, Numbers(dtype)).replace("plant_real", f"{prefix}_real")
+    values = {"vectors": known, "samples": SAMPLES}
+    texts = sources(export, TEMPLATES, dtype, prefix, values=values)
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     for name, content in texts.items():
@@ -101,8 +97,62 @@ def to_c(
     return [directory / name for name in texts]
 
 
-def _fill(template, prefix, flags, values):
-    """Return a template with its blanks filled, and its names begun by the prefix."""
+def sources(export, templates, dtype, prefix, flags=None, values=None):
+    """Return the files of an export in C.
+
+    Parameters
+    ----------
+    export : Export
+        The export.
+    templates : dict of str to str
+        Names of templates, and of the files that become of them, with ``{}`` for the
+        prefix.
+    dtype : {"double", "float"}
+        Type of all numbers.
+    prefix : str
+        Begins the names of files, functions and types.
+    flags : dict of str to bool or None, default=None
+        What else decides on lines of the templates; "SLOPE" asks for derivatives of
+        the output.
+    values : dict of str to str or None, default=None
+        What else stands for blanks.
+
+    Returns
+    -------
+    texts : dict of str to str
+        Contents of the files.
+    """
+    numbers = Numbers(dtype)
+    is_solved = export.law is not None and not export.plant.is_explicit
+    inverse = Inverse(export.plant) if is_solved else None
+    flags = {"SLOPE": False, **flags_of(export, inverse), **(flags or {})}
+    blanks = _values(export, inverse, flags, numbers)
+    blanks = {"prefix": prefix, "dtype": dtype, **blanks, **(values or {})}
+    return {
+        name.format(prefix): fill(template, prefix, flags, blanks)
+        for template, name in templates.items()
+    }
+
+
+def fill(template, prefix, flags, values):
+    """Return a template with its blanks filled, and its names begun by the prefix.
+
+    Parameters
+    ----------
+    template : str
+        Name of the template.
+    prefix : str
+        What stands for ``plant``.
+    flags : dict of str to bool
+        What decides on lines.
+    values : dict of str to object
+        What stands for blanks.
+
+    Returns
+    -------
+    text : str
+        The text.
+    """
     text = (files(__package__) / "templates" / template).read_text(encoding="ascii")
     text = re.sub(r"\bplant(?=[_.])", prefix, text)
     text = re.sub(r"\bPLANT_", f"{prefix.upper()}_", text)
@@ -121,8 +171,21 @@ def _fill(template, prefix, flags, values):
     return Template("".join(lines)).substitute(values)
 
 
-def _flags(export, inverse):
-    """Return what decides on the lines of the templates."""
+def flags_of(export, inverse):
+    """Return what decides on the lines of the templates.
+
+    Parameters
+    ----------
+    export : Export
+        The export.
+    inverse : Inverse or None
+        Law that is solved for u; None for another one.
+
+    Returns
+    -------
+    flags : dict of str to bool
+        The flags by their names.
+    """
     plant, law = export.plant, export.law
     return {
         "NEURONS": plant.form.nw > 0,
@@ -155,10 +218,10 @@ def _values(export, inverse, flags, numbers):
     what = "a step response of the model"
     if flags["CONTROL"]:
         what = "a step of the reference in closed loop"
-    signals = list(_signals(plant))
+    signals = list(signal_lines(plant))
     letters = [("y", plant.ny), ("u", plant.nu)]
     return {
-        "name": _plain(plant.name),
+        "name": plain(plant.name),
         "version": release(),
         "dt": repr(plant.dt),
         "nx": plant.nx,
@@ -173,9 +236,6 @@ def _values(export, inverse, flags, numbers):
         "v_scale": "v_scale" if plant.nd else "u_scale",
         "d": "c->d, " if plant.nd else "",
         "law_d": "d, " if plant.nd else "",
-        "seen": "set(PLANT_NS, s, seen);"
-        if by_state
-        else "subtract(NY, s, y_offset, seen);",
         **_places(plant, numbers),
         "r_units": "y" if flags["INTEGRATES"] else "u",
         "late": ", then past inputs, oldest first" if flags["LATE"] else "",
@@ -185,7 +245,7 @@ def _values(export, inverse, flags, numbers):
         "s_words": "the estimated state" if by_state else "the measured y",
         "signals": "\n".join(f" * {line}" for line in signals),
         "units": "\n".join(f"  - {line}" for line in signals),
-        "no_law": _plain(export.no_law),
+        "no_law": plain(export.no_law),
         "what": what,
         "What": what.capitalize(),
         "values": ", ".join(numbers.literal("r", value) for value in demo),
@@ -194,7 +254,7 @@ def _values(export, inverse, flags, numbers):
         "respond": inverse.response(numbers) if inverse else "",
         "EPS": numbers.literal("EPS", 4 * numbers.eps),
         "constants": "\n".join(_constants(export, inverse, flags, numbers)),
-        "maps": "\n\n".join(_maps(export, inverse, numbers)),
+        "maps": "\n\n".join(_maps(export, inverse, flags, numbers)),
     }
 
 
@@ -205,7 +265,7 @@ def _places(plant, numbers):
         columns = getattr(plant, name)
         blanks[name] = ", ".join(map(str, columns))
         words = ", ".join(f"{plant.inputs[i]} (u[{i}])" for i in columns)
-        blanks[f"{name}_words"] = _plain(words)
+        blanks[f"{name}_words"] = plain(words)
     return blanks
 
 
@@ -243,8 +303,21 @@ def _constants(export, inverse, flags, numbers):
             yield f"static const int {name}[] = {{{places}}}; /* places in u */"
 
 
-def _maps(export, inverse, numbers):
-    """Yield the functions of next state, output, and what the law cancels."""
+def maps_of(export, inverse):
+    """Return next state, output, and what the law cancels, as static maps.
+
+    Parameters
+    ----------
+    export : Export
+        The export.
+    inverse : Inverse or None
+        Law that is solved for u; None for another one.
+
+    Returns
+    -------
+    maps : dict of str to tuple
+        Comment, static map and inputs of every value.
+    """
     plant, form = export.plant, export.plant.form
     output = static_map(form, slice(form.nx, form.nx + plant.ny))
     output.rows_z[:, -1] += plant.y_offset  # a copy; the plant stays as it is
@@ -255,23 +328,54 @@ def _maps(export, inverse, numbers):
     }
     if export.law is not None and not inverse:
         maps["h"] = "what the law takes off v", export.h, {"s": export.h.nu}
-    if inverse:
-        maps |= inverse.maps()
+    return {**maps, **(inverse.maps() if inverse else {})}
+
+
+def _maps(export, inverse, flags, numbers):
+    """Yield the functions of all maps."""
+    maps = maps_of(export, inverse)
     for value, (comment, lure, signals) in maps.items():
         function = Function(value, signals, numbers, comment)
         walk(lure, signals, function, value)
         yield function.source()
+    if flags["SLOPE"]:
+        _, lure, signals = maps["y"]
+        function = Slope("y", signals, numbers, "change of y along changes of x and du")
+        walk(lure, signals, function, "y")
+        yield function.source()
 
 
-def _signals(plant):
-    """Yield a line on every signal: its name in C, that of the data, how late it is."""
+def signal_lines(plant):
+    """Yield a line on every signal: its name in C, that of the data, how late it is.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+
+    Yields
+    ------
+    line : str
+        The line.
+    """
     for i, name in enumerate(plant.inputs):
         late = f", {plant.delay[i]} samples late" if plant.delay[i] else ""
-        yield f"u[{i}]: {_plain(name)}{late}"
+        yield f"u[{i}]: {plain(name)}{late}"
     for i, name in enumerate(plant.outputs):
-        yield f"y[{i}]: {_plain(name)}"
+        yield f"y[{i}]: {plain(name)}"
 
 
-def _plain(words):
-    """Return words that are safe in a comment of C."""
+def plain(words):
+    """Return words that are safe in a comment of C and of Structured Text.
+
+    Parameters
+    ----------
+    words : object
+        The words.
+
+    Returns
+    -------
+    words : str
+        The same, with _ for what might end a comment.
+    """
     return re.sub(r"[^A-Za-z0-9 _.,:;()\[\]'`=+-]", "_", str(words))

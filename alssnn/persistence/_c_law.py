@@ -5,10 +5,9 @@ The solution for u evaluates nothing but the neurons that see u, with their deri
 (eq. inverse).
 """
 
-import numpy as np
-
 from ..lure import Lure
 from ..walk import static_map
+from ._c_map import neuron_and_slope
 
 
 class Inverse:
@@ -81,15 +80,7 @@ class Inverse:
         )
 
     def _layer(self, layer, numbers):
-        sigma, f = self.sigma[layer.start], numbers.suffix
+        sigma = self.sigma[layer.start]
         yield f"for (j = {layer.start}; j < {layer.stop}; j++) {{"
-        yield "    real x = w[j];"
-        yield f"    w[j] = {sigma.expression('c', v='x', f=f)};"
-        if "c_slope" in sigma.expressions:
-            yield f"    d[j] = {sigma.expression('c_slope', v='x', w='w[j]', f=f)};"
-        else:  # of an activation that says nothing of its derivative
-            h = numbers.literal("h", np.sqrt(numbers.eps))
-            yield f"    real h = {h} * (1 + modulus(x)), ahead = x + h;"
-            ahead = sigma.expression("c", v="ahead", f=f)
-            yield f"    d[j] = (({ahead}) - w[j]) / (ahead - x);"
+        yield from neuron_and_slope(sigma, numbers, "w[j]", "d[j]")
         yield "}"

@@ -98,7 +98,7 @@ class Function:
     def __init__(self, value, inputs, numbers, comment):
         self.value, self.numbers, self.comment = value, numbers, comment
         self.inputs, self.used = list(inputs), set()
-        self.constants, self.locals, self.lines = [], [], []
+        self.constants, self.locals, self.lines = {}, [], []
 
     def affine(self, value, terms, constant):
         """State value = sum of matrix @ signal + constant.
@@ -158,11 +158,12 @@ class Function:
             Source in C.
         """
         arguments = "".join(f"const real *{name}, " for name in self.inputs)
-        start = [f"real {', '.join(self.locals)};", "int i;"] if self.locals else []
+        start = [f"real {', '.join(self.locals)};"] if self.locals else []
+        start += ["int i;"] if any("(i =" in line for line in self.lines) else []
         idle = [f"(void){name};" for name in self.inputs if name not in self.used]
         return "\n".join(
             [
-                *self.constants,
+                *self.constants.values(),
                 f"/* {self.comment} */",
                 f"static void {self.value}_of({arguments}real *{self.value})",
                 "{",
@@ -173,5 +174,113 @@ class Function:
 
     def _constant(self, name, values):
         name = f"{self.value}_{name}"
-        self.constants.append(self.numbers.array(name, values))
+        self.constants[name] = self.numbers.array(name, values)
         return name
+
+
+class Slope(Function):
+    """Write the change of a static map along changes of its inputs, see `walk`.
+
+    The function is ``{value}_slope_of``; the changes are called as the signals, with
+    ``dot_`` in front.
+
+    Parameters
+    ----------
+    value : str
+        What the map computes.
+    inputs : sequence of str
+        Its arguments.
+    numbers : Numbers
+        Type of all numbers.
+    comment : str
+        What stands above it.
+    """
+
+    def __init__(self, value, inputs, numbers, comment):
+        super().__init__(
+            f"{value}_slope", [*inputs, *map("dot_{}".format, inputs)], numbers, comment
+        )
+        self.last = value
+
+    def affine(self, value, terms, constant):
+        """State value = sum of matrix @ signal + constant, and its change.
+
+        Parameters
+        ----------
+        value : str
+            Name of the value.
+        terms : list of tuple
+            Name of the matrix, matrix and name of the signal.
+        constant : tuple
+            Name and vector.
+
+        Returns
+        -------
+        value : str
+            The same name.
+        """
+        n, change = len(constant[1]), f"dot_{value}"
+        if value == self.last:
+            change = self.value
+        else:
+            super().affine(value, terms, constant)
+            self.locals.append(f"{change}[{n}]")
+        self.lines += [f"for (i = 0; i < {n}; i++)", f"    {change}[i] = 0;"]
+        for name, matrix, signal in terms:
+            W, m = self._constant(name, matrix), matrix.shape[1]
+            self.lines.append(f"add({n}, {m}, {W}, dot_{signal}, {change});")
+            self.used.add(f"dot_{signal}")
+        return value
+
+    def activate(self, value, size, sigma):
+        """State value = sigma(value), and its change.
+
+        Parameters
+        ----------
+        value : str
+            Name of the value.
+        size : int
+            Its size.
+        sigma : Activation
+            The activation.
+
+        Returns
+        -------
+        value : str
+            The same name.
+        """
+        self.lines += [f"for (i = 0; i < {size}; i++) {{", "    real d;"]
+        self.lines += neuron_and_slope(sigma, self.numbers, f"{value}[i]", "d")
+        self.lines += [f"    dot_{value}[i] *= d;", "}"]
+        return value
+
+
+def neuron_and_slope(sigma, numbers, w, d):
+    """Return the statements that turn what a neuron sees into its value and slope.
+
+    Parameters
+    ----------
+    sigma : Activation
+        The activation.
+    numbers : Numbers
+        Type of all numbers.
+    w : str
+        What holds what it sees, and then its value.
+    d : str
+        What will hold the slope.
+
+    Returns
+    -------
+    lines : list of str
+        Lines of a block in C, with an own variable x.
+    """
+    f = numbers.suffix
+    lines = [f"real x = {w};", f"{w} = {sigma.expression('c', v='x', f=f)};"]
+    if "c_slope" in sigma.expressions:
+        lines.append(f"{d} = {sigma.expression('c_slope', v='x', w=w, f=f)};")
+    else:  # of an activation that says nothing of its derivative
+        h = numbers.literal("h", np.sqrt(numbers.eps))
+        ahead = sigma.expression("c", v="ahead", f=f)
+        lines.append(f"real h = {h} * (1 + fabs{f}(x)), ahead = x + h;")
+        lines.append(f"{d} = (({ahead}) - {w}) / (ahead - x);")
+    return [f"    {line}" for line in lines]

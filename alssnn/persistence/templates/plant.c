@@ -97,6 +97,32 @@ void plant_output(const real x[PLANT_NX], const real *u, real y[PLANT_NY])
     y_of(x, u, y);
 #endif
 }
+#if SLOPE
+
+void plant_output_slope(const real x[PLANT_NX], const real *u,
+    const real dot_x[PLANT_NX], const real *dot_u, real dot_y[PLANT_NY])
+{
+#if FEEDS && LATE
+    real du[NU], dot_du[NU];
+    const real *oldest = dot_x + NX;
+    int i;
+    arrived(x, u, du);
+    for (i = 0; i < NU; i++) {
+        dot_du[i] = delay[i] > 0 ? *oldest : dot_u[i];
+        oldest += delay[i];
+    }
+    y_slope_of(x, du, dot_x, dot_du, dot_y);
+#endif
+#if FEEDS && !LATE
+    real du[NU];
+    subtract(NU, u, u_offset, du);
+    y_slope_of(x, du, dot_x, dot_u, dot_y);
+#endif
+#if !FEEDS
+    y_slope_of(x, u, dot_x, dot_u, dot_y);
+#endif
+}
+#endif
 #if SOLVED
 
 #define MAX_ITER 200
@@ -268,7 +294,11 @@ void plant_law(const real v[PLANT_NV], const real s[PLANT_NS], real u[PLANT_NV],
 #endif
 #if DISTURBED
     real seen[PLANT_NS + PLANT_ND];
-    $seen
+#if BY_STATE
+    set(PLANT_NS, s, seen);
+#else
+    subtract(NY, s, y_offset, seen);
+#endif
     subtract(PLANT_ND, d, d_offset, seen + PLANT_NS);
     s = seen;
 #endif
@@ -306,7 +336,11 @@ void plant_law(const real v[PLANT_NV], const real s[PLANT_NS], real u[PLANT_NV],
 #endif
 #if !SOLVED && DISTURBED
     real h[NV], seen[PLANT_NS + PLANT_ND];
-    $seen
+#if BY_STATE
+    set(PLANT_NS, s, seen);
+#else
+    subtract(NY, s, y_offset, seen);
+#endif
     subtract(PLANT_ND, d, d_offset, seen + PLANT_NS);
     h_of(seen, h);
 #endif

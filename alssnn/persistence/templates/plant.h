@@ -62,6 +62,13 @@ void plant_step(plant_real x[PLANT_NX], const plant_real u[PLANT_NU]);
 /* Model: y of the same sample$unused. */
 void plant_output(const plant_real x[PLANT_NX], const plant_real *u,
     plant_real y[PLANT_NY]);
+#if SLOPE
+
+/* Model: what changes of x and u do to y of the same sample. */
+void plant_output_slope(const plant_real x[PLANT_NX], const plant_real *u,
+    const plant_real dot_x[PLANT_NX], const plant_real *dot_u,
+    plant_real dot_y[PLANT_NY]);
+#endif
 #if LAW && SOLVED
 
 /* Law: the one u with phi(u, s) = v, within the limits; s is $s_words.

@@ -1,0 +1,60 @@
+"""Vectors of a self-test: what Python computes for random signals of a model's size."""
+
+import numpy as np
+
+SAMPLES = 20
+NEAR = {"double": 1e-11, "float": 1e-4}  # of the range of what is compared
+
+
+def vectors(export, numbers):
+    """Return the constants of the self-test in C.
+
+    Parameters
+    ----------
+    export : Export
+        The export.
+    numbers : Numbers
+        Type of all numbers.
+
+    Returns
+    -------
+    source : str
+        Definitions of arrays, one sample per row.
+    """
+    plant, late, law = export.plant, export.late, export.law
+    rng = np.random.default_rng(0)
+
+    def normal(scale):
+        return scale * rng.standard_normal((SAMPLES, len(scale)))
+
+    x_scale = np.ones(late.nx)  # of disturbances and past inputs, too
+    x_scale[: len(plant.x_scale)] = plant.x_scale
+    x, du = normal(x_scale), normal(plant.u_scale)
+    u = plant.u_offset + du
+    y = late.output(x, u)
+    arrays = {"x_in": x, "u_in": u, "y_out": y, "x_out": late.step(x, u)}
+    near = {"near_y": y, "near_x": arrays["x_out"]}
+    if export.M is not None:
+        error = 0.3 * normal(plant.y_scale)
+        arrays["y_in"] = y + error
+        error[1::2, 0] = 0.0  # not measured
+        if export.gate is not None:
+            error = np.clip(error, -export.gate, export.gate)
+        near["near_hat"] = arrays["hat_out"] = x + error @ export.M.T
+    if law is not None:
+        ns = plant.law_form.nu - plant.nu
+        v = plant.v_offset + normal(plant.v_scale)
+        s = x[:, :ns] if plant.feedback == "state" else y
+        arrays |= {"v_in": v, "s_in": s}
+        d = None
+        if plant.nd:
+            d = arrays["d_in"] = plant.d_offset + normal(
+                plant.u_scale[list(plant.given)]
+            )
+        arrays["law_out"], arrays["cut_out"] = law.split(v, s, d)
+        near["near_law"] = np.hstack([arrays["law_out"], v])
+    lines = [numbers.array(name, values) for name, values in arrays.items()]
+    for name, values in near.items():
+        size = NEAR[numbers.dtype] * max(np.abs(values).max(), 1e-30)
+        lines.append(f"static const real {name} = {numbers.literal(name, size)};")
+    return "\n".join(lines).replace("static const real", "static const plant_real")

@@ -1,0 +1,241 @@
+"""Exports against Python: the largest deviation of every target, over all structures.
+
+    python -m benchmarks.where_it_runs [--steps 1000] [--only C ONNX]
+
+The plants are those of the tests: every structure of their list with random
+parameters, and seven loops with limits, gate, missing measurements, spikes and measured
+disturbances (tests/exported.py).  Per target the largest deviation from Python over
+steps and outputs of all structures, each from `--steps` random states, and over the
+inputs that the controller sends in as many samples of every closed loop; both over the
+range of the expected signal.  Writes doc/benchmarks/where_it_runs.csv.  Exits with 1 if
+one is above 1e-12 in double, 1e-4 in single precision.  Needs gcc and the packages
+onnx, casadi, fmpy and blark; a target whose package is missing is left out, and said to
+be.
+"""
+
+import argparse
+import importlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import numpy as np
+
+from alssnn.persistence import to_casadi, to_fmu, to_onnx
+from benchmarks._tables import OUT, machine, replace_runs
+from exported import CONTROLLED, NAMES, Loop, make_plant, signals
+
+LIMITS = {"double": 1e-12, "float": 1e-4}
+# what is written, and how it is run here
+TARGETS = {
+    "C, double": ("model, law, observer, controller", "compiled by gcc"),
+    "C, float": ("model, law, observer, controller", "compiled by gcc"),
+    "ONNX": ("model, law", "reference evaluator of onnx"),
+    "CasADi": ("model, law, observer, controller, Jacobians", "virtual machine"),
+    "FMU 3.0": ("model, controller, both", "validated and run by fmpy"),
+    "FMU 2.0": ("model, controller, both", "validated and run by fmpy"),
+    "ST, LREAL": ("model, law, observer, controller", "parsed by blark, run from it"),
+    "ST, REAL": ("model, law, observer, controller", "parsed by blark, run from it"),
+}
+COLUMNS = ("target", "holds", "run here", "samples", "model", "controller")
+NEEDS = {"ONNX": "onnx", "CasADi": "casadi", "FMU": "fmpy", "ST": "blark"}
+
+
+def deviation(found, expected):
+    """Return the largest difference over the range of what is expected."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    size = np.ptp(expected, axis=0)
+    error = np.abs(found - expected).max(axis=0)
+    return float((error[size > 0] / size[size > 0]).max(initial=0.0))
+
+
+class Target:
+    """Run exports of one target: model steps, and a controller as a function."""
+
+    def __init__(self, name, folder):
+        self.name, self.folder = name, folder
+        self.dtype = "float" if name in ("C, float", "ST, REAL") else "double"
+        self.kind = np.float32 if self.dtype == "float" else np.float64
+
+    def model(self, plant, x, u):
+        """Return states one sample later, and outputs."""
+        raise NotImplementedError
+
+    def controller(self, loop):
+        """Return the function of r, y and d."""
+        raise NotImplementedError
+
+
+class C(Target):
+    def model(self, plant, x, u):
+        from test_c import Compiled
+
+        folder = tempfile.mkdtemp(dir=self.folder)
+        c = Compiled(plant, Path(folder), self.dtype, observer=False)
+        after, y = c.array(x).copy(), c.zeros((len(x), plant.ny))
+        for x_k, u_k, y_k in zip(after, c.array(u), y, strict=True):
+            c.output(x_k, u_k, y_k)
+            c.step(x_k, u_k)
+        return after, y
+
+    def controller(self, loop):
+        from test_c import Compiled
+
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        c = Compiled(loop.plant, folder, self.dtype, **loop.options)
+        state, u = c.zeros(200), c.zeros(loop.plant.nv)  # more than the state needs
+        c.reset(state)
+
+        def step(r, y, d):
+            given = [c.array(d)] if len(d) else []
+            c.control(state, c.array(r), c.array(y), *given, u)
+            return u.copy()
+
+        return step
+
+
+class Onnx(Target):
+    def model(self, plant, x, u):
+        from onnx.reference import ReferenceEvaluator
+
+        path = to_onnx(plant, self.folder)[0]
+        return ReferenceEvaluator(str(path)).run(None, {"x": x, "u": u})
+
+
+class Casadi(Target):
+    def model(self, plant, x, u):
+        f = to_casadi(plant, observer=False)
+        states, inputs = x.T, u.T
+        maps = (f[name].map(len(x)) for name in ("step", "output"))
+        return [np.array(g(states, inputs)).T for g in maps]
+
+    def controller(self, loop):
+        control = to_casadi(loop.plant, **loop.options)["control"]
+        x, z = np.zeros(control.size1_in("x")), np.zeros(control.size1_in("z"))
+
+        def step(r, y, d):
+            nonlocal x, z
+            u, x, z = (np.array(w).ravel() for w in control(x, z, r, y, d))
+            return u
+
+        return step
+
+
+class FmuTarget(Target):
+    def slave(self, plant, **options):
+        from test_fmu import Slave
+
+        path = Path(tempfile.mkdtemp(dir=self.folder)) / "a.fmu"
+        return Slave(to_fmu(plant, path, version=self.name[-3:], **options))
+
+    def model(self, plant, x, u):
+        slave = self.slave(plant)
+        after, y = x.copy(), np.empty((len(x), plant.ny))
+        for k in range(len(x)):
+            slave.reset(**dict(zip(slave.states, x[k], strict=True)))
+            y[k] = slave.sample(plant.dt, u[k])
+            after[k] = slave.get(slave.states)
+        slave.close()
+        return after, y
+
+    def controller(self, loop):
+        slave = self.slave(loop.plant, what="controller", **loop.options)
+        return lambda *signals: slave.sample(loop.plant.dt, *signals)
+
+
+class StructuredText(Target):
+    def blocks(self, plant, **options):
+        from test_st import export
+
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        return export(plant, folder, dtype=self.dtype, **options)
+
+    def numbers(self, values):
+        return [self.kind(value) for value in values]
+
+    def model(self, plant, x, u):
+        blocks = self.blocks(plant, observer=False)
+        step, output = blocks["PLANT_STEP"](), blocks["PLANT_OUTPUT"]()
+        after, y = [], []
+        for x_k, u_k in zip(x, u, strict=True):
+            state, sent = self.numbers(x_k), self.numbers(u_k)
+            y.append(list(output(x=state, u=sent).y))
+            step(x=state, u=sent)
+            after.append(state)
+        return after, y
+
+    def controller(self, loop):
+        block = self.blocks(loop.plant, **loop.options)["PLANT_CONTROL"]()
+
+        def step(r, y, d):
+            given = {"d": self.numbers(d)} if len(d) else {}
+            block(setpoint=self.numbers(r), y=self.numbers(y), **given)
+            return np.array(block.u, dtype=float)
+
+        return step
+
+
+KINDS = {
+    "C": C,
+    "ONNX": Onnx,
+    "CasADi": Casadi,
+    "FMU": FmuTarget,
+    "ST": StructuredText,
+}
+
+
+def measure(target, steps):
+    """Return the largest deviations of the model and of the controller."""
+    of_model, of_controller = 0.0, None
+    for name in NAMES:
+        plant = make_plant(name)
+        x, u, _ = signals(plant, steps)
+        after, y = target.model(plant, x, u)
+        late = plant.late()
+        errors = deviation(after, late.step(x, u)), deviation(y, late.output(x, u))
+        of_model = max(of_model, *errors)
+    if type(target).controller is not Target.controller:
+        of_controller = 0.0
+        for name in CONTROLLED:
+            loop = Loop(name)
+            _, u = loop.run(target.controller(loop), steps)
+            _, expected = loop.run(loop.controller(), steps)
+            of_controller = max(of_controller, deviation(u, expected))
+    return of_model, of_controller
+
+
+def main():
+    """Measure, print, write, and compare with the limits."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--only", nargs="+", default=[*KINDS], choices=KINDS)
+    options = parser.parse_args()
+    note, missed = machine(os.getloadavg()[0], np), False
+    for name, (holds, how) in TARGETS.items():
+        kind = name.replace(",", "").split()[0]
+        package = NEEDS.get(kind)
+        if kind not in options.only:
+            continue
+        try:
+            _ = package and importlib.import_module(package)
+        except ImportError:
+            print(f"{name}: left out, for {package} is not installed")
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            target = KINDS[kind](name, folder)
+            errors = measure(target, options.steps)
+        limit = LIMITS[target.dtype]
+        missed |= any(error is not None and not error <= limit for error in errors)
+        words = ["" if error is None else f"{error:.1e}" for error in errors]
+        row = [name, holds, how, options.steps, *words]
+        print("  ".join(map(str, row)), flush=True)
+        replace_runs(OUT / "where_it_runs.csv", COLUMNS, [row], note)
+    return int(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

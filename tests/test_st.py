@@ -1,0 +1,218 @@
+"""Structured Text, run from its parse tree, computes what Python computes."""
+
+import re
+
+import numpy as np
+import pytest
+
+from alssnn import Activation
+from alssnn.activations import ACTIVATIONS
+from alssnn.persistence import to_st
+from exported import CONTROLLED, NAMES, Loop, make_plant, make_unknown, signals
+
+pytest.importorskip("blark", reason="blark is not installed")
+from structured_text import read
+
+TOLERANCE = {"double": 1e-12, "float": 1e-4}
+
+
+def export(plant, folder, **options):
+    return read(to_st(plant, folder / "a.st", **options).read_text())
+
+
+def numbers(values, dtype):
+    kind = float if dtype == "double" else np.float32
+    return list(map(kind, values))
+
+
+def assert_near(values, expected, dtype):
+    size = max(np.ptp(expected[np.isfinite(expected)]), 1.0)
+    atol = TOLERANCE[dtype] * size
+    np.testing.assert_allclose(values, expected, rtol=0, atol=atol)
+
+
+@pytest.fixture(params=CONTROLLED, scope="module")
+def loop(request):
+    return Loop(request.param)
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize("name", NAMES)
+def test_every_structure_is_what_its_plant_is(name, dtype, tmp_path):
+    plant = make_plant(name)
+    late = plant.late()
+    blocks = export(plant, tmp_path, observer=False, dtype=dtype)
+    step, output = blocks["PLANT_STEP"](), blocks["PLANT_OUTPUT"]()
+    x, u, s = signals(plant, 200)
+    y, after, sent = np.empty((len(x), plant.ny)), x.copy(), u.copy()
+    assert ("PLANT_LAW" in blocks) == (not plant.no_law)
+    law = None if plant.no_law else blocks["PLANT_LAW"]()
+    for k in range(len(x)):
+        x_k, u_k, s_k = (numbers(z[k], dtype) for z in (x, u, s))
+        y[k] = output(x=x_k, u=u_k).y
+        step(x=x_k, u=u_k)
+        after[k] = x_k
+        if law:
+            sent[k] = law(v=u_k, s=s_k).u
+            assert not any(law.cut)
+    assert_near(y, late.output(x, u), dtype)
+    assert_near(after, late.step(x, u), dtype)
+    if law:
+        assert_near(sent, plant.law(u, s), dtype)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_activations(activation, tmp_path):
+    plant = make_unknown(ACTIVATIONS[activation])
+    step = export(plant, tmp_path, observer=False)["PLANT_STEP"]()
+    for scale in (1e-9, 1.0, 1e3):
+        x, u, _ = signals(plant, 20)
+        for x_k, u_k in zip(scale * x, scale * u, strict=True):
+            found = list(x_k)
+            step(x=found, u=list(u_k))
+            expected = plant.step(x_k, u_k)
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+def test_the_law_cancels_and_saturates_as_in_python(loop, dtype, tmp_path):
+    v, s, d = loop.law_signals(200)
+    limited = loop.limited(loop.plant.law(v, s, d))
+    expected, lost = limited.split(v, s, d)
+    blocks = export(loop.plant, tmp_path, law=limited, observer=False, dtype=dtype)
+    law, sent, cut = blocks["PLANT_LAW"](), np.empty_like(v), np.empty_like(v)
+    for k in range(len(v)):
+        given = {"d": numbers(d[k], dtype)} if loop.plant.nd else {}
+        law(v=numbers(v[k], dtype), s=numbers(s[k], dtype), **given)
+        sent[k], cut[k] = law.u, law.cut
+    assert 0.3 < np.mean(np.any(lost, axis=1)) < 0.5
+    assert_near(sent, expected, dtype)
+    assert_near(cut, lost, dtype)
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+def test_the_observer_corrects_as_in_python(loop, dtype, tmp_path):
+    late, observer, rng = loop.plant.late(), loop.observer, np.random.default_rng(1)
+    blocks = export(loop.plant, tmp_path, observer=observer, dtype=dtype)
+    correct = blocks["PLANT_CORRECT"]()
+    x, u = rng.standard_normal((200, late.nx)), rng.standard_normal((200, late.nu))
+    y = late.output(x) + loop.signals(200)[1]
+    found, expected = np.empty_like(x), np.empty_like(x)
+    for k in range(len(x)):
+        estimate = numbers(x[k], dtype)
+        correct(x=estimate, y=numbers(y[k], dtype), u=numbers(u[k], dtype))
+        found[k] = estimate
+        expected[k] = observer.output(0, x[k], np.concatenate([u[k], y[k]]), {})
+    assert_near(found, expected, dtype)
+
+
+def controller(loop, folder, dtype="double"):
+    """Return the controller of a loop as a function of signals, and its block."""
+    block = export(loop.plant, folder, dtype=dtype, **loop.options)["PLANT_CONTROL"]()
+
+    def step(r, y, d, **options):
+        if loop.plant.nd:
+            options["d"] = numbers(d, dtype)
+        block(setpoint=numbers(r, dtype), y=numbers(y, dtype), **options)
+        return np.array(block.u, dtype=float)
+
+    return step, block
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+def test_the_controller_acts_as_in_python(loop, dtype, tmp_path):
+    y, u = loop.run(controller(loop, tmp_path, dtype)[0])
+    expected_y, expected_u = loop.run(loop.controller())
+    finite = np.isfinite(y)
+    assert not finite.all()
+    assert_near(u, expected_u, dtype)
+    assert_near(y[finite], expected_y[finite], dtype)
+
+
+def test_what_is_not_finite_is_not_taken(loop, tmp_path):
+    step, block = controller(loop, tmp_path)
+    python, plant = loop.controller(), loop.plant
+    r, d = (z[0] for z in (loop.signals(1)[0], loop.signals(1)[2]))
+    step(r, plant.y_offset, d)
+    python(r, plant.y_offset, d)
+    for bad in (np.nan, np.inf, -np.inf):
+        found = step(r * bad, plant.y_offset * bad, d * bad)
+        expected = python(r, plant.y_offset * bad, d)
+        assert_near(found, expected, "double")
+    assert np.isfinite([*block.x, *block.u]).all()
+
+
+@pytest.mark.parametrize("name", ["output", "disturbed", "state, disturbed"])
+def test_closing_the_loop_does_not_move_the_input(name, tmp_path):
+    loop = Loop(name)
+    step = controller(loop, tmp_path)[0]
+    plant = loop.plant.late()
+    d, x = plant.d_offset + 0.2, np.zeros(plant.nx)
+    # a hand that moves the first input between its limits, far from the setpoint
+    hand = plant.v_offset.copy()
+    hand[0] = 0.3 * loop.law.u_min[0] + 0.7 * loop.law.u_max[0]
+    r = plant.y_offset + 1.0
+    for _ in range(300):
+        y = plant.output(x)
+        u = step(r, y, d, automatic=False, u_hand=list(hand))
+        np.testing.assert_array_equal(u, hand)
+        x = plant.step(x, plant.every_input(u, d))
+    first = step(r, plant.output(x), d, automatic=True)
+    K_z = loop.gain[:, plant.nx :]
+    full = np.linalg.matrix_rank(K_z) == len(K_z)  # z can hold every input
+    if full:
+        np.testing.assert_allclose(first, hand, rtol=0, atol=1e-9)
+    second = step(r, plant.output(x), d)
+    assert np.abs(second - hand).max() > 1e-3  # and then it moves
+    # by hand beyond a limit, and with no number at all
+    hand[0] = 10 * (1 + abs(loop.law.u_max[0]))
+    u = step(r, plant.output(x), d, automatic=False, u_hand=list(hand))
+    assert u[0] == loop.law.u_max[0]
+    u = step(r, plant.output(x), d, automatic=False, u_hand=list(hand * np.nan))
+    assert np.isfinite(u).all()
+    # reset
+    fresh = loop.controller()
+    found = step(r, plant.y_offset, d, automatic=True, reset=True)
+    assert_near(found, fresh(r, plant.y_offset, d), "double")
+
+
+def test_the_text_is_plain(tmp_path):
+    loop = Loop("monotone")
+    text = to_st(loop.plant, tmp_path / "a.st", prefix="motor", **loop.options)
+    text = text.read_text(encoding="ascii")
+    assert max(map(len, text.splitlines())) <= 96
+    assert "FUNCTION_BLOCK MOTOR_CONTROL" in text and "motor_tanh(" in text
+    assert "$" not in text and "plant" not in text.lower().replace("plant,", "")
+    # nothing but bounded loops and functions that every PLC has
+    assert not re.search(r"\b(WHILE|REPEAT|NEW|POINTER|LREAL_TO)\b", text)
+    calls = {*re.findall(r"\b([A-Z]+)\(", text)}
+    assert calls <= {"ABS", "EXP", "SEL", "SIN", "COS", "AND", "NOT", "OR"}
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+def test_whole_files_are_parsed(dtype, tmp_path):
+    """As they are written, every number of a constant by the parser."""
+    loop = Loop("monotone, one input")
+    path = to_st(loop.plant, tmp_path / "a.st", dtype=dtype, **loop.options)
+    r, noise, d = loop.signals(3)
+    outputs = []
+    for whole in (False, True):
+        block = read(path.read_text(), whole)["PLANT_CONTROL"]()
+        for r_k, y_k, d_k in zip(r, loop.plant.y_offset + noise, d, strict=True):
+            given = {"d": numbers(d_k, dtype)}
+            block(setpoint=numbers(r_k, dtype), y=numbers(y_k, dtype), **given)
+        outputs.append([*block.u, *block.x])
+    assert outputs[0] == outputs[1]
+
+
+def test_refusals(tmp_path):
+    path, plant = tmp_path / "a.st", make_plant("al")
+    own = Activation("own", np.tanh, lambda v, w: 1 - w**2, (0, 1))
+    with pytest.raises(ValueError, match=r"expression in 'st' .*'own'"):
+        to_st(make_unknown(own), path, observer=False)
+    with pytest.raises(ValueError, match="`dtype` must be 'double' or 'float', got 1"):
+        to_st(plant, path, dtype=1)
+    for prefix in ("1a", "a__b", "a-b", None):
+        with pytest.raises(ValueError, match="`prefix` must begin with a letter"):
+            to_st(plant, path, prefix=prefix)
+    assert not path.exists()
