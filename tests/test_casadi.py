@@ -128,7 +128,7 @@ def test_a_plant_in_continuous_time_is_one_of_its_samples(hold):
 
 
 def test_a_steep_map_is_solved():
-    """Newton's method without a safeguard would jump to and fro here."""
+    """Newton's method without a safeguard would jump back and forth here."""
     plant = make_plant("monotone")
     law = to_casadi(plant, observer=False)["law"]
     rng = np.random.default_rng(0)

@@ -47,8 +47,8 @@ def test_all_names_of_the_package_are_found():
     for name in alssnn.__all__:
         assert getattr(alssnn, name).__name__.rpartition(".")[2] == name
     assert alssnn.certificates.__name__ == "alssnn.certificates"  # a module, too
-    with pytest.raises(AttributeError, match="has no attribute 'AlSnn'"):
-        getattr(alssnn, "AlS" + "nn")
+    with pytest.raises(AttributeError, match="has no attribute 'GrSnn'"):
+        getattr(alssnn, "Gr" + "Snn")
 
 
 def test_import_is_fast_and_lean(tmp_path):
