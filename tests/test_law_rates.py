@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import alssnn
+from alssnn.cli import main
 from alssnn.datasets import make_duffing
 from alssnn.feedback import LinearizingLaw
 from alssnn.linearizability import worst_error
@@ -198,6 +199,29 @@ def test_a_predictive_controller_takes_the_law(duffing):
     mpc = LinearizingMPC(plant, horizon=8)
     u = mpc.step(plant.y_offset + 0.1, plant.y_offset)
     assert np.isfinite(u).all()
+
+
+def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, capsys):
+    model, record = duffing
+    last = slice(400, None)
+    data = record.u[last], record.y[last]
+    plain = model.validate(*data)["linearizability"]
+    finer = model.validate(*data, law_dt=0.05, ahead=True)["linearizability"]
+    assert finer.value < 0.1 * plain.value
+    page = tmp_path / "report.html"
+    model.report(page, *data, law_dt=0.05, ahead=True)
+    text = page.read_text(encoding="utf-8")
+    assert "Linearizability, law at 0.05 s, half a sample ahead" in text
+    model.save(tmp_path / "model.npz")
+    table = np.hstack([record.u, record.y])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="u,y", comments="")
+    files = [str(tmp_path / name) for name in ("model.npz", "a.csv")]
+    command = ["validate", files[0], "--data", files[1], "--last", "0.5"]
+    command += ["--input", "u", "--output", "y"]
+    main([*command, "--law-dt", "0.05", "--ahead", "-o", str(tmp_path / "b.csv")])
+    rows = (tmp_path / "b.csv").read_text().splitlines()
+    (row,) = [row for row in rows if row.startswith("linearizability")]
+    assert float(row.split(",")[3]) == pytest.approx(finer.value, rel=1e-6)
 
 
 def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):

@@ -669,7 +669,7 @@ def test_a_model_without_a_law_is_not_called_linearizable():
     ("options", "message"),
     [
         ({"level": 2}, "`level` must be between 0 and 1"),
-        ({"linear_within": 0}, "`linear_within` must be positive"),
+        ({"linear_within": 0}, "`linear_within` must be a positive share"),
         ({"horizons": [0]}, "`horizons` must be positive integers"),
         ({"horizons": [1.5]}, "`horizons` must be positive integers"),
         ({"horizons": [np.nan]}, "`horizons` must be positive integers"),

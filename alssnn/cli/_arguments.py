@@ -402,6 +402,28 @@ def add_limits(parser):
         )
 
 
+def add_law(parser):
+    """Add the options that say which law is judged.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command; its results are arguments of `validate` and `report`.
+    """
+    parser.add_argument(
+        "--law-dt",
+        type=weight,
+        metavar="SECONDS",
+        help="sampling time at which the law will run, of a model in continuous time "
+        "(default: that of the record)",
+    )
+    parser.add_argument(
+        "--ahead",
+        action="store_true",
+        help="judge the law that looks half a sample ahead",
+    )
+
+
 def scalar(values):
     """Return limits as a number where there is one.
 

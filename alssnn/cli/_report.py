@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, add_output, refuse_existing
+from ._arguments import add_command, add_law, add_output, refuse_existing
 from ._record import add_data, add_model, read_record
 
 EPILOG = """\
@@ -34,6 +34,7 @@ def add(commands):
     )
     add_model(parser)
     add_data(parser)
+    add_law(parser)
     add_output(parser, "FILE.html", "page to write", Path("report.html"))
 
 
@@ -50,6 +51,7 @@ def run(args):
     refuse_existing(args, args.output_file)
     model = load(args.model)
     record, before = read_record(args, model)
-    model.report(args.output_file, *record, train=before)
+    law = {"law_dt": args.law_dt, "ahead": args.ahead}
+    model.report(args.output_file, *record, train=before, **law)
     args.result = {"file": args.output_file}
     print(f"Report: {args.output_file}")

@@ -1,6 +1,6 @@
 """`alssnn validate`: whether a model deserves trust."""
 
-from ._arguments import add_command, add_output, count, refuse_existing
+from ._arguments import add_command, add_law, add_output, count, refuse_existing
 from ._record import add_data, add_model, read_record, write_csv
 
 EPILOG = """\
@@ -38,6 +38,7 @@ def add(commands):
         metavar="N",
         help="lags of the tests of residuals (default: 25, fewer on a short record)",
     )
+    add_law(parser)
     add_output(parser, "FILE.csv", "write the checks as a table")
 
 
@@ -59,7 +60,9 @@ def run(args):
     refuse_existing(args, args.output_file)
     model = load(args.model)
     record, _ = read_record(args, model)
-    validation = model.validate(*record, n_lags=args.lags or "auto")
+    validation = model.validate(
+        *record, n_lags=args.lags or "auto", law_dt=args.law_dt, ahead=args.ahead
+    )
     print(validation)
     columns = ("name", "passed", "decides", "value", "quantity", "sentence")
     args.result = {

@@ -9,7 +9,18 @@ from . import _control, _sections
 from ._page import REFUSED, attempt, page
 
 
-def write_report(model, path, u, y, experiment=None, *, train=None, noise_floor=None):
+def write_report(
+    model,
+    path,
+    u,
+    y,
+    experiment=None,
+    *,
+    train=None,
+    noise_floor=None,
+    law_dt=None,
+    ahead=False,
+):
     """Write one self-contained HTML page about a fitted model.
 
     It has the equations with their numbers, accuracy, validation, linearizability,
@@ -33,6 +44,10 @@ def write_report(model, path, u, y, experiment=None, *, train=None, noise_floor=
         Training data, (u, y) or (u, y, experiment); None leaves them out.
     noise_floor : float, array_like of shape (ny,), or object or None, default=None
         Errors that no model goes below, see `validate`.
+    law_dt : float or None, default=None
+        Sampling time at which the law will run, in seconds, see `linearizability`.
+    ahead : bool, default=False
+        Whether the law looks half a sample ahead (eq. middle).
 
     Raises
     ------
@@ -54,13 +69,13 @@ def write_report(model, path, u, y, experiment=None, *, train=None, noise_floor=
             )
     floor = noise_levels(noise_floor, len(model.y_offset_))
     data = model.prepare_records(*test)  # a wrong one ends here, not in a section
-    validation, reason = None, ""
+    validation, reason, law = None, "", {"law_dt": law_dt, "ahead": ahead}
     try:
-        validation = model.validate(*test, noise_floor=floor)
+        validation = model.validate(*test, noise_floor=floor, **law)
         record = validation.linearizability
     except REFUSED as error:
         reason = str(error)
-        record = model.linearizability(*test)
+        record = model.linearizability(*test, **law)
     doubt = _doubt(validation, record)
     sections = [
         ("summary", "Summary", _sections.summary(model, data, validation)),
@@ -69,7 +84,7 @@ def write_report(model, path, u, y, experiment=None, *, train=None, noise_floor=
         ("validation", "Validation", _sections.checks(model, validation, reason)),
         (
             "linearizability",
-            "Linearizability",
+            "Linearizability" + _of_law(law_dt, ahead),
             _control.linearity(model, test, record),
         ),
         ("certificates", "Certificates", _control.certificates(model, test, doubt)),
@@ -81,6 +96,12 @@ def write_report(model, path, u, y, experiment=None, *, train=None, noise_floor=
     ]
     text = page(f"{type(model).__name__}: report", sections)
     replace_file(path, text)
+
+
+def _of_law(law_dt, ahead):
+    """Say which law was judged, where it is not that of the record."""
+    rate = "" if law_dt is None else f", law at {law_dt:g} s"
+    return rate + ", half a sample ahead" * bool(ahead)
 
 
 def _doubt(validation, record):

@@ -62,6 +62,8 @@ def validate(
     exact=False,
     baseline=None,
     noise_floor=None,
+    law_dt=None,
+    ahead=False,
 ):
     """Check a model on a record that it was not trained on.
 
@@ -101,6 +103,10 @@ def validate(
         Root mean squares, in the units of the outputs, that no model goes below; what
         `look` or `nonparametric.best_linear_approximation` return of a periodic record.
         One more check then says how far above them the free run is; it does not decide.
+    law_dt : float or None, default=None
+        Sampling time of the law, in seconds, for "linearizability"; None: the record's.
+    ahead : bool, default=False
+        Whether this law looks half a sample ahead (eq. middle).
 
     Returns
     -------
@@ -134,8 +140,7 @@ def validate(
     check_options(level, n_lags)
     if not linear_within > 0:
         raise ValueError(
-            f"`linear_within` must be positive, got {linear_within}. It is a share of "
-            "the output."
+            f"`linear_within` must be a positive share of y, got {linear_within}."
         )
     experiments, _ = scored_experiments(model, u, y, experiment)
     n = sum(
@@ -148,7 +153,7 @@ def validate(
         )
     inputs, outputs = column_names(model)
     floor = noise_levels(noise_floor, len(outputs))
-    linear = model.linearizability(u, y, experiment)
+    linear = model.linearizability(u, y, experiment, law_dt=law_dt, ahead=ahead)
     residuals, feedback, doubt = None, None, ""
     try:
         tested, options = judged_experiments(model, u, y, experiment, exact=exact)
