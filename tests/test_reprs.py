@@ -5,6 +5,7 @@ import pkgutil
 import warnings
 from html.parser import HTMLParser
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import alssnn
 from alssnn import LinearStateSpace, feedback, plotting
 from alssnn.datasets import make_pendulum
 from alssnn.model_selection import gamma_path, law_rates
+from alssnn.persistence import Fmu
 from alssnn.report import Summary
 from models import al_ssnn, fit, record
 
@@ -106,6 +108,7 @@ def objects(model):
             response.plot(),
             model.history_[0],
             alssnn.excitation.prbs(7),
+            Fmu(Path("plant.fmu"), "3.0", "binaries/plant.so", ""),
             plotting.SimulationDisplay.from_estimator(model, *data),
         ]
 
