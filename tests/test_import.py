@@ -6,15 +6,16 @@ import pytest
 
 import alssnn
 
-# What scikit-learn's base takes is not ours to change, and it depends on what else is
-# installed: `benchmarks.speed` measures the sum, this test our own part of it.
+# What scikit-learn's base takes is not ours to change: `benchmarks.speed` measures the
+# sum, this test our own part over it, for seconds depend on what else the machine does.
 SCRIPT = """
 import sys, time
-import sklearn.base, sklearn.metrics, joblib, scipy.optimize
 start = time.process_time()
+import sklearn.base, sklearn.metrics, joblib, scipy.optimize
+middle = time.process_time()
 import alssnn
 alssnn.AlSsnn, alssnn.model_ladder, alssnn.metrics, alssnn.datasets
-print(time.process_time() - start)
+print((time.process_time() - middle) / (middle - start))
 heavy = {"cvxpy", "control", "matplotlib", "numba", "osqp"} & set(sys.modules)
 assert not heavy, heavy
 """
@@ -58,6 +59,6 @@ def test_import_is_fast_and_lean(tmp_path):
     command = [sys.executable, "-c", SCRIPT]
     options = {"capture_output": True, "text": True, "check": True, "env": env}
     runs = [subprocess.run(command, **options) for _ in range(6)]
-    times = sorted(float(run.stdout) for run in runs)
+    shares = sorted(float(run.stdout) for run in runs)
     # the best of them: others share the machine
-    assert times[0] < 0.15
+    assert shares[0] < 0.35
