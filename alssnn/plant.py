@@ -158,8 +158,8 @@ class Plant(Signals):
             return self
         if self.rates is None:
             raise ValueError(
-                f"`dt` must be {self.dt:g} s in discrete time, without `ahead`, got "
-                f"{dt!r}. Fit with time='continuous', and take `plant_.at` first."
+                f"`dt` and `ahead` must stay {self.dt:g} s and {self.looks_ahead}: the "
+                "time is discrete, or the plant was changed. Fit in continuous time."
             )
         delay = as_samples(self.delay * self.dt, dt)
         plant = replace(self, **self.rates.forms(dt), dt=dt, delay=delay)

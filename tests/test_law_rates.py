@@ -201,6 +201,26 @@ def test_a_predictive_controller_takes_the_law(duffing):
     assert np.isfinite(u).all()
 
 
+def test_the_error_of_the_model_is_that_of_the_model(duffing):
+    model, record = duffing
+    u, y = record.u, record.y
+    assert np.isnan(model.linearizability(u, y, law_dt=2 * record.dt).carried).all()
+    # an input that goes on between samples is no error, whatever the law does
+    t = record.dt * np.arange(400)
+    u = (0.3 * np.sin(1.3 * t) + 0.2 * np.sin(2.9 * t + 1))[:, None]
+    smooth = alssnn.FlSsnn(
+        nx=2, n_h=3, hold="cubic", time="continuous", dt=record.dt, alpha=0.0, n_init=1
+    ).set_params(max_iter=10, random_state=0)
+    smooth.fit(u, make_duffing(400, random_state=2).y)
+    prepared = smooth.prepare_records(u, smooth.predict(u, x0=np.zeros(2)))
+    exact = smooth.predict(u, x0=prepared[0].x0)
+    same = smooth.linearizability(u, exact, law_dt=record.dt, ahead=True)
+    plain = smooth.linearizability(u, exact)
+    for found in (same, plain):
+        closed = found.closed_linearization_error
+        assert np.all(np.abs(found.carried - closed) < 0.1 * closed + 0.02)
+
+
 def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, capsys):
     model, record = duffing
     last = slice(400, None)
@@ -228,9 +248,9 @@ def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):
     model, record = duffing
     discrete = alssnn.FlSsnn(nx=1, n_h=1, alpha=0.0, max_iter=2, dt=record.dt)
     discrete.fit(record.u, record.y)
-    with pytest.raises(ValueError, match="in discrete time, without `ahead`"):
+    with pytest.raises(ValueError, match="time is discrete"):
         discrete.plant_.at(record.dt, ahead=True)
-    with pytest.raises(ValueError, match="in discrete time"):
+    with pytest.raises(ValueError, match="time is discrete"):
         discrete.linearizability(record.u, record.y, law_dt=0.1)
     with pytest.raises(ValueError, match="part or a multiple"):
         model.linearizability(record.u, record.y, law_dt=0.3 * record.dt)
@@ -238,6 +258,12 @@ def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):
         model.linearizability(record.u, record.y, law_dt=-1.0)
     plant = model.plant_.at(record.dt, ahead=True)
     assert plant.at(record.dt, ahead=True) is plant
+    with pytest.raises(ValueError, match="or the plant was changed"):
+        plant.at(record.dt)
+    with pytest.raises(ValueError, match="shorter than every experiment"):
+        model.linearizability(record.u[:9], record.y[:9], law_dt=10 * record.dt)
+    with pytest.raises(ValueError, match="must have sampling times"):
+        law_rates(model, record.u, record.y, law_dt=[])
     with pytest.raises(ValueError, match="does not look ahead"):
         to_c(plant, tmp_path)
     linear = alssnn.LinearStateSpace(nx=2, time="continuous", dt=record.dt, max_iter=2)

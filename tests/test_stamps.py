@@ -78,6 +78,14 @@ def test_samples_that_meet_are_averaged_and_what_lies_outside_is_left():
     np.testing.assert_array_equal(record.u[:, 0], [1, 2, 2])
 
 
+def test_a_longer_sampling_time_takes_every_other_sample_alike():
+    t = 0.1 * np.arange(100)
+    with pytest.warns(UserWarning, match="are moved"):
+        record = on_grid(t, t, t, t, dt=0.2)
+    np.testing.assert_allclose(np.diff(record.u[:49, 0]), 0.2)
+    np.testing.assert_allclose(np.diff(record.y[1:49, 0]), 0.2)
+
+
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_a_model_of_a_slow_sensor():
     fine = make_duffing(800, noise=0.01, random_state=0)
@@ -102,6 +110,8 @@ def test_a_model_of_a_slow_sensor():
         ({"t_u": [0, 1, 2]}, "`t_u` must have a time for each of 4 samples, got 3"),
         ({"t_u": [0, 1, np.nan, 3]}, "`t_u` must be finite times"),
         ({"t_y": [-9, -8, -7, -6]}, "must overlap"),
+        ({"t_y": [20, 21, 22, 23]}, "must overlap"),
+        ({"t_y": [20, 21, 22, 23], "hold": "linear"}, "must overlap"),
         ({"u": [1, np.nan, 2, 3]}, "`u` must be finite"),
         ({"hold": "spline"}, "`hold` must be one of zoh, linear, cubic"),
         ({"dt": -1.0}, "`dt` must be a positive time"),

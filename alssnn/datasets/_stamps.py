@@ -11,6 +11,7 @@ CLOSE = 0.05  # of the shortest usual step, root mean square, by which stamps ma
 TOLD = 0.01  # of it, from which a user is told
 FINEST = 20  # parts of the shortest usual step
 GROWTH = 50  # samples of the grid per sample that was given
+ROUNDING = 1e-9  # of a sample
 HOLDS = ("zoh", "linear", "cubic")
 
 
@@ -94,10 +95,11 @@ def on_grid(
     stop = max(t[-1] for t, _ in seen)
     if hold != "zoh":  # nothing is known behind the last sample of an input
         stop = min(stop, *(t[-1] for t, _ in sent))
-    if stop < 0:
+    begins, ends = min(t[0] for t, _ in seen), min(t[-1] for t, _ in sent)
+    if stop < 0 or begins > ends + step:
         raise ValueError(
             "`t_u` and `t_y` must overlap, got outputs that end before the inputs "
-            "begin. Check their units and time zones."
+            "begin, or begin behind their end. Check their units and time zones."
         )
     given, N = sum(len(t) for t, _ in (*sent, *seen)), round(stop / dt) + 1
     if N > GROWTH * given:
@@ -174,11 +176,16 @@ def _seconds(t):
     return t / np.timedelta64(1, "s") if t.dtype.kind == "m" else t
 
 
+def _nearest(t, dt):
+    """Return the numbers of the nearest times of a grid; a half counts upwards."""
+    return np.floor(t / dt + 0.5 + ROUNDING).astype(int)
+
+
 def _moved(inputs, outputs, dt, hold):
     """Return by how much stamps move, in seconds; inputs that go on are not moved."""
     pairs = (*inputs, *outputs) if hold == "zoh" else outputs
     t = np.concatenate([t for t, _ in pairs])
-    return t - dt * np.round(t / dt)
+    return t - dt * _nearest(t, dt)
 
 
 def _chosen(inputs, outputs, step, hold):
@@ -196,7 +203,7 @@ def _chosen(inputs, outputs, step, hold):
 def _known(t, z, where, dt, hold):
     """Return an input at the times of a grid."""
     if hold == "zoh":
-        at = np.round(t / dt) * dt
+        at = _nearest(t, dt) * dt
         return z[np.searchsorted(at, where + 0.25 * dt, side="right") - 1]
     if hold == "cubic" and len(t) > 2:
         return CubicSpline(t, z)(where)
@@ -205,7 +212,7 @@ def _known(t, z, where, dt, hold):
 
 def _placed(t, z, N, dt):
     """Return an output at the nearest times of a grid; means where several meet."""
-    at = np.round(t / dt).astype(int)
+    at = _nearest(t, dt)
     inside = (at >= 0) & (at < N)
     sums, counts = np.zeros((N, z.shape[1])), np.zeros((N, z.shape[1]))
     known = np.isfinite(z[inside])

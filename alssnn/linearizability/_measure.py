@@ -72,10 +72,11 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
     Costs four simulations: the model, the closed loop, and the residual of each.
     """
     plant = as_plant(plant)
-    if law_dt is not None or ahead:
-        law_dt = plant.dt if law_dt is None else law_dt
+    of_record = plant.dt
+    if law_dt is not None or ahead or plant.rates is not None:
+        law_dt = of_record if law_dt is None else law_dt
         plant, records = at_rate(plant, records, law_dt, ahead)
-    plant = plant.arrived()
+    plant, is_slower = plant.arrived(), plant.dt > of_record
     A, _, C, _ = plant.linear()
     u = [record.du for record in records]
     opened = [_run(plant, record, record.du) for record in records]
@@ -103,7 +104,10 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
         ratio_h_max=float(ratio_h.max()),
         spectral_radius=radius,
         **_closed_measures(plant, closed, u, spread),
-        carried=_carried(plant, records, v, opened, closed),
+        # what a slower law misses between its samples is no error of the model
+        carried=np.full(plant.ny, np.nan)
+        if is_slower
+        else _carried(plant, records, v, opened, closed),
         peak_gain=peak_gain(A) if radius < 1 else np.inf,
         h2_gain=h2_gain(A, C) if radius < 1 else np.full(len(C), np.inf),
         outside=_share_outside(plant.region, opened, y),

@@ -57,6 +57,7 @@ def at_rate(plant, records, law_dt, ahead):
     ValueError
         If the times are no multiples of each other, or time is discrete.
     """
+    ahead = ahead and not plant.no_law
     target = plant.at(law_dt, ahead=ahead)
     parts, samples = round(plant.dt / target.dt), round(target.dt / plant.dt)
     ratio = max(parts, samples)
@@ -65,11 +66,16 @@ def at_rate(plant, records, law_dt, ahead):
             "`law_dt` must be a part or a multiple of the sampling time of the record, "
             f"{plant.dt:g} s, got {target.dt:g} s."
         )
-    if ratio == 1:
+    hold = "zoh" if plant.rates is None else plant.rates.structure.sampling.hold
+    if ratio == 1 and hold == "zoh":
         return target, list(records)
     if samples > 1:
+        if (shortest := min(len(record.du) for record in records)) < samples:
+            raise ValueError(
+                f"`law_dt` must be shorter than every experiment, got {target.dt:g} s "
+                f"for one of {shortest * plant.dt:g} s."
+            )
         return target, [_slower(record, samples, plant.ny) for record in records]
-    hold = plant.rates.structure.sampling.hold
     finer = target if not ahead else plant.at(law_dt)
     finer = finer.arrived()
     return target, [_faster(record, parts, hold, finer) for record in records]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..linearizability import Linearizability, worst_error
+from ..rates import checked_time
 
 PARTS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the sampling time of the record
 
@@ -85,7 +86,9 @@ class LawRates:
         ):
             star = " *" if dt == self.dt else ""
             lines.append(f"{dt:10.4g}{100 * now:10.3g}{100 * ahead:18.3g}{star}")
-        return "\n".join([*lines, "* the sampling time of the record"])
+        if np.any(self.law_dt == self.dt):
+            lines.append("* the sampling time of the record")
+        return "\n".join(lines)
 
     def to_frame(self):
         """Return the errors as a pandas DataFrame.
@@ -144,7 +147,11 @@ def law_rates(model, u, y, experiment=None, law_dt=None):
         )
     if law_dt is None:
         law_dt = plant.dt * np.array(PARTS)
-    law_dt = np.unique(np.asarray(law_dt, dtype=float))[::-1]
+    law_dt = np.unique([checked_time(float(dt)) for dt in np.ravel(law_dt)])[::-1]
+    if not len(law_dt):
+        raise ValueError(
+            "`law_dt` must have sampling times, got none. Give one or more."
+        )
 
     def measured(ahead):
         return tuple(

@@ -87,10 +87,11 @@ class LawRatesDisplay(Display):
             )
         ((axes,),) = grid_of_axes(ax, (1, 1), size=(6.0, 4.0))
         for i, (label, error) in enumerate(errors.items()):
-            style = {"color": color(i), "marker": "o", "markersize": 4, **kwargs}
             shown = np.where(np.isfinite(error), 100 * error, np.nan)
             lost = "" if np.isfinite(error).all() else ", in part without a limit"
-            axes.loglog(rates.law_dt, shown, label=label + lost, **style)
+            style = {"color": color(i), "marker": "o", "markersize": 4}
+            style |= {"label": label + lost, **kwargs}
+            axes.loglog(rates.law_dt, shown, **style)
         axes.axvline(
             rates.dt, color="0.6", linewidth=0.8, label="sampling time of the record"
         )
