@@ -157,8 +157,16 @@ def test_what_leads_the_output_too_far_is_left_out(record, model):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"candidates": []}, "positive integer or a list of signals, got list"),
-        ({"candidates": "steps"}, "positive integer or a list of signals, got str"),
+        ({"candidates": []}, r"positive integer or a list of signals, got \[\]"),
+        ({"candidates": "steps"}, "positive integer or a list of signals, got 'steps'"),
+        ({"candidates": True, "low": -1}, "or a list of signals, got True"),
+        ({"candidates": [np.array([])]}, r"with samples, got one of shape \(0,\)"),
+        ({"candidates": [5.0]}, "must be signals with samples"),
+        (
+            {"candidates": [np.ones(9)], "n_samples": 0},
+            "must be at least 1",
+        ),
+        ({"candidates": [np.ones(9)], "n_samples": 1.5}, "`n_samples` must be an int"),
         ({"candidates": [np.ones((9, 3))]}, r"all 1, got shape \(9, 3\)"),
         ({"candidates": [np.ones((9, 1))], "low": -1}, "`candidates` must be a number"),
         ({"candidates": 0}, "`n_candidates` must be"),

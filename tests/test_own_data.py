@@ -182,8 +182,10 @@ def test_experiments_are_merged_for_a_fit(plain, table):
         assert hasattr(u, "columns") == record.is_named
     with pytest.raises(ValueError, match="must have the same inputs"):
         Record.merge([named, plain])
-    with pytest.raises(ValueError, match="at least one record"):
+    with pytest.raises(ValueError, match="list of records, got none"):
         Record.merge([])
+    with pytest.raises(ValueError, match="list of records, got a record itself"):
+        Record.merge(plain)
 
 
 def test_signals_are_drawn(table):

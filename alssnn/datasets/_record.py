@@ -259,8 +259,9 @@ class Record:
         ValueError
             If there are none, or signals or sampling times differ.
         """
-        if not len(records):
-            raise ValueError("`records` must hold at least one record, got none.")
+        if isinstance(records, Record) or not len(records):
+            found = "a record itself" if isinstance(records, Record) else "none"
+            raise ValueError(f"`records` must be a list of records, got {found}.")
         first = records[0]
         for i, record in enumerate(records):
             for what in ("inputs", "outputs", "dt"):

@@ -181,7 +181,19 @@ def _check(model):
 def _inputs(model, u, candidates, n_samples, limits):
     """Return pairs of every candidate and its inputs, disturbances included."""
     moved = np.setdiff1d(np.arange(u.shape[1]), model.disturbances_)
-    if isinstance(candidates, Integral) and not isinstance(candidates, bool):
+    counts = isinstance(candidates, Integral) and not isinstance(candidates, bool)
+    if not counts and (not isinstance(candidates, list | tuple) or not candidates):
+        raise ValueError(
+            "`candidates` must be a positive integer or a list of signals, got "
+            f"{candidates!r}."
+        )
+    if n_samples is not None and (
+        not isinstance(n_samples, Integral) or isinstance(n_samples, bool)
+    ):
+        raise ValueError(f"`n_samples` must be an integer or None, got {n_samples!r}.")
+    if n_samples is not None and n_samples < 1:
+        raise ValueError(f"`n_samples` must be at least 1, got {n_samples}.")
+    if counts:
         for name, end in (("low", np.min), ("high", np.max)):
             if limits[name] is None:
                 limits[name] = end(u[:, moved], axis=0)
@@ -195,14 +207,14 @@ def _inputs(model, u, candidates, n_samples, limits):
             "`candidates` must be a number if `low`, `high`, `rate`, `operating_point` "
             "or `random_state` is given: signals have limits of their own."
         )
-    if not isinstance(candidates, list | tuple) or not candidates:
-        raise ValueError(
-            "`candidates` must be a positive integer or a list of signals, got "
-            f"{type(candidates).__name__}."
-        )
     found = []
     for one in candidates:
         sent = np.asarray(one.u if isinstance(one, Excitation) else one, dtype=float)
+        if sent.ndim not in (1, 2) or not sent.size:
+            raise ValueError(
+                "`candidates` must be signals with samples, got one of shape "
+                f"{sent.shape}."
+            )
         sent = sent.reshape(len(sent), -1)[:n_samples]
         if sent.shape[1] not in (u.shape[1], len(moved)) or not np.isfinite(sent).all():
             raise ValueError(
