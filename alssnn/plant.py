@@ -159,7 +159,7 @@ class Plant(Signals):
         if self.rates is None:
             raise ValueError(
                 f"`dt` and `ahead` must stay {self.dt:g} s and {self.looks_ahead}: the "
-                "time is discrete, or the plant was changed. Fit in continuous time."
+                "plant was changed, or its time is discrete. Take time='continuous'."
             )
         delay = as_samples(self.delay * self.dt, dt)
         plant = replace(self, **self.rates.forms(dt), dt=dt, delay=delay)

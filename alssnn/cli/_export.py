@@ -41,8 +41,7 @@ def add(commands):
         commands,
         "export",
         run,
-        "Write a saved model as C sources, for MATLAB, as ONNX graphs, as Structured "
-        "Text for PLCs, or as an FMU.",
+        "Write a saved model for C, MATLAB, ONNX, PLCs, or as an FMU.",
         EPILOG,
         help="write a saved model for C, MATLAB, ONNX, PLCs or as an FMU",
     )

@@ -29,7 +29,7 @@ class LawRates:
     --------
     >>> record = alssnn.datasets.make_duffing(400, random_state=0)
     >>> model = alssnn.FlSsnn(
-    ...     nx=2, n_h=2, alpha=0.0, max_iter=20, time="continuous", dt=record.dt
+    ...     nx=2, n_h=2, alpha=0.0, tol=1e-2, time="continuous", dt=record.dt
     ... )
     >>> rates = alssnn.model_selection.law_rates(model.fit(*record), *record)
     >>> rates.law_dt
