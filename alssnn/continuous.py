@@ -423,9 +423,10 @@ def converted(structure, p, hold="zoh"):
     else:
         gain = np.exp(-logarithm)
     gain = np.where(is_alternating(values), logarithm / (values - 1), gain)
-    gain = np.real(vectors * gain @ np.linalg.inv(vectors))
+    inverse = np.linalg.inv(vectors)
+    gain, A = (np.real(vectors * modes @ inverse) for modes in (gain, logarithm))
     changed = {name: gain @ p[name] for name in leading(structure) if name in p}
-    return {**p, **changed, "A": rates(p["A"])}
+    return {**p, **changed, "A": A}
 
 
 def damped(A, substeps=1, slowest=1e-3):

@@ -63,7 +63,8 @@ def mean_periods(u, y, parts, period):
         )
     columns = y.reshape(len(y), -1)
     inputs, outputs, stops = [], [], [0]
-    lost, count = np.zeros((columns.shape[1],) * 2), 0
+    lost = np.zeros((columns.shape[1],) * 2)
+    count = np.zeros_like(lost)
     for i, part in enumerate(parts):
         length = part.stop - part.start
         n = length if period is None else int(period)
@@ -76,9 +77,8 @@ def mean_periods(u, y, parts, period):
         settled = slice(int(length > n), None)
         u_p, y_p = (z[part].reshape(-1, n, z.shape[1])[settled] for z in (u, columns))
         mean = u_p.mean(axis=0)
-        if np.mean((u_p - mean) ** 2) > APERIODIC * np.mean(
-            (u_p - u_p.mean((0, 1))) ** 2
-        ):
+        spread = np.mean((u_p - u_p.mean((0, 1))) ** 2, axis=(0, 1))
+        if np.any(np.mean((u_p - mean) ** 2, axis=(0, 1)) > APERIODIC * spread):
             raise ValueError(
                 f"`u` must repeat itself after `period` = {n} samples, got periods of "
                 f"experiment {i} that differ. Check `period`, or take "
@@ -89,8 +89,10 @@ def mean_periods(u, y, parts, period):
         y_mean = np.where(seen, y_p, 0.0).sum(axis=0) / np.maximum(total, 1)
         error = np.where(seen, y_p - y_mean, 0.0)
         # of a single period, unbiased, less what is left of it in the mean
-        lost += np.einsum("pki,pkj->ij", error, error) / len(u_p)
-        count += n
+        joint = np.einsum("pki,pkj->kij", seen, seen, dtype=float)
+        products = np.einsum("pki,pkj->kij", error, error)
+        lost += np.sum(products / np.maximum(joint, 1.0), axis=0)
+        count += np.sum(joint > 0, axis=0)
         inputs.append(mean)
         outputs.append(np.where(total > 0, y_mean, np.nan))
         stops.append(stops[-1] + n)
@@ -98,5 +100,5 @@ def mean_periods(u, y, parts, period):
         np.concatenate(inputs),
         np.concatenate(outputs).reshape(-1, *y.shape[1:]),
         list(map(slice, stops[:-1], stops[1:])),
-        lost / count,
+        lost / np.maximum(count, 1.0),
     )

@@ -197,14 +197,14 @@ def measure(target, steps):
         after, y = target.model(plant, x, u)
         late = plant.late()
         errors = deviation(after, late.step(x, u)), deviation(y, late.output(x, u))
-        of_model = max(of_model, *errors)
+        of_model = np.max([of_model, *errors])  # keeps nan
     if type(target).controller is not Target.controller:
         of_controller = 0.0
         for name in CONTROLLED:
             loop = Loop(name)
             _, u = loop.run(target.controller(loop), steps)
             _, expected = loop.run(loop.controller(), steps)
-            of_controller = max(of_controller, deviation(u, expected))
+            of_controller = np.max([of_controller, deviation(u, expected)])
     return of_model, of_controller
 
 

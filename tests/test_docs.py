@@ -162,7 +162,8 @@ GUIDE = [*sorted((ROOT / "doc").glob("guide_*.rst")), ROOT / "doc" / "index.rst"
 
 
 @pytest.mark.parametrize("page", GUIDE, ids=lambda page: page.stem)
-def test_the_code_of_the_guide_runs(page):
+def test_the_code_of_the_guide_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # some write files
     names = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)

@@ -436,6 +436,14 @@ def test_the_same_model_is_the_same_file(tmp_path):
     assert files[0].path.read_bytes() == files[1].path.read_bytes()
 
 
+@pytest.mark.parametrize("name", ["fmu", "fmi2", "fmi3"])
+def test_names_of_our_own_sources_are_taken_by_none(name, tmp_path):
+    fmu = to_fmu(make_plant("al"), tmp_path / f"{name}.fmu")
+    sources = zipfile.ZipFile(fmu.path).namelist()
+    assert f"sources/fmu_{name}.c" in sources
+    assert validate_fmu(str(fmu.path)) == []
+
+
 def test_without_a_compiler_the_sources_are_there(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     for version in VERSIONS:

@@ -276,3 +276,6 @@ def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):
     fed.fit(record.u, record.y)
     with pytest.raises(ValueError, match="algebraic loop"):
         fed.plant_.at(0.1, ahead=True)
+    without = fed.linearizability(record.u, record.y, ahead=True)  # is no error
+    assert "algebraic loop" in without.no_law
+    assert np.isnan(without.closed_linearization_error).all()

@@ -213,6 +213,26 @@ def test_a_fit_of_exchanged_signals_says_so(make):
         model.fit(record.y, record.u)
 
 
+def test_files_of_one_rate_are_merged_whatever_their_times_round_to(tmp_path):
+    records = []
+    for name, start, n in (("a", 0.0, 1200), ("b", 60.0, 777)):
+        t = start + 0.05 * np.arange(n)
+        lines = [f"{z:.2f},{np.sin(z):.3f},{np.cos(z):.3f}" for z in t]
+        path = tmp_path / f"{name}.csv"
+        path.write_text("\n".join(["time,u,y", *lines]))
+        records.append(Record.from_csv(path, "u", "y"))
+    assert [record.dt for record in records] == [0.05, 0.05]
+    assert len(Record.merge(records)[0]) == 1977
+
+
+def test_an_input_at_rest_is_no_sign_of_exchanged_signals():
+    record = make_pendulum(1500, random_state=0)
+    moves = np.r_[np.zeros(1400), np.random.default_rng(0).standard_normal(100)]
+    u = np.hstack([record.y, moves[:, None]])
+    with pytest.warns(ConvergenceWarning, match="exchange them"):
+        LinearStateSpace(nx=2, dt=record.dt).fit(u, record.u, np.arange(1500) >= 1400)
+
+
 def test_noise_is_not_taken_for_exchanged_signals():
     u, y = np.random.default_rng(0).standard_normal((2, 1500))
     with warnings.catch_warnings():

@@ -142,6 +142,28 @@ def test_means_leave_out_the_first_period_and_what_was_not_measured(rng):
     assert mean.parts == [slice(0, 8)]
 
 
+def test_gaps_lose_no_noise(rng):
+    n, periods = 2_000, 5
+    u = np.tile(rng.standard_normal((n, 1)), (periods, 1))
+    y = rng.standard_normal((periods * n, 2))
+    y[rng.uniform(size=y.shape) < 0.5] = np.nan
+    mean = mean_periods(u, y, [slice(0, len(u))], n)
+    total = np.isfinite(y[n:].reshape(periods - 1, n, 2)).sum(axis=0)
+    left = [np.mean(1 / t[t > 0]) for t in total.T]
+    np.testing.assert_allclose(np.diag(mean.lost) + left, 1.0, atol=0.06)
+
+
+def test_every_input_repeats_itself(rng):
+    u = np.hstack(
+        [1e3 * np.tile(rng.standard_normal((50, 1)), (4, 1)), np.ones((200, 1))]
+    )
+    y = rng.standard_normal((200, 1))
+    assert len(mean_periods(u, y, [slice(0, 200)], 50).u) == 50
+    u[:, 1] = rng.standard_normal(200)
+    with pytest.raises(ValueError, match="`u` must repeat itself"):
+        mean_periods(u, y, [slice(0, 200)], 50)
+
+
 def test_the_noise_of_a_period_is_that_of_the_mean_and_what_it_lost(rng):
     n, P = 20_000, 4
     noise = 0.3 * rng.standard_normal((n * P, 1))

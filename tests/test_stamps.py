@@ -54,6 +54,8 @@ def test_dates_are_times():
     other = zone.tz_convert("UTC")
     same = on_grid(u, zone, u[::2], list(other[::2]))
     np.testing.assert_array_equal(same.y, record.y)
+    numbers = on_grid(u, np.arange(30, dtype=object), u[::2], np.arange(0, 30, 2))
+    assert numbers.dt == 1.0
     text = on_grid(u, t.astype(str), u[::2], t[::2])
     assert text.dt == 0.25
 
@@ -118,6 +120,8 @@ def test_a_model_of_a_slow_sensor():
         ({"dt": 1e-9}, "`dt` must be longer"),
         ({"t_y": [0, 1, 2, 1e7]}, "`dt` must be longer"),
         ({"t_y": np.arange(4).astype("datetime64[s]")}, "all be seconds or all be"),
+        ({"t_u": ["now", "then", "soon", "late"]}, "seconds or dates, got 'now'"),
+        ({"u": [], "t_u": []}, "`u` must be a nonempty array"),
         ({"t_u": [True, False, True, False]}, "times in seconds or dates"),
         ({"u": [[1, 2, 3, 4], [1, 2]]}, "`t_u` must be a list of 2 arrays"),
     ],

@@ -116,7 +116,11 @@ def run(args):
     if args.output_file is None:
         args.result["outputs"] = {name: y_hat[:, i] for i, name in enumerate(names)}
     if diverges:
-        print("The simulation diverges.", file=sys.stderr)
+        print(
+            "The simulation diverges, and no figure is drawn. Check the inputs and "
+            "their units, or fit anew.",
+            file=sys.stderr,
+        )
     return int(diverges)
 
 

@@ -139,4 +139,6 @@ def even_step(where, steps):
             "the record at gaps, interpolate it to even times, or give `dt` if the "
             "times are wrong."
         )
-    return dt if abs(dt * len(steps) - steps.sum()) > 1e-3 * dt else steps.mean()
+    if abs(dt * len(steps) - steps.sum()) <= 1e-3 * dt:
+        dt = float(steps.mean())
+    return float(f"{dt:.9g}")  # without the rounding of times: two files have one dt

@@ -122,7 +122,7 @@ def on_grid(
 
 def _paired(name, signals, stamps):
     """Return pairs of stamps and signals, checked."""
-    several = isinstance(signals, list) and np.ndim(signals[0]) > 0
+    several = isinstance(signals, list) and bool(signals) and np.ndim(signals[0]) > 0
     if not several:
         signals, stamps = [signals], [stamps]
     elif not isinstance(stamps, list) or len(stamps) != len(signals):
@@ -152,10 +152,11 @@ def _paired(name, signals, stamps):
 def _times(t, name):
     """Return stamps as floats, or as dates of numpy."""
     t = np.asarray(t)
-    if t.dtype == object or t.dtype.kind in "US":  # dates with a zone, or as text
-        import pandas
-
-        t = pandas.to_datetime(t, utc=True).tz_localize(None).to_numpy()
+    if t.dtype == object or t.dtype.kind in "US":
+        try:
+            t = t.astype(float)
+        except (TypeError, ValueError):  # dates with a zone, or as text
+            t = _dates(t, name)
     if t.dtype.kind in "iuf":
         t = t.astype(float)
     elif t.dtype.kind not in "Mm":
@@ -169,6 +170,19 @@ def _times(t, name):
             f"{int(lost.sum())} that are none. Drop these samples."
         )
     return t
+
+
+def _dates(t, name):
+    import pandas
+
+    try:
+        dates = pandas.to_datetime(t, utc=True, format="ISO8601")
+        return dates.tz_localize(None).to_numpy()
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"`{name}` must be times in seconds or dates, got {str(t.flat[0])!r}. Convert "
+            "them to numbers, or to dates as 2026-01-31T12:00:00."
+        ) from error
 
 
 def _seconds(t):

@@ -62,6 +62,9 @@ def warn_if_exchanged(estimator, u, y, parts):
     du, dy = u - u.mean(axis=0), y - y.mean(axis=0)
     past = np.hstack([dy[LAGS - k : -k] for k in range(1, LAGS + 1)])
     now = du[LAGS:]
+    now = now[:, np.ptp(now, axis=0) > 0]  # at rest, it tells nothing
+    if not now.shape[1]:
+        return
     missed = now - past @ np.linalg.lstsq(past, now)[0]
     told = 1 - np.mean(np.mean(missed**2, axis=0) / np.mean(now**2, axis=0))
     if told > TELLING:

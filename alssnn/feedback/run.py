@@ -240,6 +240,11 @@ class Controller(ABC):
         x = check_point("x0", x0, plant.nstates)
         if d is None:
             d = np.tile(own.d_offset, (n, 1))
+        elif not own.nd and np.size(d):
+            raise ValueError(
+                "`d` must be None for a model without measured disturbances, got "
+                f"{type(d).__name__}. Leave it out."
+            )
         d = check_signal("d", d, n, own.nd) if own.nd else d
         self.reset()
         t, u, steps = own.dt * np.arange(n), np.zeros((n, own.nv)), []

@@ -11,7 +11,8 @@ import control
 import numpy as np
 
 from ..plants import as_plant
-from .loop import check_plant, closed_loop, designed_loop
+from .export import check_plant
+from .loop import closed_loop, designed_loop
 
 
 def tracking_comparison(plant, model, gain, r, *, law=None, observer=None):

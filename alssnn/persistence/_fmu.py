@@ -125,7 +125,8 @@ def to_fmu(
     _check(what, version, gain)
     path = Path(path)
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
-    name = name if re.match("[A-Za-z]", name) else f"fmu_{name}"
+    is_name = re.match("[A-Za-z]", name) and name not in ("fmu", "fmi2", "fmi3")
+    name = name if is_name else f"fmu_{name}"  # these are files of ours
     if what == "model":
         export = Export.of(model, law, observer=False)
     else:
