@@ -180,8 +180,8 @@ def _dates(t, name):
         return dates.tz_localize(None).to_numpy()
     except (TypeError, ValueError) as error:
         raise ValueError(
-            f"`{name}` must be times in seconds or dates, got {str(t.flat[0])!r}. Convert "
-            "them to numbers, or to dates as 2026-01-31T12:00:00."
+            f"`{name}` must be times in seconds or dates, got {str(t.flat[0])!r}. "
+            "Convert them to numbers, or to dates as 2026-01-31T12:00:00."
         ) from error
 
 
