@@ -36,6 +36,10 @@ class Activation:
         Smallest and largest derivative.
     bound : float, default=inf
         Largest absolute value.
+    slope_range : callable or None, default=None
+        ``slope_range(low, high)``: smallest and largest derivative over intervals,
+        arrays of any shape. None means `slope` wherever the neuron is, and then local
+        certificates say less.
     odd : bool, default=False
         Whether ``value(-v) == -value(v)``.
     code : int, default=OTHER
@@ -74,9 +78,27 @@ class Activation:
     derivative: Callable
     slope: tuple[float, float]
     bound: float = np.inf
+    slope_range: Callable | None = field(default=None, compare=False, kw_only=True)
     odd: bool = False
     code: int = OTHER
     expressions: dict[str, str] = field(default_factory=dict, compare=False)
+
+    def slopes(self, low, high):
+        """Return the smallest and the largest derivative over intervals.
+
+        Parameters
+        ----------
+        low, high : ndarray
+            Ends of the intervals, of one shape.
+
+        Returns
+        -------
+        least, largest : ndarray
+            Bounds of the derivative, of the same shape.
+        """
+        if self.slope_range is None:
+            return tuple(np.full(np.shape(low), bound) for bound in self.slope)
+        return self.slope_range(low, high)
 
     def expression(self, language, **blanks):
         """Return what computes the value in another language.
@@ -121,6 +143,29 @@ def _sigmoid(v):
     return 0.5 * (1.0 + np.tanh(0.5 * v))  # no overflow, and complex-step safe
 
 
+def _bell(slope):
+    """Return the range of a derivative that falls with the distance from zero."""
+
+    def slope_range(low, high):
+        far = np.maximum(np.abs(low), np.abs(high))
+        near = np.maximum(np.maximum(low, -high), 0.0)  # zero lies between
+        return slope(far), slope(near)
+
+    return slope_range
+
+
+def _cosine(low, high):
+    """Return the range of the cosine: its extrema are the multiples of pi."""
+    ends = np.cos(low), np.cos(high)
+
+    def has(at):  # an integer in the interval, in turns
+        turns = 2 * np.pi
+        return np.floor((high - at) / turns) >= np.ceil((low - at) / turns)
+
+    least = np.where(has(np.pi), -1.0, np.minimum(*ends))
+    return least, np.where(has(0.0), 1.0, np.maximum(*ends))
+
+
 ACTIVATIONS = {
     activation.name: activation
     for activation in (
@@ -130,6 +175,7 @@ ACTIVATIONS = {
             lambda v, w: 1.0 - w**2,
             (0, 1),
             1.0,
+            slope_range=_bell(lambda v: 1.0 - np.tanh(v) ** 2),
             odd=True,
             code=TANH,
             expressions={
@@ -148,6 +194,7 @@ ACTIVATIONS = {
             lambda v, w: w * (1.0 - w),
             (0, 0.25),
             1.0,
+            slope_range=_bell(lambda v: _sigmoid(v) * _sigmoid(-v)),
             code=SIGMOID,
             expressions={
                 "c": "0.5{f} * (1.0{f} + tanh{f}(0.5{f} * {v}))",
@@ -164,6 +211,7 @@ ACTIVATIONS = {
             lambda v: v * (np.real(v) > 0),
             lambda v, w: 1.0 * (np.real(v) > 0),
             (0, 1),
+            slope_range=lambda low, high: (1.0 * (low > 0), 1.0 * (high > 0)),
             code=RELU,
             # a NaN stays one
             expressions={
@@ -199,6 +247,7 @@ ACTIVATIONS = {
             lambda v, w: np.cos(v),
             (-1, 1),
             1.0,
+            slope_range=_cosine,
             odd=True,
             code=SIN,
             expressions={

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .experiments import chunks
 from .kernels import add_square
 from .simulation import regressors, sensitivities, trajectory
 from .steady import eliminated, steady_state
@@ -177,6 +178,31 @@ class Contribution:
             Its squared norm; nan if diverged.
         """
         return sum(float(np.vdot(r, r)) for r in self.residuals(theta, x0, u, y))
+
+    def squares(self, theta, x0, u, y):
+        """Return squared errors of every output, without weights.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_params,)
+            Parameters.
+        x0 : ndarray of shape (n_x0,)
+            Initial state.
+        u : array of shape (N, nu)
+            Inputs.
+        y : array of shape (N, ny)
+            Outputs.
+
+        Returns
+        -------
+        squares : ndarray of shape (2, ny)
+            Their sums, and how many were measured.
+        """
+        ny = y.shape[1]
+        weight = np.where(self.weight[:ny] > 0, self.weight[:ny], np.inf)
+        rows = [r[..., :ny] / weight for r in self.residuals(theta, x0, u, y)]
+        n = sum(np.isfinite(y[part]).sum(axis=0) for part in chunks(len(y)))
+        return np.array([np.sum(np.vstack(rows) ** 2, axis=0), n])
 
     def arrow(self, theta, i, x0, u, y):
         """Return J'J, J'r and |r|^2, accumulated chunk by chunk.

@@ -80,6 +80,10 @@ class LeastSquares(ABC):
             Norm of the residual.
         """
 
+    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one; zero if unknown."""
+        return 0.0
+
     def fun(self, free):
         """Return the compressed residual [|r|, 0, ..., 0] (eq. compress).
 
@@ -275,6 +279,12 @@ class Criterion(LeastSquares):
             self._memo = (np.array(free), float(norm))
         return self._memo[1]
 
+    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one."""
+        theta, x0 = self.split(free)
+        sums, n = self.experiments.reduce(partial(self.one.squares, theta), add, x0)
+        return sums / np.maximum(n, 1)
+
     def normal_equations(self, free):
         """Return J'J, J'r and |r|, accumulated chunk by chunk.
 
@@ -357,15 +367,8 @@ class Criterion(LeastSquares):
         for i, ((u, y), start) in enumerate(zip(self.experiments, x0, strict=True)):
             where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
             blocks = []
-            for part, _, J in sensitivities(
-                self.structure,
-                theta,
-                start,
-                u,
-                self.one.weight,
-                self.one.chunk,
-                end=end,
-            ):
+            how = start, u, self.one.weight, self.one.chunk
+            for part, _, J in sensitivities(self.structure, theta, *how, end=end):
                 J[:, : y.shape[1]][np.isnan(y[part])] = 0.0
                 block = np.zeros((J.shape[0] * J.shape[1], self.n))
                 block[:, where] = J.reshape(len(block), -1)
@@ -471,6 +474,10 @@ class Restricted(LeastSquares):
             Root of the cost.
         """
         return self.criterion.norm(self.complete(part))
+
+    def mean_squares(self, part):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one."""
+        return self.criterion.mean_squares(self.complete(part))
 
     def normal_equations(self, part):
         """Return J'J, J'r and |r| of the free entries.

@@ -272,12 +272,13 @@ def is_list_of_records(data):
     Returns
     -------
     is_list : bool
-        Whether it is a list or tuple of 2-D arrays or DataFrames.
+        Whether it is a list or tuple of arrays, DataFrames or Series. A list of
+        numbers, or of lists of them, is one array.
     """
     return (
         isinstance(data, list | tuple)
         and len(data) > 0
-        and all(len(getattr(part, "shape", ())) == 2 for part in data)
+        and all(len(getattr(part, "shape", ())) in (1, 2) for part in data)
     )
 
 

@@ -168,7 +168,17 @@ def disturbed(form, kind, moved):
     form : Lure
         Form with as many more states, the last, which stay as they are; its v is that
         of the form without d where v = u + h(s).
+
+    Raises
+    ------
+    ValueError
+        If `kind` is unknown.
     """
+    if kind not in ("output", "input"):
+        raise ValueError(
+            f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if the "
+            "model integrates."
+        )
     nx, nu, v = form.nx, form.nu, virtual(form, moved)
     if kind == "input":
         by_d = form.Theta[:, nx + moved]
@@ -215,6 +225,28 @@ def closed(form, moved):
     tiny = (Theta[E] != 0) & (np.abs(Theta[E]) <= ROUNDING * size[E])
     Theta[E] = np.where(tiny, 0.0, Theta[E])
     return Lure(Theta, form.nx, form.nu, form.nw, form.sigma)
+
+
+def driven(loop, moved):
+    """Return the form of a plant that v drives, behind its law.
+
+    Parameters
+    ----------
+    loop : Lure
+        Form of `closed`, with the channels [y; u].
+    moved : ndarray of int
+        Inputs that v makes.
+
+    Returns
+    -------
+    form : Lure
+        The same with the channels [y; v], v being its inputs that are moved.
+    """
+    u = loop.nx + loop.nz - loop.nu  # of which only those that are moved stay
+    given = np.setdiff1d(np.arange(loop.nu), moved)
+    Theta = np.delete(loop.Theta, u + given, axis=0)
+    form = Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma)
+    return with_virtual(form, only_input(form, moved))
 
 
 def closed_beside(form, law, moved):

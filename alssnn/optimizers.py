@@ -22,7 +22,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from threadpoolctl import ThreadpoolController
 
 from .criterion import DIVERGED_NORM
-from .watch import INTERRUPTED, NO_PROGRESS, Stop
+from .watch import AT_FLOOR, INTERRUPTED, NO_PROGRESS, Stop
 
 GRADIENT_TOLERANCE = 1e-12  # cosine between r and its derivatives
 STOPPED = -1  # status of a search that was left (`watch`)
@@ -143,8 +143,8 @@ def minimize(
         nfev=search.nfev,
         njev=search.njev,
         status=status,
-        # to have the patience of the user end a search is a kind of convergence
-        success=status > 0 or message == NO_PROGRESS,
+        # that a wish of the user ends a search is a kind of convergence
+        success=status > 0 or message in (NO_PROGRESS, AT_FLOOR),
         message=message,
         seconds=time.perf_counter() - start,
         validation_rmse=np.nan if patience is None else patience.least,
@@ -238,5 +238,9 @@ class _Search:
             cost = self.criterion.norm(x) ** 2
             self.watch.step(self.label, self.n_accepted, cost, rmse, point)
         self.n_accepted += 1
+        floor = None if self.watch is None else self.watch.floor
+        if floor is not None and cost <= floor[0]:
+            if np.all(self.criterion.mean_squares(x) <= floor[1]):
+                raise Stop(AT_FLOOR)
         if self.patience is not None and self.patience.is_over:
             raise Stop(NO_PROGRESS)

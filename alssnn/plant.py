@@ -26,11 +26,12 @@ import numpy as np
 
 from . import forms
 from .lure import Lure
-from .rates import Rates, as_samples, checked_time, looking_ahead
+from .rates import Rates, resampled
 from .region import Region
+from .shown import short_repr
 from .signals import Signals
 from .simulation import neuron_gains, regressors
-from .virtual import VirtualMap, by_rows
+from .virtual import Middle, VirtualMap, by_rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -55,8 +56,8 @@ class Plant(Signals):
         Why u = v - h(s) is no law of this plant; empty if it is one.
     rates : Rates or None, default=None
         Equations in continuous time that were sampled, if they were.
-    looks_ahead : bool, default=False
-        Whether the law sees the middle of the coming sample (`at`).
+    middle : Middle or None, default=None
+        What the law sees of the middle of the coming sample, if it looks ahead (`at`).
 
     Examples
     --------
@@ -74,7 +75,12 @@ class Plant(Signals):
     region: Region | None = field(default=None, repr=False)
     no_law: str = ""
     rates: Rates | None = field(default=None, repr=False)
-    looks_ahead: bool = False
+    middle: Middle | None = field(default=None, repr=False)
+
+    def __repr__(self):
+        """Return sizes, and first of all whether the law looks ahead."""
+        told = "Plant(looks half a sample ahead, " if self.looks_ahead else "Plant("
+        return short_repr(self).replace("Plant(", told, 1)
 
     def __post_init__(self):
         """Say why the law is none, where it is none."""
@@ -85,6 +91,11 @@ class Plant(Signals):
             object.__setattr__(self, "no_law", reason)
 
     # -- sizes and rows --------------------------------------------------------------
+
+    @property
+    def looks_ahead(self):
+        """Return whether the law sees the middle of the coming sample (eq. middle)."""
+        return self.middle is not None
 
     @property
     def nx(self):
@@ -111,6 +122,11 @@ class Plant(Signals):
     def is_explicit(self):
         """Return whether v = u + h(s); else the law solves v = phi(u, s) for u."""
         return not self.cancels or self.law_map.is_explicit
+
+    @property
+    def is_solved(self):
+        """Return whether the law solves v = phi(u, s) for u, by iteration."""
+        return self.cancels and not self.solved_map.is_explicit
 
     @cached_property
     def has_linear_output(self):
@@ -151,20 +167,9 @@ class Plant(Signals):
         ------
         ValueError
             If time is discrete or the plant was changed (`late`, `linearized`), delays
-            are no multiples of `dt`, or a law that looks ahead would need D, H or k.
+            are no multiples of `dt`, or to look ahead takes D, H, k or a d of the past.
         """
-        dt = checked_time(dt)
-        if dt == self.dt and ahead == self.looks_ahead:
-            return self
-        if self.rates is None:
-            raise ValueError(
-                f"`dt` and `ahead` must stay {self.dt:g} s and {self.looks_ahead}: the "
-                "plant was changed, or its time is discrete. Take time='continuous'."
-            )
-        delay = as_samples(self.delay * self.dt, dt)
-        plant = replace(self, **self.rates.forms(dt), dt=dt, delay=delay)
-        looks = ahead and self.cancels
-        return replace(plant, **looking_ahead(plant)) if looks else plant
+        return resampled(self, dt, ahead)
 
     def arrived(self):
         """Return the plant of inputs that have arrived, as prepared records have them.
@@ -222,11 +227,6 @@ class Plant(Signals):
         ValueError
             If `kind` is unknown.
         """
-        if kind not in ("output", "input"):
-            raise ValueError(
-                f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if "
-                "the model integrates."
-            )
         form = forms.disturbed(self.lure, kind, self.moved)
         return replace(self, rates=None, form=form, K=self.gain_with(kind), drift=None)
 
@@ -257,17 +257,11 @@ class Plant(Signals):
         plant : Plant
             The loop of `close` as a plant.
         """
-        loop, n, nv = self.close(), self.law_form.nu, self.nv
-        rows = self.nx + self.ny + np.asarray(self.given, dtype=int)
-        Theta = np.delete(loop.Theta, rows, axis=0)  # its u are only those that move
-        form = Lure(Theta, loop.nx, loop.nu, loop.nw, loop.sigma)
-        form = forms.with_virtual(form, forms.only_input(form, self.moved))
-        return replace(
-            self,
-            rates=None,
-            form=form,
-            law_form=Lure(np.eye(nv, n + 1, n - nv), 0, n, 0),
-        )
+        n, nv = self.law_form.nu, self.nv
+        form = forms.driven(self.close(), self.moved)
+        law_form = Lure(np.eye(nv, n + 1, n - nv), 0, n, 0)
+        changes = {"form": form, "law_form": law_form, "middle": None, "rates": None}
+        return replace(self, **changes)
 
     # -- numbers ---------------------------------------------------------------------
 
@@ -367,7 +361,7 @@ class Plant(Signals):
         v = self._regressors(x, u, with_v=True) @ self.form.rows_z[self.ny :].T
         return (v + self.v_offset).reshape(*x.shape[:-1], self.nv)
 
-    def cancelled(self, s, u=None, d=None):
+    def cancelled(self, s, u=None, d=None, v=None):
         """Return what the law takes off v.
 
         Parameters
@@ -378,6 +372,9 @@ class Plant(Signals):
             Inputs that are moved, in the user's units; needed unless `is_explicit`.
         d : ndarray of shape (nd,) or (N, nd) or None, default=None
             Measured disturbances, in the user's units; needed if there are any.
+        v : ndarray of shape (nv,) or (N, nv) or None, default=None
+            Virtual input with which a law that looks ahead sees the middle of the
+            sample; None takes the one of u. Other laws do not need it.
 
         Returns
         -------
@@ -392,8 +389,9 @@ class Plant(Signals):
         """
         if not self.cancels:
             return np.zeros((*s.shape[:-1], self.nv))
-        signals = [self._seen(s, d), *([] if u is None else [u - self.v_offset])]
-        return by_rows(self.law_map.cancelled, *signals)
+        signals = [self._seen(s, d, v), *([] if u is None else [u - self.v_offset])]
+        law_map = self.law_map if v is None else self.solved_map
+        return by_rows(law_map.cancelled, *signals)
 
     def law(self, v, s, d=None):
         """Return the input that makes v the input of the linear part.
@@ -419,10 +417,10 @@ class Plant(Signals):
         """
         if self.no_law:
             raise ValueError(self.no_law)
-        if self.is_explicit:
-            return v - self.cancelled(s, d=d)
-        dv = v - self.v_offset
-        return by_rows(self.law_map.inverse, self._seen(s, d), dv) + self.v_offset
+        if not self.is_solved:
+            return v - self.cancelled(s, d=d, v=v)
+        seen, dv = self._seen(s, d, v), v - self.v_offset
+        return by_rows(self.solved_map.inverse, seen, dv) + self.v_offset
 
     def jacobian(self, x, u):
         """Return the linearization at a state and an input.
@@ -459,24 +457,27 @@ class Plant(Signals):
             Derivatives by x and u, as of `jacobian`.
         """
         Phi = self._regressors(x, u)
-        A, B, _, _ = self._slopes(Phi, x.shape[:-1])
-        return Phi @ self.form.rows_x.T, A, B
+        return Phi @ self.form.rows_x.T, *self._slopes(Phi, x.shape[:-1])[:2]
 
     @cached_property
     def law_map(self):
         """Return the map from s and u to v, of deviations, as a `VirtualMap`."""
         return VirtualMap(self.law_form, self.v_scale)
 
-    def _seen(self, s, d):
-        """Return deviations of what the law measures."""
+    @cached_property
+    def solved_map(self):
+        """Return the map that the law solves, at what it sees: `law_map` mostly."""
+        form = self.law_form if self.middle is None else self.middle.law_form
+        return VirtualMap(form, self.v_scale)
+
+    def _seen(self, s, d, v=None):
+        """Return deviations of what the law sees; in the middle of a sample with v."""
         ds = s - self.y_offset if self.feedback == "output" else s
         ds = ds[..., : self.law_form.nu - self.nu]  # no network sees past inputs
-        if not self.given and d is None:
-            return ds
         dd = self.check_disturbances(d) - self.d_offset
-        rows = np.broadcast_shapes(ds.shape[:-1], dd.shape[:-1])
-        pair = (np.broadcast_to(z, (*rows, z.shape[-1])) for z in (ds, dd))
-        return np.concatenate(list(pair), axis=-1)
+        if self.middle is not None and v is not None:
+            return by_rows(self.middle.seen, ds, dd, v - self.v_offset)
+        return by_rows(lambda *z: np.hstack(z), ds, dd) if self.given else ds
 
     @cached_property
     def _behind(self):
@@ -494,7 +495,6 @@ class Plant(Signals):
     def _slopes(self, Phi, rows):
         """Return A, B, C and D at regressors."""
         lure, nx, n = self.form, self.nx, self.nx + self.ny
-        W = lure.W[:n]
-        J = lure.M[:n] + neuron_gains(lure, W, Phi) @ lure.V  # (eq. sens)
+        J = lure.M[:n] + neuron_gains(lure, lure.W[:n], Phi) @ lure.V  # (eq. sens)
         J = J.reshape(*rows, *J.shape[1:])
         return J[..., :nx, :nx], J[..., :nx, nx:], J[..., nx:, :nx], J[..., nx:, nx:]

@@ -9,6 +9,7 @@ from . import forms
 from .continuous import derivative, held, is_resolved, leading
 from .shown import short_repr
 from .structures import Structure
+from .virtual import NEEDS_OLD_D, Middle
 
 COARSE = 0.02  # relative error of a pole that a plant may have
 MOST = 40  # steps of Runge and Kutta in a sample
@@ -70,40 +71,40 @@ class Rates:
         return {name: made[name] for name in ("form", "law_form")}
 
 
-def looking_ahead(plant):
-    """Return the forms of a plant whose law sees the middle of the coming sample.
+def resampled(plant, dt, ahead):
+    """Return a plant at another sampling time.
 
     Parameters
     ----------
     plant : Plant
-        Plant in continuous time that has a law.
+        The plant.
+    dt : float
+        Sampling time, in seconds.
+    ahead : bool
+        Whether the law sees the middle of the coming sample.
 
     Returns
     -------
-    changes : dict
-        What is new of the plant, by name (eq. middle).
+    plant : Plant
+        The same equations, sampled at this time.
 
     Raises
     ------
     ValueError
-        If there is no law, or its s is an output with D, H or k.
+        As of `Plant.at`.
     """
-    if plant.no_law:
-        raise ValueError(plant.no_law)
-    half = replace(plant, **plant.rates.forms(plant.dt / 2)).arrived()
-    A, B, C, _ = half.linear()
-    seen = np.hstack([A, half.disturbed_by()[0], B])
-    if plant.feedback == "output":
-        if not plant.has_linear_output:
-            raise ValueError(
-                "A law that looks ahead needs an output that is linear in the state, "
-                f"got one with {forms.at_once(plant.form, plant.moved)}. Fit with "
-                "feedback='state', or without `feedthrough` and `n_k`."
-            )
-        seen = C @ seen
-    form, law = forms.ahead(plant.form, plant.law_form, seen, plant.moved)
-    changes = {"form": form, "law_form": law, "feedback": "state", "rates": None}
-    return {**changes, "looks_ahead": True}
+    dt = checked_time(dt)
+    if dt == plant.dt and ahead == plant.looks_ahead:
+        return plant
+    if plant.rates is None:
+        raise ValueError(
+            f"`dt` and `ahead` must stay {plant.dt:g} s and {plant.looks_ahead}: the "
+            "plant was changed, or its time is discrete. Take time='continuous'."
+        )
+    delay = _as_samples(plant.delay * plant.dt, dt)
+    looks = ahead and plant.cancels
+    plant = replace(plant, **plant.rates.forms(dt), dt=dt, delay=delay)
+    return replace(plant, **_looking_ahead(plant)) if looks else plant
 
 
 def checked_time(dt):
@@ -129,35 +130,6 @@ def checked_time(dt):
     return float(dt)
 
 
-def as_samples(delay, dt):
-    """Return delays in samples of a sampling time.
-
-    Parameters
-    ----------
-    delay : ndarray of shape (nu,)
-        Delays, in seconds.
-    dt : float
-        Sampling time, in seconds.
-
-    Returns
-    -------
-    delay : ndarray of int of shape (nu,)
-        The same in samples.
-
-    Raises
-    ------
-    ValueError
-        If they are no multiples of `dt`.
-    """
-    samples = np.round(delay / dt)
-    if np.any(np.abs(delay / dt - samples) > WHOLE):
-        raise ValueError(
-            f"`dt` must divide the delays of the inputs, {delay.tolist()} s, got "
-            f"{dt!r}. Take a part of them."
-        )
-    return samples.astype(int)
-
-
 def kept(structure, theta, units):
     """Return what a plant keeps of equations in continuous time.
 
@@ -178,3 +150,37 @@ def kept(structure, theta, units):
     if derivative(structure) is structure:
         return None
     return Rates(structure, theta, units)
+
+
+def _looking_ahead(plant):
+    """Return what is new of a plant whose law looks ahead, by name (eq. middle)."""
+    if plant.no_law:
+        raise ValueError(plant.no_law)
+    half = replace(plant, **plant.rates.forms(plant.dt / 2)).arrived()
+    A, B, C, _ = half.linear()
+    seen = np.hstack([A, half.disturbed_by()[0], B])
+    if plant.feedback == "output":
+        if not plant.has_linear_output:
+            raise ValueError(
+                "A law that looks ahead needs an output that is linear in the state, "
+                f"got one with {forms.at_once(plant.form, plant.moved)}. Fit with "
+                "feedback='state', or without `feedthrough` and `n_k`."
+            )
+        seen = C @ seen
+    late = plant.delay[list(plant.given)]
+    if np.any(seen[:, plant.nx : plant.nx + plant.nd][:, late > 0]):
+        raise ValueError(NEEDS_OLD_D.format(late.max()))
+    form, law = forms.ahead(plant.form, plant.law_form, seen, plant.moved)
+    changes = {"form": form, "law_form": law, "feedback": "state", "rates": None}
+    return {**changes, "middle": Middle(seen, plant.law_form)}
+
+
+def _as_samples(delay, dt):
+    """Return delays in samples of a sampling time, or refuse others than multiples."""
+    samples = np.round(delay / dt)
+    if np.any(np.abs(delay / dt - samples) > WHOLE):
+        raise ValueError(
+            f"`dt` must divide the delays of the inputs, {delay.tolist()} s, got "
+            f"{dt!r}. Take a part of them."
+        )
+    return samples.astype(int)

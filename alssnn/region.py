@@ -161,7 +161,7 @@ class Region:
         ]
         # a period counts once
         independent = sum(
-            _independent(P) * period / max(n, 1)
+            independent_samples(P) * period / max(n, 1)
             for P, n, period in zip(points, sizes, periods, strict=True)
         )
         doubt = DOUBT / max(independent - FEW, 1.0)
@@ -338,11 +338,21 @@ def _period(u):
     return int(run[np.argmax(r[run])])
 
 
-def _independent(points):
+def independent_samples(points):
     """Return how many samples of a series are as good as independent ones.
 
     Their number over the sum of the autocorrelation to its first zero, that of the
     coordinate where this is least.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, n)
+        Series, finite.
+
+    Returns
+    -------
+    count : float
+        At most N.
     """
     n = len(points)
     if n < 2:

@@ -3,6 +3,7 @@
     neg_rmse, neg_nrmse, fit_percent    accuracy of the simulation (`metrics`)
     k_step(...)                         accuracy some samples ahead of an observer
     neg_linearization_error             rms(e) / std(y) (eq. gauge)
+    neg_certified_distance              proved distance from the design (eq. local)
     accuracy_subject_to(...)            accuracy, if the model is linear enough
     best_subject_to(...)                the same as a choice among all candidates
 
@@ -31,6 +32,7 @@ __all__ = [
     "best_subject_to",
     "fit_percent",
     "k_step",
+    "neg_certified_distance",
     "neg_linearization_error",
     "neg_nrmse",
     "neg_rmse",
@@ -129,6 +131,20 @@ def _linearity(model, u, y, experiment):
     return -error if np.isfinite(error) else -np.inf
 
 
+def _certified(model, u, y, experiment):
+    from .feedback import balanced_weights, lqr
+
+    Q, R = balanced_weights(model)
+    nx = model.plant_.late().nx
+    try:
+        K = lqr(model, Q[:nx, :nx], R)
+        certificate = model.local_certificate(K=K, search=False)
+    except ValueError:  # no gain, or no law
+        return -np.inf
+    shares = certificate.output_bounds / np.maximum(certificate.design_peak, 1e-300)
+    return -float(np.mean(shares))
+
+
 def _constrained(model, u, y, experiment, *, limit):
     error = -_linearity(model, u, y, experiment)
     accuracy = _accuracy(model, u, y, experiment, metric="nrmse", sign=-1)
@@ -141,6 +157,8 @@ neg_rmse = Scorer("neg_rmse", _accuracy, metric="rmse", sign=-1)
 neg_nrmse = Scorer("neg_nrmse", _accuracy, metric="nrmse", sign=-1)
 fit_percent = Scorer("fit_percent", _accuracy, metric="fit_percent", sign=1)
 neg_linearization_error = Scorer("neg_linearization_error", _linearity)
+# with the regulator of `balanced_weights`; records count by the training region alone
+neg_certified_distance = Scorer("neg_certified_distance", _certified)
 
 
 def k_step(steps, *, metric="nrmse"):

@@ -123,6 +123,27 @@ class Found:
         )
 
 
+class _Tally:
+    """Tell a watch how much of a search is done, at most, and what it has reached."""
+
+    def __init__(self, watch, linear, of):
+        self.watch, self.linear, self.of = watch, float(np.sum(linear)), of
+        self.done, self.planned, self.least = 0, 0, np.inf
+
+    def plan(self, n_stages):
+        """Begin stages of a path; those that an earlier one did not need are done."""
+        self.done, self.planned = self.planned, self.planned + n_stages
+        return self
+
+    def __call__(self, errors):
+        """Hear of the errors on hidden samples at the end of a stage."""
+        self.done += 1
+        self.least = min(self.least, float(np.sum(errors)))
+        if self.watch is not None:
+            share = np.sqrt(self.least / max(self.linear, np.finfo(float).tiny))
+            self.watch.searched(self.done, self.of, float(share))
+
+
 class _Path:
     """Descend from one start along falling alphas, on all folds at once."""
 
@@ -151,7 +172,7 @@ class _Path:
             ]
         )
 
-    def descend(self, alphas, watch, enough=ENOUGH, **options):
+    def descend(self, alphas, watch, enough=ENOUGH, tell=None, **options):
         """Go down the path, and stop where further stages bring no more."""
         waited, least = 0, min(errors.sum() for errors in self.errors)
         for alpha in alphas:
@@ -160,6 +181,8 @@ class _Path:
             ]
             self.errors.append(self._judge())
             self.states.append(self.points)
+            if tell is not None:
+                tell(self.errors[-1])
             waited = 0 if self.errors[-1].sum() < 0.99 * least else waited + 1
             least = min(least, self.errors[-1].sum())
             if (waited >= WAIT and alpha <= enough) or watch.reason is not None:
@@ -231,7 +254,7 @@ def search(
     output_weight : ndarray of shape (ny,) or None, default=None
         Weight of the error of every output.
     watch : Watch
-        May end the search; it is not told of its steps.
+        May end the search; it is not told of its steps, but of its stages.
     is_predictor : bool, default=False
         Whether errors are those one sample ahead, nearly white.
 
@@ -261,12 +284,15 @@ def search(
     def start(nx, seed):
         return _Path(recipe, folds, orders.models[nx], seed, output_weight)
 
-    curve = {}
+    curve, screened, more = {}, descent[SCREEN], max_iter // options["max_iter"]
+    n_stages = len(seeds) * len(descent) + more * (len(folds) > 1)
+    n_stages += len(candidates) * len(screened) * (len(candidates) > 1)
+    tally = _Tally(watch, orders.errors[orders.nx], n_stages)
     if len(candidates) > 1:
         for nx in candidates:
-            errors = (
-                start(nx, seeds[0]).descend(descent[SCREEN], quiet, **options).errors
-            )
+            tell = tally.plan(len(screened))
+            path = start(nx, seeds[0]).descend(screened, quiet, tell=tell, **options)
+            errors = path.errors
             curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
         nx = min(curve, key=lambda n: curve[n])
     else:
@@ -280,21 +306,23 @@ def search(
     alphas = first if is_long else descent
     options["enough"] = scale * ENOUGH
     if n_jobs in (None, 1) or len(paths) == 1:
-        paths = [path.descend(alphas, quiet, **options) for path in paths]
+        for path in paths:
+            path.descend(alphas, quiet, tell=tally.plan(len(alphas)), **options)
     else:
         calls = [(path, alphas, quiet, options) for path in paths]
         walked = dict(finished(_descend, calls, n_jobs))
         paths = [walked[i] for i in range(len(calls))]
+        tally.plan(len(calls) * len(alphas))
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
-        best.descend(rest, quiet, **options)
+        best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)
     walk, stage = _choose(paths, nearly)
     alpha = descent[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
     if len(folds) > 1:  # else the fit that follows goes on, without a break
-        more = max_iter // options["max_iter"]
         options.pop("enough")
-        stage = walk.go_on(stage, alpha, more, quiet, **options)
+        tell = tally.plan(more)
+        stage = walk.go_on(stage, alpha, more, quiet, tell=tell, **options)
     curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
     structure = walk.problems[0][0]
     return Found(

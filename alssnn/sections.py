@@ -212,6 +212,13 @@ class Sections(LeastSquares):
         """
         return self._solved(free)[2]
 
+    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one."""
+        modes, x0, _ = self._solved(free)
+        one = partial(self._squares, modes)
+        squares, n = self.experiments.reduce(one, add, x0)
+        return squares / np.maximum(n, 1)
+
     def normal_equations(self, free):
         """Return J'J and J'r without B, D and x0, and |r|.
 
@@ -303,6 +310,15 @@ class Sections(LeastSquares):
         """Return |r|^2 of an experiment."""
         nothing = np.zeros((len(modes.C), modes.n_signals, 0))
         return self._gram(modes, x0, nothing, u, y)[1]
+
+    def _squares(self, modes, x0, u, y):
+        """Return squared errors of outputs, without weights, and how many there are."""
+        y = np.asarray(y[:])
+        seen = [
+            np.where(np.arange(y.shape[1]) == i, y, np.nan) for i in range(len(y.T))
+        ]
+        squares = [self._square(modes, x0, u, one) / self.weight**2 for one in seen]
+        return np.array([squares, np.isfinite(y).sum(axis=0)])
 
     def _projected(self, modes, p, x0, u, y):
         """Return [r J]'[r J] of an experiment by p, C, B and D, without x0."""

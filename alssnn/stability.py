@@ -353,6 +353,10 @@ class Contractive(LeastSquares):
             return DIVERGED_NORM
         return self.criterion.norm(free)
 
+    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one."""
+        return self.criterion.mean_squares(self.to_free(free))
+
     def normal_equations(self, free):
         """Return J'J, J'r and |r|.
 
@@ -431,6 +435,10 @@ class Schur(LeastSquares):
         if is_outside or not follows(self.structure, p):
             return DIVERGED_NORM
         return self.criterion.norm(free)
+
+    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one."""
+        return self.criterion.mean_squares(free)
 
     def normal_equations(self, free):
         """Return J'J, J'r and |r|.

@@ -3,12 +3,14 @@
 All signals are deviations from the operating point, one sample per row.
 """
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from . import forms
 from .lure import Lure
+from .shown import short_repr
 from .simulation import neuron_gains, regressors
 
 NEEDS_S_AHEAD = (
@@ -29,6 +31,44 @@ ALGEBRAIC = (
     "and `n_k`."
 )
 PARALLEL = 1e-9  # relative: vectors whose cosine is this close to one are parallel
+
+
+@dataclass(frozen=True, eq=False)
+class Middle:
+    """Hold what a law sees that looks half a sample ahead (eq. middle).
+
+    Parameters
+    ----------
+    matrix : ndarray of shape (ns, nx + nd + nv)
+        What s will be in the middle of the coming sample: a linear map of [x; d; v].
+    law_form : Lure
+        The static map of [s; d; u] to v, which the law solves with this s.
+    """
+
+    __repr__ = short_repr
+
+    matrix: np.ndarray
+    law_form: Lure
+
+    def seen(self, x, d, v):
+        """Return what the law sees.
+
+        Parameters
+        ----------
+        x : ndarray of shape (N, nx)
+            States.
+        d : ndarray of shape (N, nd)
+            Measured disturbances.
+        v : ndarray of shape (N, nv)
+            Virtual inputs that are wanted.
+
+        Returns
+        -------
+        seen : ndarray of shape (N, ns + nd)
+            What s is in the middle of the sample, and d.
+        """
+        s = np.hstack([x, d, v]) @ self.matrix.T  # (eq. middle)
+        return np.hstack([s, d])
 
 
 class VirtualMap:

@@ -8,7 +8,8 @@ history, and it ends them for one of two kinds of reasons:
   search under way returns the best parameters it has seen, and every search that
   follows returns its start at once, so that the steps between them, which put a model
   into shape, still run: whatever ends a fit, a fitted model is left.
-* one *search* ends: the validation error no longer falls.  The next stage goes on.
+* one *search* ends: the validation error no longer falls, or the error is down to
+  the noise.  The next stage goes on.
 
 MINPACK cannot be told to stop.  It can only be left, by an exception in the function
 that it evaluates: `Stop`, which never leaves `optimizers`.
@@ -21,6 +22,7 @@ OUT_OF_TIME = "max_time is over"
 INTERRUPTED = "interrupted"
 BY_OBSERVER = "stopped by a callback"
 NO_PROGRESS = "the validation error no longer falls"
+AT_FLOOR = "the error has come down to the noise floor"
 
 
 class Step(NamedTuple):
@@ -72,6 +74,10 @@ class Watch:
     report_end : callable or None, default=None
         Called as ``report_end(label, n_accepted, cost)`` at the end of a search, with
         the number of points it accepted, its start among them.
+    report_search : callable or None, default=None
+        Called as ``report_search(done, of, share)`` in the search for order, start and
+        decay: stages done, of how many at most, and the least error on hidden samples
+        over that of the linear model.
     observe : callable or None, default=None
         Called as ``observe(step, point)`` with a `Step` and the free vector that the
         search has reached; the fit ends if it returns true. Stays in its process.
@@ -80,19 +86,32 @@ class Watch:
     ----------
     history : list of Step
         Accepted steps, in order.
+    floor : tuple of float and ndarray of shape (ny,), or None
+        Cost, and mean squares of the outputs, at which a search ends: those of the
+        noise alone; None if it is unknown.
     reason : str or None
         Why the fit ends; None as long as it goes on.
     interrupt : KeyboardInterrupt or None
         What ended the fit, if the user did.
     """
 
-    def __init__(self, *, max_time=None, report=None, report_end=None, observe=None):
+    def __init__(
+        self,
+        *,
+        max_time=None,
+        report=None,
+        report_end=None,
+        report_search=None,
+        observe=None,
+    ):
         # not a monotonic clock: workers on other machines share this one
         self.start = time.time()
         self.max_time = max_time
         self.report, self.report_end = report, report_end
+        self.report_search = report_search
         self.observe = observe
         self.history = []
+        self.floor = None
         self.reason = None
         self.has_result = False  # whether the estimator is a fitted one by now
         self.interrupt = None
@@ -113,6 +132,7 @@ class Watch:
             observe=self.observe,
         )
         fork.start, fork.reason, fork.parent = self.start, self.reason, self
+        fork.floor = self.floor
         return fork
 
     def quiet(self):
@@ -124,7 +144,7 @@ class Watch:
             Watch of searches that prepare the fit: of no stage of it.
         """
         quiet = self.fork()
-        quiet.report = quiet.report_end = quiet.observe = None
+        quiet.report = quiet.report_end = quiet.observe = quiet.floor = None
         return quiet
 
     def __getstate__(self):
@@ -185,6 +205,19 @@ class Watch:
             self.report(label, iteration, cost)
         if self.observe is not None and self.observe(step, point):
             self.stop(BY_OBSERVER)
+
+    def searched(self, done, of, share):
+        """Tell how far the search for order, start and decay has come.
+
+        Parameters
+        ----------
+        done, of : int
+            Stages done, and how many there are at most.
+        share : float
+            Least error on hidden samples over that of the linear model.
+        """
+        if self.report_search is not None:
+            self.report_search(done, of, share)
 
     def end(self, label, n_accepted, cost):
         """Tell that a search is over.

@@ -3,14 +3,15 @@
     python -m benchmarks.where_it_runs [--steps 1000] [--only C ONNX]
 
 The plants are those of the tests: every structure of their list with random
-parameters, and seven loops with limits, gate, missing measurements, spikes and measured
-disturbances (tests/exported.py).  Per target the largest deviation from Python over
-steps and outputs of all structures, each from `--steps` random states, and over the
-inputs that the controller sends in as many samples of every closed loop; both over the
-range of the expected signal.  Writes doc/benchmarks/where_it_runs.csv.  Exits with 1 if
-one is above 1e-12 in double, 1e-4 in single precision.  Needs gcc and the packages
-onnx, casadi, fmpy and blark; a target whose package is missing is left out, and said to
-be.
+parameters, and ten loops with limits, gate, missing measurements, spikes, measured
+disturbances and laws that look ahead (tests/exported.py).  Per target the largest
+deviation from Python over steps and outputs of all structures, each from `--steps`
+random states; over derivatives there, where a target has them; over the inputs that the
+controller sends in as many samples of every closed loop; and over y and u of a loop
+that is exported as a whole; all over the range of what is expected.  Writes
+doc/benchmarks/where_it_runs.csv.  Exits with 1 if one is above 1e-12 in double, 1e-4 in
+single precision.  Needs gcc and the packages onnx, casadi, fmpy and blark; a target
+whose package is missing has the row "not run".
 """
 
 import argparse
@@ -36,12 +37,13 @@ TARGETS = {
     "C, float": ("model, law, observer, controller", "compiled by gcc"),
     "ONNX": ("model, law", "reference evaluator of onnx"),
     "CasADi": ("model, law, observer, controller, Jacobians", "virtual machine"),
-    "FMU 3.0": ("model, controller, both", "validated and run by fmpy"),
-    "FMU 2.0": ("model, controller, both", "validated and run by fmpy"),
+    "FMU 3.0": ("model, its slopes, controller, loop", "validated and run by fmpy"),
+    "FMU 2.0": ("model, its slopes, controller, loop", "validated and run by fmpy"),
     "ST, LREAL": ("model, law, observer, controller", "parsed by blark, run from it"),
     "ST, REAL": ("model, law, observer, controller", "parsed by blark, run from it"),
 }
-COLUMNS = ("target", "holds", "run here", "samples", "model", "controller")
+FIGURES = ("model", "derivatives", "controller", "loop")
+COLUMNS = ("target", "holds", "run here", "samples", *FIGURES)
 NEEDS = {"ONNX": "onnx", "CasADi": "casadi", "FMU": "fmpy", "ST": "blark"}
 
 
@@ -51,6 +53,12 @@ def deviation(found, expected):
     size = np.ptp(expected, axis=0)
     error = np.abs(found - expected).max(axis=0)
     return float((error[size > 0] / size[size > 0]).max(initial=0.0))
+
+
+def slope_deviation(found, expected):
+    """Return the largest difference of derivatives over the largest derivative."""
+    size = max(np.abs(expected).max(initial=0.0), 1.0)
+    return float(np.abs(found - expected).max(initial=0.0) / size)
 
 
 class Target:
@@ -65,8 +73,16 @@ class Target:
         """Return states one sample later, and outputs."""
         raise NotImplementedError
 
+    def derivatives(self, plant, x, u):
+        """Return pairs of what is found and expected, for one sample."""
+        raise NotImplementedError
+
     def controller(self, loop):
         """Return the function of r, y and d."""
+        raise NotImplementedError
+
+    def loop(self, loop, n):
+        """Return y and u of a loop that is exported as a whole."""
         raise NotImplementedError
 
 
@@ -83,19 +99,9 @@ class C(Target):
         return after, y
 
     def controller(self, loop):
-        from test_c import Compiled
+        from test_c_law import controller
 
-        folder = Path(tempfile.mkdtemp(dir=self.folder))
-        c = Compiled(loop.plant, folder, self.dtype, **loop.options)
-        state, u = c.zeros(200), c.zeros(loop.plant.nv)  # more than the state needs
-        c.reset(state)
-
-        def step(r, y, d):
-            given = [c.array(d)] if len(d) else []
-            c.control(state, c.array(r), c.array(y), *given, u)
-            return u.copy()
-
-        return step
+        return controller(loop, Path(tempfile.mkdtemp(dir=self.folder)), self.dtype)
 
 
 class Onnx(Target):
@@ -112,6 +118,16 @@ class Casadi(Target):
         states, inputs = x.T, u.T
         maps = (f[name].map(len(x)) for name in ("step", "output"))
         return [np.array(g(states, inputs)).T for g in maps]
+
+    def derivatives(self, plant, x, u):
+        f, late = to_casadi(plant, observer=False), plant.late()
+        found = {
+            **f["step_jacobian"](x=x[0], u=u[0]),
+            **f["output_jacobian"](x=x[0], u=u[0]),
+        }
+        names = ("dx_next_dx", "dx_next_du", "dy_dx", "dy_du")
+        expected = late.jacobian(x[0], u[0])
+        return zip((np.array(found[n]) for n in names), expected, strict=True)
 
     def controller(self, loop):
         control = to_casadi(loop.plant, **loop.options)["control"]
@@ -145,6 +161,22 @@ class FmuTarget(Target):
     def controller(self, loop):
         slave = self.slave(loop.plant, what="controller", **loop.options)
         return lambda *signals: slave.sample(loop.plant.dt, *signals)
+
+    def derivatives(self, plant, x, u):
+        slave, (_, _, C, D) = self.slave(plant), plant.late().jacobian(x[0], u[0])
+        slave.reset(**dict(zip(slave.states, x[0], strict=True)))
+        slave.set(slave.inputs, u[0])
+        found = [slave.slopes(known) for known in (slave.states, slave.inputs)]
+        slave.close()
+        return zip(found, (C, D), strict=True)
+
+    def loop(self, loop, n):
+        slave = self.slave(loop.plant, what="both", **loop.options)
+        r, _, d = loop.signals(n)
+        dt = loop.plant.dt
+        found = [slave.sample(dt, *z) for z in zip(r, d, strict=True)]
+        slave.close()
+        return np.array(found)
 
 
 class StructuredText(Target):
@@ -189,23 +221,32 @@ KINDS = {
 
 
 def measure(target, steps):
-    """Return the largest deviations of the model and of the controller."""
-    of_model, of_controller = 0.0, None
+    """Return the largest deviations, by their names in FIGURES."""
+    kind, errors = type(target), {}
+
+    def add(name, error):
+        errors[name] = np.max([errors.get(name, 0.0), error])  # keeps nan
+
     for name in NAMES:
         plant = make_plant(name)
         x, u, _ = signals(plant, steps)
         after, y = target.model(plant, x, u)
         late = plant.late()
-        errors = deviation(after, late.step(x, u)), deviation(y, late.output(x, u))
-        of_model = np.max([of_model, *errors])  # keeps nan
-    if type(target).controller is not Target.controller:
-        of_controller = 0.0
-        for name in CONTROLLED:
-            loop = Loop(name)
-            _, u = loop.run(target.controller(loop), steps)
-            _, expected = loop.run(loop.controller(), steps)
-            of_controller = np.max([of_controller, deviation(u, expected)])
-    return of_model, of_controller
+        add("model", deviation(after, late.step(x, u)))
+        add("model", deviation(y, late.output(x, u)))
+        if kind.derivatives is not Target.derivatives:
+            for found, expected in target.derivatives(plant, x, u):
+                add("derivatives", slope_deviation(found, expected))
+    if kind.controller is Target.controller:
+        return errors
+    for name in CONTROLLED:
+        loop = Loop(name)
+        _, u = loop.run(target.controller(loop), steps)
+        _, expected = loop.run(loop.controller(), steps)
+        add("controller", deviation(u, expected))
+        if kind.loop is not Target.loop:
+            add("loop", deviation(target.loop(loop, steps), loop.alone(steps)))
+    return errors
 
 
 def main():
@@ -223,14 +264,17 @@ def main():
         try:
             _ = package and importlib.import_module(package)
         except ImportError:
-            print(f"{name}: left out, for {package} is not installed")
+            missing = f"not run: no {package}"
+            print(f"{name}: {missing}")
+            row = [name, holds, missing, 0, *[""] * len(FIGURES)]
+            replace_runs(OUT / "where_it_runs.csv", COLUMNS, [row], note)
             continue
         with tempfile.TemporaryDirectory() as folder:
             target = KINDS[kind](name, folder)
             errors = measure(target, options.steps)
         limit = LIMITS[target.dtype]
-        missed |= any(error is not None and not error <= limit for error in errors)
-        words = ["" if error is None else f"{error:.1e}" for error in errors]
+        missed |= any(not error <= limit for error in errors.values())
+        words = [f"{errors[f]:.1e}" if f in errors else "" for f in FIGURES]
         row = [name, holds, how, options.steps, *words]
         print("  ".join(map(str, row)), flush=True)
         replace_runs(OUT / "where_it_runs.csv", COLUMNS, [row], note)

@@ -137,6 +137,14 @@ for name, (y, u, times) in loops.items():
         f"{1e3 * np.median(times):6.2f} ms, largest {1e3 * times.max():7.2f} ms"
     )
 
+# sphinx_gallery_start_ignore
+costs = [judge(y, u) for y, u, _ in loops.values()]
+assert max(costs) < 1.05 * min(costs)
+assert all(
+    y.max() < y_max + 0.01 and abs(u).max() < u_max + 1e-6 for y, u, _ in loops.values()
+)
+# sphinx_gallery_end_ignore
+
 # %%
 # Angle and torque
 # ----------------

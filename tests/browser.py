@@ -12,10 +12,14 @@ import time
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 COMMANDS, EVENTS = 3, 4  # descriptors that `--remote-debugging-pipe` reads and writes
 TIMEOUT = 120.0  # seconds
+# What a drawer holds that is shut, out of sight as a whole, does not stick out.
 OVERFLOW = """
 [...document.querySelectorAll("body *")].filter(node => {
-  for (let box = node.parentElement; box; box = box.parentElement)
-    if (["auto", "scroll"].includes(getComputedStyle(box).overflowX)) return false;
+  for (let box = node; box; box = box.parentElement) {
+    const style = getComputedStyle(box), {left, right} = box.getBoundingClientRect();
+    if (style.position === "fixed" && (right <= 0 || left >= innerWidth)) return false;
+    if (box !== node && ["auto", "scroll"].includes(style.overflowX)) return false;
+  }
   const {left, right} = node.getBoundingClientRect();
   return right > document.documentElement.clientWidth + 1 || left < -1;
 }).map(node => node.outerHTML.slice(0, 120))
@@ -102,10 +106,18 @@ class Browser:
         while not any(e.get("method") == "Page.loadEventFired" for e in self.events):
             self.events.append(self._receive())
 
+    def prefer(self, scheme):
+        """Let pages see a reader who prefers a color scheme, "light" or "dark"."""
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.call("Emulation.setEmulatedMedia", features=features)
+
     def evaluate(self, expression):
-        """Return the value of an expression in JavaScript."""
+        """Return the value of an expression in JavaScript, or of its promise."""
         answer = self.call(
-            "Runtime.evaluate", expression=expression, returnByValue=True
+            "Runtime.evaluate",
+            expression=expression,
+            returnByValue=True,
+            awaitPromise=True,
         )
         assert "exceptionDetails" not in answer, answer
         return answer["result"]["value"]

@@ -1,11 +1,15 @@
 """Plants of all structures, for tests of what is written in other languages."""
 
+from dataclasses import replace
+
 import numpy as np
 from structures import STRUCTURES, declare
 from test_extending import SOFTSIGN, hammerstein
 
+from alssnn.continuous import sampled
 from alssnn.feedback import LinearizingLaw, Observer, lqi, lqr
 from alssnn.models import state_space
+from alssnn.rates import Rates
 from helpers import plant_of_structure, random_theta
 
 OWN = {
@@ -51,6 +55,16 @@ def assert_exact(values, expected):
     np.testing.assert_allclose(values, expected, rtol=0, atol=1e-12 * size)
 
 
+def fast_plant():
+    """Return a plant of nx = 6 and n_h = n_g = 10, whose steps are timed."""
+    rng = np.random.default_rng(0)
+    C = rng.standard_normal((1, 6))
+    structure = state_space(6, 1, 1, n_h=10, n_g=10, C=C, feedback="output")
+    p = {k: 0.2 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    p["A"] = np.diag(np.linspace(0.1, 0.8, 6))
+    return plant_of_structure(structure, structure.join(p), rng)
+
+
 # -- controllers -----------------------------------------------------------------------
 
 CONTROLLED = {  # input map, what the law measures, disturbances, integrators, delay
@@ -61,7 +75,21 @@ CONTROLLED = {  # input map, what the law measures, disturbances, integrators, d
     "monotone": ("monotone", "output", (1,), True, 0),
     "monotone, one input": ("monotone", "state", (0, 2), False, 0),
     "late": ("none", "state", (), True, (2, 0, 1)),
+    # laws that look half a sample ahead
+    "ahead, disturbed": ("identity", "output", (0, 2), True, 0),
+    "ahead, state": ("identity", "state", (), True, 0),
+    "ahead, monotone": ("monotone", "output", (1,), True, 0),
 }
+
+
+def looking_ahead(structure, p, rng, delay=0):
+    """Return a plant of derivatives whose law looks half a sample ahead."""
+    theta = structure.join({**p, "A": p["A"] - np.eye(2)})
+    structure = sampled(structure, dt=0.5)
+    units = {axis: np.ones(structure.sizes[axis]) for axis in "xuy"}
+    plant = plant_of_structure(structure, theta, rng, delay)
+    plant = replace(plant, rates=Rates(structure, theta, units))
+    return plant.at(plant.dt, ahead=True)
 
 
 class Loop:
@@ -78,8 +106,11 @@ class Loop:
         structure = state_space(2, 3, ny, n_g=2, C=C, disturbances=given, **options)
         p = {k: 0.3 * rng.standard_normal(s) for k, s in structure.shapes.items()}
         p["A"] = np.array([[0.8, 0.2], [-0.1, 0.7]])
-        theta = structure.join(p)
-        self.plant = plant = plant_of_structure(structure, theta, rng, delay)
+        if name.startswith("ahead"):
+            self.plant = looking_ahead(structure, p, rng)
+        else:
+            self.plant = plant_of_structure(structure, structure.join(p), rng, delay)
+        plant = self.plant
         late = plant.late()
         n, self.integrates = late.nx, integrates
         weight = np.eye(n + ny) if integrates else np.eye(n)
@@ -128,6 +159,17 @@ class Loop:
             U[k] = step(r, Y[k], d)
             x = plant.step(x, plant.every_input(U[k], d))
         return Y, U
+
+    def alone(self, n=1000):
+        """Return [y, u] of the loop of plant and controller, all of y measured."""
+        plant, control = self.plant.late(), self.controller()
+        x, rows = np.zeros(plant.nx), []
+        for r, _, d in zip(*self.signals(n), strict=True):
+            y = plant.output(x)
+            u = control(r, y, d)
+            x = plant.step(x, plant.every_input(u, d))
+            rows.append(np.concatenate([y, u]))
+        return np.array(rows)
 
     def controller(self):
         """Return the controller in Python, a function of r, y and d."""

@@ -16,27 +16,25 @@ from blark.parse import parse_source_code
 
 OPERATORS = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not"}
 UNIT = re.compile(r"^FUNCTION.*?^END_FUNCTION(?:_BLOCK)?$", re.M | re.S)
+FIRST = 900_001  # what integers are called in parts that are parsed once
+INTEGER = re.compile(r"(?<![\w.#])(?<!E[+-])\d+(?![\w.])|(?<=\.\.)\d+")
 VALUES = re.compile(r"(\w+) (: ARRAY\[0\.\.\d+\] OF \w+) := \[(.*?)\];", re.S)
 
 
 def read(text, whole=False):
     """Return the function blocks of a text, by their names.
 
-    The parser takes long for long lists of numbers, so that the values of constants
-    are read here and a block that differs in them alone is parsed once, unless `whole`
-    asks for the text as it is.
+    The parser takes a millisecond per character, so that values of constants are read
+    here, and declarations and statements that differ in integers alone are parsed once,
+    unless `whole` asks for the text as it is.
     """
     single = "OF LREAL" not in text
     if whole:
-        items = [(item, {}) for item in _parse(text)]
-        return _Program(items, single, "REAL" if single else "LREAL").blocks
-    items = []
+        units = [_Unit.of_item(item) for item in _parse(text)]
+        return _Program(units, single, "REAL" if single else "LREAL").blocks
     text = re.sub(r"\(\*.*?\*\)", "", text, flags=re.S).replace("LREAL", "REAL")
-    for unit in UNIT.findall(text):
-        constants = {name: words.split(",") for name, _, words in VALUES.findall(unit)}
-        ((item),) = _parse(VALUES.sub(r"\1 \2;", unit))
-        items.append((item, constants))
-    return _Program(items, single, "REAL").blocks
+    units = [_Unit.of_text(unit) for unit in UNIT.findall(text)]
+    return _Program(units, single, "REAL").blocks
 
 
 @functools.cache
@@ -44,6 +42,60 @@ def _parse(text):
     result = parse_source_code(text)
     assert result.exception is None, result.exception
     return result.transform().items
+
+
+class _Unit:
+    """Hold a function or function block, in parts whose integers have other names.
+
+    A part is a group of declarations or a statement, beside a dict of its integers.
+    """
+
+    def __init__(self, item, declarations, statements, constants):
+        self.name, self.is_function = str(item.name), isinstance(item, tree.Function)
+        self.type = item.return_type.type.type if self.is_function else None
+        self.declarations, self.statements = declarations, statements
+        self.constants = constants
+
+    @classmethod
+    def of_item(cls, item):
+        groups, statements = item.declarations, item.body.statements
+        return cls(item, [(g, {}) for g in groups], [(s, {}) for s in statements], {})
+
+    @classmethod
+    def of_text(cls, text):
+        constants = {name: words.split(",") for name, _, words in VALUES.findall(text)}
+        first, *lines, last = VALUES.sub(r"\1 \2;", text).splitlines()
+        (item,) = _parse(f"{first}\n{last}")
+        declarations, statements, group, part = [], [], "", []
+        for line in lines:
+            if re.match("VAR", line):
+                group = line
+            elif line == "END_VAR":
+                group = ""
+            elif group:
+                one, integers = cls.part(f"{group}\n{line}\nEND_VAR")
+                declarations += [(d, integers) for d in one.declarations]
+            else:
+                part.append(line)
+                if re.match(r"\S.*; *$", line):  # a statement ends where none is inside
+                    one, integers = cls.part("\n".join(part))
+                    statements += [(s, integers) for s in one.body.statements]
+                    part = []
+        assert not group and not any(part)
+        return cls(item, declarations, statements, constants)
+
+    @staticmethod
+    def part(text):
+        integers = {}
+
+        def named(match):
+            name = str(FIRST + len(integers))
+            integers[name] = match[0]
+            return name
+
+        text = INTEGER.sub(named, text)
+        (item,) = _parse(f"FUNCTION_BLOCK part\n{text}\nEND_FUNCTION_BLOCK")
+        return item, integers
 
 
 class _Array(list):
@@ -59,7 +111,7 @@ class _Array(list):
 
 
 class _Program:
-    def __init__(self, items, single, number):
+    def __init__(self, units, single, number):
         kind = np.float32 if single else float
         self.kind, self.number = kind, number
         library = {
@@ -72,22 +124,19 @@ class _Program:
             "array": _Array,
         }
         self.scope = library
-        for item, values in items:
-            self.values = values
-            exec(self.block(item), self.scope)
-        names = [str(item.name) for item, _ in items]
-        self.blocks = {name: self.scope[name] for name in names}
+        for unit in units:
+            exec(self.block(unit), self.scope)
+        self.blocks = {unit.name: self.scope[unit.name] for unit in units}
 
-    def block(self, item):
+    def block(self, unit):
         """Return a function or function block in Python."""
-        is_function = isinstance(item, tree.Function)
-        self.own, inputs, starts = {}, [], []
-        constants = []
+        self.own, self.values, is_function = {}, unit.constants, unit.is_function
+        inputs, starts, constants = [], [], []
         if is_function:
-            assert item.return_type.type.type == self.number
-            self.declare(str(item.name))
-            starts.append(f"{item.name} = number(0)")
-        for group in item.declarations:
+            assert unit.type == self.number
+            self.declare(unit.name)
+            starts.append(f"{unit.name} = number(0)")
+        for group, self.integers in unit.declarations:
             kind = type(group).__name__
             for entry in group.items:
                 for variable in entry.variables:
@@ -105,11 +154,14 @@ class _Program:
                     elif kind == "InputOutputDeclarations":
                         inputs.append(f"&{name}")
         self.constants = {name for name, _ in constants}
-        lines = self.body(item.body, 2)
-        name = str(item.name)
+        name, lines = unit.name, []
+        for statement, self.integers in unit.statements:
+            lines += [
+                f"{'    ' * (2 - is_function)}{s}" for s in self.statement(statement)
+            ]
         if is_function:
             plain = [s if isinstance(s, str) else f"{s[0]} = {s[1]}" for s in starts]
-            body = "\n".join(["    " + s for s in plain] + self.body(item.body, 1))
+            body = "\n".join(["    " + s for s in plain] + lines)
             body = body.replace("self.", "")
             return f"def {name}({', '.join(inputs)}):\n{body}\n    return {name}\n"
         first = [f"        self.{n} = {s}" for n, s in [*constants, *starts]]
@@ -145,7 +197,7 @@ class _Program:
         if isinstance(init, tree.ArrayTypeInitialization):
             ((low, high),) = [(s.start, s.stop) for s in init.spec.subranges]
             assert low.value == "0"
-            n, kind = int(high.value) + 1, str(init.spec.type.type_name)
+            n, kind = int(self.value(high)) + 1, str(init.spec.type.type_name)
             if words is not None:
                 values = [self.literal(word.strip(), kind) for word in words]
             elif init.value is None:
@@ -238,7 +290,7 @@ class _Program:
             assert e.type_name == self.number, f"{e} has no type"
             return f"number({e.value})"
         if isinstance(e, tree.Integer):
-            return str(e.value)
+            return self.integers.get(str(e.value), str(e.value))
         if isinstance(e, tree.Boolean):
             return str(e.value).title()
         if isinstance(e, tree.ParenthesizedExpression):

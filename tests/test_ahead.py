@@ -153,3 +153,24 @@ def test_wrong_steps(fitted, steps):
 def test_unfitted():
     with pytest.raises(NotFittedError):
         LinearStateSpace().predict_ahead(*record())
+
+
+def test_predictions_have_the_form_of_the_outputs(fitted):
+    pandas = pytest.importorskip("pandas")
+    (u, y), model = record(), fitted["linear"]
+    plainly = model.predict_ahead(u, y, 3)
+    times = pandas.date_range("2026-01-01", periods=len(u), freq="s")
+    frame = pandas.DataFrame(y, index=times, columns=["level", "flow"])
+    found = model.predict_ahead(u, frame, 3)
+    pandas.testing.assert_frame_equal(
+        found, pandas.DataFrame(plainly, index=times, columns=["level", "flow"])
+    )
+    parts = model.predict_ahead([u[:100], u[100:]], [frame[:100], frame[100:]], 3)
+    assert [list(part.index) for part in parts] == [
+        list(times[:100]),
+        list(times[100:]),
+    ]
+    one = LinearStateSpace(nx=2).fit(u, y[:, 0])
+    series = one.predict_ahead(u, frame["level"])
+    np.testing.assert_array_equal(series, one.predict_ahead(u, y[:, 0]))
+    assert series.name == "level" and series.index.equals(times)

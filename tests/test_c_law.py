@@ -1,11 +1,15 @@
 """The law u = phi^-1(v, s) in C is that of Python: every v is reached, exactly."""
 
 import ctypes
+import re
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from test_c import Compiled, shared_library
+from test_c import TOLERANCE, Compiled, shared_library
 from test_extending import SOFTSIGN
 
 from alssnn.feedback import LinearizingLaw
@@ -13,6 +17,7 @@ from alssnn.forms import of_structure
 from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.persistence import to_c
+from exported import CONTROLLED, Loop, assert_exact
 from helpers import plant_of_structure
 
 N = 2000
@@ -153,3 +158,139 @@ def test_few_evaluations_of_phi(size, most, tmp_path):
             *(z.ctypes.data_as(ctypes.c_void_p) for z in (v[k], s[k], *out))
         )
         assert 1 <= count.value <= most
+
+
+# -- loops of all kinds ----------------------------------------------------------------
+
+
+def controller(loop, folder, dtype="double"):
+    """Return the compiled controller of a loop, a function of r, y and d."""
+    c = Compiled(loop.plant, folder, dtype, **loop.options)
+    state, u = c.zeros(200), c.zeros(loop.plant.nv)  # more than the state needs
+    c.reset(state)
+
+    def step(r, y, d):
+        given = [c.array(d)] if len(d) else []
+        c.control(state, c.array(r), c.array(y), *given, u)
+        return u.copy()
+
+    return step
+
+
+@pytest.fixture(params=CONTROLLED, scope="module")
+def loop(request):
+    return Loop(request.param)
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+def test_the_controller_acts_as_in_python(loop, dtype, tmp_path):
+    y, u = loop.run(controller(loop, tmp_path, dtype))
+    expected_y, expected_u = loop.run(loop.controller())
+    met = (expected_u == loop.law.u_min) | (expected_u == loop.law.u_max)
+    assert 0.02 < met.any(axis=1).mean() < 0.98
+    finite = np.isfinite(y)
+    assert not finite.all()
+    for found, expected in ((u, expected_u), (y[finite], expected_y[finite])):
+        error = np.abs(found - expected).max(axis=0) / np.ptp(expected, axis=0)
+        assert np.max(error) < TOLERANCE[dtype]
+
+
+def test_the_law_of_every_loop(loop, tmp_path):
+    v, s, d = loop.law_signals(1000)
+    law = loop.limited(loop.plant.law(v, s, d))
+    c = Compiled(loop.plant, tmp_path, law=law, observer=False)
+    sent, cut = np.empty_like(v), np.empty_like(v)
+    for k in range(len(v)):
+        given = [d[k]] if loop.plant.nd else []
+        c.law(v[k], s[k], *given, sent[k], cut[k])
+    expected, lost = law.split(v, s, d)
+    assert 0.3 < np.mean(np.any(lost, axis=1)) < 0.5
+    assert_exact(sent, expected)
+    assert_exact(cut, lost)
+
+
+# -- other rules and folders -----------------------------------------------------------
+
+ARDUINO = """\
+#include <stdio.h>
+static unsigned long now;
+static unsigned long micros(void) { return now += 1000; }
+static struct {
+    void begin(long) {}
+    void println(double value, int) { printf("%.6f\\n", value); }
+} Serial;
+"""
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize("name", ["output", "disturbed", "ahead, state", "late"])
+def test_the_layout_of_arduino(name, dtype, tmp_path):
+    loop = Loop(name)
+    options = {**loop.options, "layout": "arduino", "prefix": "motor"}
+    paths = to_c(loop.plant, tmp_path / "motor", dtype=dtype, **options)
+    names = {str(path.relative_to(tmp_path / "motor")) for path in paths}
+    sketch = "examples/motor_demo/motor_demo.ino"
+    assert {"library.properties", "src/motor.c", "src/motor.h", sketch} <= names
+    text = (tmp_path / "motor/library.properties").read_text()
+    told = dict(line.split("=", 1) for line in text.splitlines())
+    assert told["name"] == "motor" and told["includes"] == "motor.h"
+    assert re.fullmatch(r"\d+\.\d+\.\d+", told["version"])
+    # the sketch in C++ beside the library in C, with what a board has
+    (tmp_path / "Arduino.h").write_text(ARDUINO)
+    (tmp_path / "main.cpp").write_text(
+        f'#include "motor/{sketch}"\nint main() {{ setup(); '
+        "for (long k = 0; k < 50000; k++) loop(); }\n"
+    )
+    folders = ["-I", tmp_path, "-I", tmp_path / "motor/src"]
+    strict = "-Wall -Wextra -Werror".split()
+    source = tmp_path / "motor/src/motor.c"
+    steps = [
+        ["gcc", "-std=c99", *strict, "-c", source, "-o", tmp_path / "motor.o"],
+        ["g++", "-std=c++11", *strict, *folders, tmp_path / "main.cpp"],
+    ]
+    steps[1] += [tmp_path / "motor.o", "-lm", "-o", tmp_path / "main"]
+    for step in steps:
+        subprocess.run(step, check=True)
+    run = subprocess.run([tmp_path / "main"], capture_output=True, check=True)
+    found = np.array(run.stdout.split(), dtype=float).reshape(-1, loop.plant.ny)
+    plant, control = loop.plant.late(), loop.controller()
+    r = plant.y_offset + 0.5 * plant.y_scale
+    x, d, expected = np.zeros(plant.nx), plant.d_offset, []
+    for _ in range(len(found)):
+        expected.append(plant.output(x))
+        u = control(r, expected[-1], d)
+        x = plant.step(x, plant.every_input(u, d))
+    assert 90 <= len(found) <= 110  # 50 s at a sampling time of 0.5 s
+    near = 1e-6 if dtype == "double" else 1e-3
+    np.testing.assert_allclose(found, expected, rtol=0, atol=near)
+
+
+def test_wrong_layouts(tmp_path):
+    with pytest.raises(ValueError, match="`layout` must be 'flat' or 'arduino', got 1"):
+        to_c(Loop("output").plant, tmp_path / "a", layout=1)
+    assert not (tmp_path / "a").exists()
+
+
+MISRA = {"2.2", "2.5", "8.7", "8.9", "12.1", "12.3", "15.4", "15.5"}
+
+
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="no cppcheck")
+def test_rules_of_misra(loop, tmp_path):
+    """What deviates from MISRA C:2012 is what the manual lists, and nothing else."""
+    to_c(loop.plant, tmp_path, **loop.options)
+    command = "cppcheck --addon=misra --std=c99 --quiet --enable=style,warning"
+    template = "--template={id}"
+    run = subprocess.run(
+        [*command.split(), template, tmp_path / "plant.c"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = {line for line in run.stderr.splitlines() if line.startswith("misra")}
+    rules = {line.rpartition("-")[2] for line in found}
+    assert "8.9" in rules  # the addon has run
+    assert rules <= MISRA
+    path = Path(__file__).parents[1] / "doc" / "where_it_runs.rst"
+    manual = path.read_text(encoding="utf-8")
+    assert MISRA == {*re.findall(r"^   \* - (\d+\.\d+)$", manual, re.M)}

@@ -212,10 +212,14 @@ def test_solver_breakdown(monkeypatch):
     monkeypatch.setattr(cp.Problem, "solve", solve)
     with pytest.raises(RuntimeError, match="CLARABEL broke down with status"):
         iss_certificate([[0.5]], method="sdp")
+
+
+def test_interior_points_break_down(monkeypatch):
+    monkeypatch.setattr("alssnn.certificates._interior.STEPS", 3)
     c = gain_certificate(linear_lure(*(np.array([[z]]) for z in (0.5, 1.0, 1.0))))
     assert not c.holds and c.status == "error" and np.isinf(c.gamma)
     assert "broke down" in c.reason
-    assert repr(c).startswith("GainCertificate: undecided. The solver")
+    assert repr(c).startswith("GainCertificate: undecided. The interior-point")
 
 
 def test_ellipse_and_contains():
@@ -355,7 +359,7 @@ def test_model_certificate_with_state_feedback(fitted):
     np.testing.assert_allclose(c.A, model.A_ - model.B_ @ K)
     loop = state_feedback(model.plant_.close(), K)
     np.testing.assert_allclose(loop.M[:2, :2], c.A, atol=1e-12)
-    assert model.gain_certificate(K=K).lure.nw == loop.nw
+    assert model.gain_certificate(K=K).lure.nw == loop.nw  # g sees u, which sees h
 
 
 # -- loops as they are -----------------------------------------------------------------
@@ -648,13 +652,190 @@ def test_gain_of_a_slope():
     assert certificate.verify() < 0
 
 
+def test_gain_of_given_slopes():
+    # x+ = 0.2 x + 0.5 tanh(x) + 0.3 sin(x) + v, of which every loop has one slope
+    Theta = np.array(
+        [[0.2, 1, 0.5, 0.3, 0], [1, 0, 0, 0, 0], [1, 0, 0, 0, 0], [1, 0, 0, 0, 0]]
+    )
+    sigma = (ACTIVATIONS["tanh"], ACTIVATIONS["sin"])
+    lure = Lure(Theta, 1, 1, 2, sigma)
+    # 0.4 <= tanh' <= 0.6 and 0.2 <= sin' <= 0.8 on some region: 0.46 to 0.74
+    certificate = gain_certificate(lure, ([0.4, 0.2], [0.6, 0.8]))
+    assert certificate.holds and certificate.verify() > 0
+    assert certificate.gamma == pytest.approx(1 / (1 - 0.74), rel=1e-3)
+    # no more than a point: the loop is linear
+    linear = gain_certificate(lure, (0.5, 0.5))
+    assert linear.gamma == pytest.approx(1 / (1 - 0.2 - 0.25 - 0.15), rel=1e-3)
+    # slopes everywhere: 0.2 + 0.5 + 0.3 is an integrator
+    assert not gain_certificate(lure).holds
+    everywhere = gain_certificate(lure, ([0, -1], [1, 0.9]))
+    assert everywhere.gamma == pytest.approx(1 / 0.03, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("slopes", "said"),
+    [
+        (0.5, r"be a pair of numbers or of arrays of shape \(2,\)"),
+        (([0, 0, 0], 1), r"be a pair of numbers or of arrays of shape \(2,\)"),
+        (([0, 1], [1, 0.5]), "got 1 and 0.5 of neuron 1"),
+        ((0, np.inf), "got 0 and inf of neuron 0"),
+    ],
+)
+def test_wrong_slopes(slopes, said):
+    lure = Lure(np.zeros((4, 5)), 1, 1, 2)
+    with pytest.raises(ValueError, match=f"`slopes` must .*{said}"):
+        gain_certificate(lure, slopes)
+
+
+def random_lure(rng, nx, nw, nu=1, ny=1, size=0.4, implicit=False):
+    Theta = size * rng.standard_normal((nx + ny + nw, nx + nu + nw + 1))
+    Theta[:nx, :nx] = stable(rng, nx, rng.uniform(0.1, 0.95))
+    E = Theta[nx + ny :, nx + nu : -1]
+    E[:] = 0.5 * E if implicit else np.tril(E, -1)
+    return Lure(Theta, nx, nu, nw)
+
+
+def smallest_gain_by_cvxpy(lure):
+    """Return gamma, inf if there is none: the program as it is written."""
+    nx, nu, nw = lure.nx, lure.nu, lure.nw
+    now, v, w = np.split(np.eye(nx + nu + nw), [nx, nx + nu])
+    plus, y, neurons = np.split(lure.Theta[:, :-1], [nx, nx + lure.nz])
+    P, square = cp.Variable((nx, nx), PSD=True), cp.Variable()
+    Lam = cp.Variable(nw, nonneg=True)
+    sector = w.T @ cp.diag(Lam) @ (neurons - w)
+    form = plus.T @ P @ plus - now.T @ P @ now + y.T @ y - square * (v.T @ v)
+    form = form + sector + sector.T
+    problem = cp.Problem(cp.Minimize(square), [(form + form.T) / 2 << 0])
+    problem.solve(solver="CLARABEL")
+    return np.sqrt(square.value) if problem.status == "optimal" else np.inf
+
+
+@pytest.mark.parametrize("implicit", [False, True])
+def test_interior_points_find_the_optimum(implicit):
+    rng, decided = np.random.default_rng(int(implicit)), []
+    for _ in range(15):
+        nx, nw, nu, ny = rng.integers(1, 4, 4)
+        lure = random_lure(rng, nx, nw + 1, nu, ny, implicit=implicit)
+        certificate = gain_certificate(lure)
+        decided.append(certificate.holds)
+        expected = smallest_gain_by_cvxpy(lure)
+        assert certificate.gamma == pytest.approx(expected, rel=1e-4)
+    assert 3 <= sum(decided) <= 13
+
+
+def test_derivatives_of_the_barrier(rng):
+    from alssnn.certificates._interior import _Form
+
+    nx, nw, n = 2, 3, 6
+    now, plus = rng.standard_normal((2, nx, n))
+    w, slack = rng.standard_normal((2, nw, n))
+    Q, R = np.eye(n), -20 * np.eye(n)
+    form = _Form(now, plus, w, slack, Q, R)
+    z = form.pack(np.eye(nx), np.ones(nw), 30.0)
+
+    def barrier(z):
+        return -np.linalg.slogdet(form(z))[1]
+
+    def gradient(z):
+        return form.derivatives((np.linalg.cholesky(form(z)), True))[0]
+
+    g, H = form.derivatives((np.linalg.cholesky(form(z)), True))
+    steps = 1e-5 * np.eye(len(z))
+    numeric = [(barrier(z + d) - barrier(z - d)) / 2e-5 for d in steps]
+    np.testing.assert_allclose(g, numeric, rtol=1e-6, atol=1e-9)
+    numeric = [(gradient(z + d) - gradient(z - d)) / 2e-5 for d in steps]
+    np.testing.assert_allclose(H, numeric, rtol=1e-5, atol=1e-9)
+
+
+def test_states_that_nothing_reaches_or_sees():
+    """Their P is not bounded by the program."""
+    Theta = np.zeros((4, 5))
+    Theta[:3, :3] = np.diag([0.5, 0.8, 0.3])
+    Theta[0, 3], Theta[3, 0] = 2.0, 1.0
+    certificate = gain_certificate(Lure(Theta, 3, 1, 0))
+    assert certificate.holds
+    assert certificate.gamma == pytest.approx(4, rel=1e-4)
+    nothing = gain_certificate(Lure(0 * Theta, 3, 1, 0))
+    assert nothing.holds and nothing.gamma < 1e-3
+
+
+def test_larger_loops_take_seconds():
+    lure = random_lure(np.random.default_rng(0), 6, 20, size=0.15)
+    certificate = gain_certificate(lure)
+    assert certificate.holds and certificate.gamma >= empirical_gain(
+        lure, np.random.default_rng(1)
+    )
+    assert certificate.solve_time < 10
+
+
+def test_what_is_too_large_is_said_at_once():
+    c = gain_certificate(linear_lure(0.5 * np.eye(63), np.eye(63), np.eye(63)))
+    assert not c.holds and c.verdict == "undecided" and c.n_solves == 0
+    assert "2017 unknowns, more than 2000, for 63 states and 0 neurons" in c.reason
+
+
+def test_neurons_that_reach_nothing_are_left_out(rng):
+    lure = random_lure(rng, 2, 2, size=0.3)
+    more = (
+        6  # two that nobody sees, two that these see, two that are seen by a live one
+    )
+    Theta = np.zeros((3 + more + 2, 3 + more + 3))
+    old = np.r_[0:3, 3 + more : 3 + more + 3]
+    rows = np.r_[0:3, 3 + more : 3 + more + 2]
+    Theta[np.ix_(rows, old)] = lure.Theta
+    new = 3 + np.arange(more)
+    Theta[new, :3] = rng.standard_normal((more, 3))
+    Theta[:2, 3] = 1e-17  # left over
+    Theta[3 + 2, 3 + 0] = 5.0  # seen by a dead one
+    dead = Lure(Theta, 2, 1, more + 2)
+    a, b = gain_certificate(dead), gain_certificate(lure)
+    assert a.holds and a.lure.nw == 2 and a.gamma == pytest.approx(b.gamma, rel=1e-6)
+    Theta[-1, 3 + 4] = 0.1  # seen by a live one
+    seen = gain_certificate(Lure(Theta, 2, 1, more + 2))
+    assert seen.lure.nw == 3
+
+
+@pytest.mark.parametrize("decay", [0.95, 0.85])
+def test_decay(rng, decay):
+    lure = random_lure(np.random.default_rng(4), 2, 2, size=0.2)
+    assert np.abs(np.linalg.eigvals(lure.M[:2, :2])).max() < 0.8
+    certificate = gain_certificate(lure, decay=decay)
+    assert certificate.holds and certificate.verify() == certificate.margin > 0
+    assert certificate.gamma >= gain_certificate(lure).gamma * (1 - 1e-5)
+    assert f"|dx| falls by {decay}" in repr(certificate)
+    u, P = rng.standard_normal((60, 1)), certificate.P
+    starts = 3 * rng.standard_normal((2, 2))
+    a, b = (simulate(lure, u, start) for start in starts)
+    V = np.einsum("ki,ij,kj->k", a - b, P, a - b)
+    assert (V <= V[0] * decay ** (2 * np.arange(61)) * (1 + 1e-9)).all()
+    assert replace(certificate, decay=0.5).verify() < 0
+    with pytest.raises(ValueError, match="`decay` must be above 0 and at most 1"):
+        gain_certificate(lure, decay=0.0)
+
+
+def test_decay_of_a_linear_loop():
+    lure = linear_lure(*(np.full((1, 1), z) for z in (0.5, 1.0, 1.0)))
+    certificate = gain_certificate(lure, decay=0.75)
+    # of signals weighted by 0.75^-k: x+ = (x / 2 + v) / 0.75
+    assert certificate.gamma == pytest.approx((1 / 0.75) / (1 - 0.5 / 0.75), rel=1e-4)
+    slower = gain_certificate(lure, decay=0.5)
+    assert "spectral radius of A is 0.5, not below the decay 0.5" in slower.reason
+
+
 def test_gain_is_infeasible_or_unstable(monkeypatch):
     # slope 1 makes an integrator
     Theta = np.array([[0.5, 1, 0.5, 0], [1, 0, 0, 0], [1, 0, 0, 0]])
     infeasible = gain_certificate(Lure(Theta, 1, 1, 1))
     assert not infeasible.holds and infeasible.gamma == np.inf
     assert infeasible.margin < 0 and "does not hold" in repr(infeasible)
-    monkeypatch.setattr(cp.Problem, "solve", None)
+    assert "largest slopes, the spectral radius is 1" in infeasible.reason
+    # slopes (0, 0) and (1, 1) are stable, (1, 0) is not: 0.9 - 1.9
+    Theta = np.array(
+        [[0.9, 1, 1.9, 1.9, 0], [1, 0, 0, 0, 0], [-1, 0, 0, 0, 0], [1, 0, 0, 0, 0]]
+    )
+    between = gain_certificate(Lure(Theta, 1, 1, 2))
+    assert between.status == "infeasible" and "does not hold" in repr(between)
+    monkeypatch.setattr("alssnn.certificates._gain.smallest_gain", None)
     unstable = gain_certificate(linear_lure(np.eye(1), np.eye(1), np.eye(1)))
     assert not unstable.holds and "spectral radius" in unstable.reason
     assert unstable.n_solves == 0 and unstable.verify() == -np.inf

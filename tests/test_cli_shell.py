@@ -168,6 +168,7 @@ def test_a_reader_that_has_gone_is_no_error(folder):
         (["validate", "large.npz", *data("plant.csv")], {"passed", "checks"}),
         (["compare", "large.npz", "small.npz", *data("plant.csv")], {"models"}),
         (["simulate", "large.npz", *data("plant.csv")], {"outputs", "file"}),
+        (["plot", "large.npz", *data("plant.csv"), "-o", "{}/p.png"], {"file"}),
         (["control", "large.npz", "-o", "design"], {"gain", "columns", "files"}),
         (["export", "large.npz", "--c", "firmware"], {"files"}),
         (["excite", "steps", "--samples", "50", "-o", "{}/e.csv"], {"file"}),
@@ -241,6 +242,22 @@ def test_a_file_is_replaced_only_when_told(folder, tmp_path, monkeypatch, capsys
 
 
 # commands
+
+
+def test_plot_draws_the_parts_that_a_model_has(folder, tmp_path, capsys):
+    path = tmp_path / "p.svg"
+    argv = ["plot", folder / "large.npz", *data(folder / "plant.csv"), "-o", path]
+    assert run(*argv) == 0
+    assert capsys.readouterr().out == f"Figure: {path}\n"
+    whole = path.read_text()
+    assert run(*argv) == 2 and "--overwrite" in capsys.readouterr().err
+    assert run(*argv, "--overwrite", "--part", "residual") == 0
+    assert len(path.read_text()) < 0.8 * len(whole)
+    assert run(*argv, "--overwrite", "--part", "h") == 2
+    assert "A linear model has neither h nor g" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        run(*argv[:-1], "p.txt")
+    assert "must end in .png" in capsys.readouterr().err
 
 
 def test_info_says_what_a_model_is(folder, capsys):

@@ -45,6 +45,51 @@ def loop(n, seed, gain=0.4, *, reference=1.0, process=1.0, pole=0.8, law=None):
 # -- feedback in a record --------------------------------------------------------------
 
 
+def repeated(seed, n_periods=16, period=128, gain=0.0):
+    """Return u, y and a simulation that is wrong, of a reference that repeats."""
+    rng = np.random.default_rng(seed)
+    r = np.tile(lfilter([1], [1, -0.5], rng.uniform(-1, 1, period)), n_periods)
+    w = 0.002 * rng.standard_normal(len(r))
+    u, x, clean = np.empty(len(r)), np.zeros(len(r)), np.zeros(len(r))
+    for k in range(len(r)):
+        u[k] = r[k] - gain * (x[k] + w[k])
+        if k + 1 < len(r):
+            x[k + 1] = 0.8 * x[k] + u[k] - 0.3 * np.tanh(x[k])
+            clean[k + 1] = 0.6 * clean[k] + u[k]
+    return u[:, None], (x + w)[:, None], clean[:, None]
+
+
+@pytest.mark.parametrize("period", [None, 128])
+def test_an_input_that_repeats_was_moved_by_no_noise(period):
+    """Though the error of the model repeats, too, sixteen times."""
+    for seed in range(10):
+        u, y, clean = repeated(seed)
+        tests = feedback_tests([(u, y, clean)], simulated=[clean], period=period)
+        assert not tests.found(1e-3).any() and tests.p == 1.0
+        # what was measured of it has noise of its own
+        u = u + 0.002 * np.random.default_rng(seed + 10).standard_normal(u.shape)
+        tests = feedback_tests([(u, y, clean)], simulated=[clean], period=128)
+        assert not tests.found(1e-3).any() and tests.p_values.min() < 1
+
+
+@pytest.mark.parametrize("n_periods", [2, 3, 16])
+def test_a_loop_is_found_between_periods(n_periods):
+    for seed in range(5):
+        u, y, clean = repeated(seed, n_periods, 256, gain=0.4)
+        tests = feedback_tests([(u, y, clean)], period=256)
+        assert tests.found(1e-3).any()
+
+
+def test_between_periods_no_sample_counts_twice():
+    """The rate of false alarms is the nominal one with as few as two periods."""
+    found = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        u, noise = rng.standard_normal((2, 512, 1))
+        found += feedback_tests([(u, noise, 0 * u)], period=256).p < 0.05
+    assert binom.sf(found - 1, 100, 0.05) > 0.001
+
+
 @pytest.mark.parametrize("ahead", [False, True])
 def test_nothing_is_found_in_open_loop(ahead):
     """At the nominal rate, and though the model is wrong in how it takes u."""

@@ -25,6 +25,7 @@ from alssnn.plotting import (
     ResidualNonlinearityDisplay,
     SimulationDisplay,
     SingularValuesDisplay,
+    plot_model,
 )
 from alssnn.validation import frequency_response
 from models import al_ssnn
@@ -382,6 +383,29 @@ def test_what_g_leaves(model, data):
     assert power == pytest.approx(np.var(display.e[1][:, 1]), rel=0.5)
     assert left.get_xlabel() == "e, in units of temperature [K]"
     assert labels(right) == ["temperature [K]", "e"]
+
+
+def test_a_model_on_one_figure(model, linear, data):
+    parts = {  # below each other
+        "simulation": SimulationDisplay,
+        "residual": ResidualDisplay,
+        "h": NonlinearityDisplay,
+        "g": ResidualNonlinearityDisplay,
+    }
+    frames = plot_model(model, *data).subfigs
+    for one, frame in zip(parts.values(), frames, strict=True):
+        alone = one.from_estimator(model, *data).figure_
+        for axes, ours in zip(alone.axes, frame.axes, strict=True):
+            assert ours.get_ylabel() == axes.get_ylabel()
+            for line, same in zip(axes.lines, ours.lines, strict=True):
+                np.testing.assert_array_equal(line.get_ydata(), same.get_ydata())
+    (only,) = plot_model(model, *data, parts=["h"]).subfigs
+    assert only.get_suptitle() == "h, which the law cancels"
+    assert len(plot_model(linear, *data).subfigs) == 2
+    with pytest.raises(ValueError, match="some of simulation, residual for this model"):
+        plot_model(linear, *data, parts=["g"])
+    with pytest.raises(ValueError, match="at least one part"):
+        plot_model(linear, *data, parts=[])
 
 
 def make_path(**options):

@@ -50,6 +50,19 @@ def test_every_public_name_is_in_the_reference():
     assert public - listed == set()
 
 
+EXAMPLES = sorted((ROOT / "examples").glob("plot_*.py"))
+HIDDEN = re.compile(
+    r"^# sphinx_gallery_start_ignore\n(.*?)^# sphinx_gallery_end_ignore$", re.S | re.M
+)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_what_an_example_says_is_held_against_what_it_computes(path):
+    """The build of the documentation, which runs the examples, ends at a wrong one."""
+    hidden = HIDDEN.findall(path.read_text(encoding="utf-8"))
+    assert any("assert " in block for block in hidden)
+
+
 def test_readme_names_things_that_exist():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for command in re.findall(r"python -m (benchmarks\.\w+)", readme):

@@ -19,7 +19,7 @@ from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.feedback import lqi
 from alssnn.persistence import _archive, to_mat
-from exported import NAMES, assert_exact, make_plant, signals
+from exported import CONTROLLED, NAMES, Loop, assert_exact, make_plant, signals
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, record
 
 DATA = Path(__file__).parent / "data"
@@ -546,7 +546,7 @@ def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
     from scipy.io import loadmat, savemat
 
     names = documented_functions(tmp_path)
-    assert names == {"simulate_alssnn", "channels", "law_alssnn"}
+    assert names == {"simulate_alssnn", "channels", "law_alssnn", "correct_alssnn"}
     u, y, _ = record(2, 2, seed=4)
     rng = np.random.default_rng(0)
     models, expected = [], []
@@ -560,19 +560,30 @@ def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
             if law.feedback == "state":
                 s = rng.standard_normal((len(u), model.nx_))
         model.to_mat(tmp_path / f"model_{i}.mat", law=law)
-        expected.append((model.predict(u), None if law is None else law(u, s)))
+        watch, y_i = model.observer(gate=100), y.to_numpy().copy()
+        y_i[::5, 0], y_i[1::7, 1], y_i[2::9] = np.nan, np.inf, 1e9  # the gate cuts
+        X = rng.standard_normal((len(u), watch.plant.nx))
+        both = zip(X, np.hstack([u, y_i]), strict=True)
+        corrected = np.array([watch.output(0.0, x, both_k, {}) for x, both_k in both])
+        limited = None if law is None else law(u, s)
+        expected.append((model.predict(u), limited, corrected))
         given = {"u": u.to_numpy(), "s": np.zeros((0, 0)) if s is None else s}
+        given |= {"X": X, "Y": y_i}
         savemat(tmp_path / f"given_{i}.mat", given)
-    assert sum(law is not None for _, law in expected) >= 4
+    assert sum(law is not None for _, law, _ in expected) >= 4
     script = f"""
+        none = zeros(0, 1);
         for i = 0:{len(models) - 1}
             load(sprintf("model_%d.mat", i)); load(sprintf("given_%d.mat", i));
             y = simulate_alssnn(model, u);
             limited = zeros(size(u));
             for k = 1:size(s, 1)
-                limited(k, :) = law_alssnn(model, u(k, :).', s(k, :).').';
+                limited(k, :) = law_alssnn(model, u(k, :).', s(k, :).', none).';
             end
-            save("-v7", sprintf("found_%d.mat", i), "y", "limited");
+            for k = 1:size(u, 1)
+                X(k, :) = correct_alssnn(model, X(k, :).', u(k, :).', Y(k, :).').';
+            end
+            save("-v7", sprintf("found_%d.mat", i), "y", "limited", "X");
         end
     """
     done = subprocess.run(
@@ -583,13 +594,54 @@ def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    for i, (y, limited) in enumerate(expected):
+    for i, (y, limited, corrected) in enumerate(expected):
         found = loadmat(tmp_path / f"found_{i}.mat")
         atol = 1e-11 * np.ptp(y)
         np.testing.assert_allclose(found["y"], y, rtol=1e-11, atol=atol)
+        np.testing.assert_allclose(found["X"], corrected, rtol=1e-11, atol=1e-9)
         if limited is not None:
             np.testing.assert_allclose(found["limited"], limited, rtol=1e-11)
             assert (limited == models[i].u_offset_).any()
+
+
+@pytest.mark.parametrize("name", [n for n in CONTROLLED if "ahead" in n])
+def test_a_mat_file_holds_a_law_that_looks_ahead(name, path):
+    loop = Loop(name)
+    plant, (v, x, d) = loop.plant, loop.law_signals(1000)
+    to_mat(plant, path, observer=False)
+    law = load_struct(path)["law"]
+    middle, nd = law["middle"][0, 0], plant.nd
+    dd, dv = d - plant.d_offset, v - plant.v_offset
+    seen = np.hstack([np.hstack([x, dd, dv]) @ middle.T, dd])
+    u = plant.law(v, x, d if nd else None)
+    if plant.is_solved:
+        both = np.hstack([seen, u - plant.v_offset])
+        found = channels(law["phi"][0, 0], both.T).T
+        np.testing.assert_allclose(found, dv, rtol=0, atol=1e-12 * np.ptp(u))
+    else:
+        assert_exact(v - channels(law["h"][0, 0], seen.T).T, u)
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no octave-cli")
+def test_octave_looks_ahead(tmp_path):
+    from scipy.io import loadmat, savemat
+
+    documented_functions(tmp_path)
+    loop = Loop("ahead, disturbed")
+    v, s, d = loop.law_signals(100)
+    law = loop.limited(loop.plant.law(v, s, d))
+    to_mat(loop.plant, tmp_path / "model.mat", law=law)
+    savemat(tmp_path / "given.mat", {"v": v, "s": s, "d": d})
+    script = """
+        load("model.mat"); load("given.mat"); u = v;
+        for k = 1:size(v, 1)
+            u(k, :) = law_alssnn(model, v(k, :).', s(k, :).', d(k, :).').';
+        end
+        save("-v7", "found.mat", "u");
+    """
+    command = ["octave-cli", "--norc", "--quiet", "--eval", script]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=300)
+    assert_exact(loadmat(tmp_path / "found.mat")["u"], law(v, s, d))
 
 
 def test_a_mat_file_holds_law_observer_and_gain(fitted, path):
@@ -600,6 +652,10 @@ def test_a_mat_file_holds_law_observer_and_gain(fitted, path):
     np.testing.assert_array_equal(m["law"]["u_max"][0, 0].ravel(), [50, np.inf])
     np.testing.assert_array_equal(m["M"], model.observer().gain)
     np.testing.assert_array_equal(np.hstack([m["K_x"], m["K_z"]]), K)
+    largest = model.observer(gate=100).largest_innovation
+    np.testing.assert_array_equal(m["gate"][:, 0], largest)
+    model.to_mat(path, observer=model.observer())
+    assert load_struct(path)["gate"].size == 0
     model.to_mat(path, observer=False)
     m = load_struct(path)
     assert m["M"].size == m["K_x"].size == m["K_z"].size == 0

@@ -11,12 +11,14 @@ import pytest
 
 from alssnn import Activation
 from alssnn.activations import ACTIVATIONS
+from alssnn.feedback import LinearizingController
 from alssnn.persistence import to_fmu
 from exported import (
     CONTROLLED,
     NAMES,
     Loop,
     assert_exact,
+    fast_plant,
     make_plant,
     make_unknown,
     signals,
@@ -81,6 +83,13 @@ class Slave:
         put = self.fmu.setFloat64 if self.is_3 else self.fmu.setReal
         put([self.references[name] for name in names], list(map(float, values)))
 
+    def slopes(self, known):
+        """Return the derivatives of all outputs by known variables, (ny, n)."""
+        unknown = [self.references[name] for name in self.outputs]
+        slope = self.fmu.getDirectionalDerivative
+        columns = [slope(unknown, [self.references[name]], [1.0]) for name in known]
+        return np.array(columns).reshape(-1, len(unknown)).T
+
     def step(self, dt):
         self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=dt)
         self.time += dt
@@ -130,13 +139,7 @@ def test_every_structure_is_what_its_plant_is(name, tmp_path, load):
     for k in range(len(x)):
         slave.reset(**dict(zip(slave.states, x[k], strict=True)))
         slave.set(slave.inputs, u[k])
-        for slopes, names in ((dy_dx, slave.states), (dy_du, slave.inputs)):
-            for i, known in enumerate(names):
-                slopes[k, :, i] = slave.fmu.getDirectionalDerivative(
-                    [slave.references[name] for name in slave.outputs],
-                    [slave.references[known]],
-                    [1.0],
-                )
+        dy_dx[k], dy_du[k] = slave.slopes(slave.states), slave.slopes(slave.inputs)
         y[k] = slave.sample(plant.dt, u[k])
         after[k] = slave.get(slave.states)
     assert_exact(y, late.output(x, u))
@@ -186,16 +189,25 @@ def test_the_loop_of_both_is_that_of_python(loop, tmp_path, load):
     version = VERSIONS[loop.integrates]
     options = {"what": "both", "version": version, **loop.options}
     slave = load(to_fmu(loop.plant, tmp_path / "a.fmu", **options))
-    plant, control = loop.plant.late(), loop.controller()
-    x = np.zeros(plant.nx)
-    found, expected = [], []
-    for r, _, d in zip(*loop.signals(N), strict=True):
-        found.append(slave.sample(plant.dt, r, d))
-        y = plant.output(x)
-        u = control(r, y, d)
-        x = plant.step(x, plant.every_input(u, d))
-        expected.append(np.concatenate([y, u]))
-    assert_exact(np.array(found), np.array(expected))
+    r, _, d = loop.signals(N)
+    found = [slave.sample(loop.plant.dt, *z) for z in zip(r, d, strict=True)]
+    assert_exact(np.array(found), loop.alone(N))
+
+
+def test_a_controller_is_taken_as_it_is(tmp_path):
+    """The parts of a controller are those that are given one by one."""
+    loop = Loop("ahead, disturbed")
+    parts = {"law": loop.law, "observer": loop.observer}
+    controller = LinearizingController(loop.plant, loop.gain, **parts)
+    for what in (None, "controller", "both"):
+        fmu = to_fmu(controller, tmp_path / "a.fmu", what=what)
+        whole = {"what": what or "controller", **loop.options}
+        expected = to_fmu(loop.plant, tmp_path / "b" / "a.fmu", **whole)
+        assert fmu.path.read_bytes() == expected.path.read_bytes()
+    with pytest.raises(ValueError, match=r"got a controller\. Give its `model`"):
+        to_fmu(controller, tmp_path / "a.fmu", what="model")
+    with pytest.raises(ValueError, match="must be None beside a controller"):
+        to_fmu(controller, tmp_path / "a.fmu", gain=loop.gain)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -345,37 +357,38 @@ int main(int argc, char **argv)
 """
 
 
-def test_a_program_without_python_runs_it(tmp_path):
-    """In a process of its own, and fast: a million steps in a few seconds."""
-    from alssnn.models import state_space
-    from helpers import plant_of_structure
+def hosted(plant, folder):
+    """Return a function that steps the FMU of a plant in a program in C.
 
-    rng, n = np.random.default_rng(0), 50
-    C = rng.standard_normal((1, 6))
-    structure = state_space(6, 1, 1, n_h=10, n_g=10, C=C, feedback="output")
-    p = {k: 0.2 * rng.standard_normal(s) for k, s in structure.shapes.items()}
-    p["A"] = np.diag(np.linspace(0.1, 0.8, 6))
-    plant = plant_of_structure(structure, structure.join(p), rng)
-    fmu = to_fmu(plant, tmp_path / "a.fmu")
-    zipfile.ZipFile(fmu.path).extractall(tmp_path)
+    Its argument is the number of steps; it returns the last y and seconds per step.
+    """
+    fmu = to_fmu(plant, folder / "a.fmu")
+    zipfile.ZipFile(fmu.path).extractall(folder)
     told = fmpy.read_model_description(str(fmu.path))
-    (tmp_path / "host.c").write_text(HOST)
-    command = ["gcc", "-O2", "-I", HEADERS, "-o", tmp_path / "host"]
-    subprocess.run([*command, tmp_path / "host.c", "-ldl"], check=True)
+    (folder / "host.c").write_text(HOST)
+    command = ["gcc", "-O2", "-I", HEADERS, "-o", folder / "host"]
+    subprocess.run([*command, folder / "host.c", "-ldl"], check=True)
 
     def run(steps):
-        words = [tmp_path / fmu.binary, told.instantiationToken, steps, plant.dt, 2]
+        words = [folder / fmu.binary, told.instantiationToken, steps, plant.dt, 2]
         run = subprocess.run(
-            [tmp_path / "host", *map(str, words)], capture_output=True, check=True
+            [folder / "host", *map(str, words)], capture_output=True, check=True
         )
-        return map(float, run.stdout.split())
+        return tuple(map(float, run.stdout.split()))
 
+    return run
+
+
+def test_a_program_without_python_runs_it(tmp_path):
+    """In a process of its own, and fast: a million steps in a few seconds."""
+    plant, n = fast_plant(), 50
+    run = hosted(plant, tmp_path)
     x = np.zeros(6)
     for k in range(n):
         u = np.array([k % 7 - 3.0])
         y = plant.output(x, u)
         x = plant.step(x, u)
-    assert_exact(next(run(n)), y)
+    assert_exact(run(n)[0], y)
     _, seconds = run(1_000_000)
     assert seconds < 1e-5  # 0.3 microseconds where nothing else runs
 

@@ -10,11 +10,12 @@ from alssnn.datasets import make_duffing
 from alssnn.feedback import LinearizingLaw
 from alssnn.linearizability import worst_error
 from alssnn.model_selection import law_rates
+from alssnn.models import state_space
 from alssnn.mpc import LinearizingMPC
-from alssnn.persistence import to_c
 from alssnn.plotting import LawRatesDisplay
 from alssnn.simulation import channels, outputs
 from benchmarks.continuous import loop_distance
+from exported import looking_ahead
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::sklearn.exceptions.ConvergenceWarning"  # short fits are enough
@@ -99,13 +100,40 @@ def test_the_law_sees_the_middle_of_the_sample(model):
 
 
 def test_a_law_with_limits_tells_what_they_cut_off(model):
-    plant = model.plant_.at(model.dt, ahead=True)
+    now, plant = model.plant_, model.plant_.at(model.dt, ahead=True)
     X, v, d = signals(plant)
     low, high = plant.v_offset - 0.2 * plant.v_scale, plant.v_offset + plant.v_scale
     law = LinearizingLaw(plant, low, high)
     u, cut = law.split(v, X, d)
     assert np.all(u >= low) and np.all(u <= high) and np.any(cut != 0)
-    np.testing.assert_allclose(plant.virtual(X, whole(plant, u, d)), v - cut, atol=1e-9)
+    free = np.all(cut == 0, axis=1)
+    reached = plant.virtual(X, whole(plant, u, d))
+    np.testing.assert_allclose(reached[free], v[free], atol=1e-9)
+    # with a limit, v in the middle of the sample is still the one that was wanted
+    half = plant.middle.matrix @ np.hstack([X, deviations(plant, d, v)]).T
+    phi = now.law_map.cancelled
+    seen = [half.T] if d is None else [half.T, d - plant.d_offset]
+    explicit = now.is_explicit
+    du = u - plant.v_offset
+    h = phi(np.hstack(seen)) if explicit else phi(np.hstack(seen), du)
+    np.testing.assert_allclose(v - u - h, cut, atol=1e-9)
+    most = 0.1 * np.abs(cut[~free]).max()
+    np.testing.assert_allclose(reached, v - cut, atol=most)
+
+
+def deviations(plant, d, v):
+    """Return measured disturbances and virtual inputs, as deviations."""
+    dv = v - plant.v_offset
+    return dv if d is None else np.hstack([d - plant.d_offset, dv])
+
+
+def test_a_plant_whose_law_looks_ahead_says_so(model):
+    now, plant = model.plant_, model.plant_.at(model.dt, ahead=True)
+    assert repr(plant).startswith("Plant(looks half a sample ahead, u_offset=")
+    assert "s half a sample ahead)" in repr(LinearizingLaw(plant))
+    for other in (now, plant.linearized()):
+        assert "ahead" not in repr(other) + repr(LinearizingLaw(other))
+    assert "ahead" in repr(plant.with_disturbance("output"))
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +272,20 @@ def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, capsys):
     assert float(row.split(",")[3]) == pytest.approx(finer.value, rel=1e-6)
 
 
-def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):
+def test_a_disturbance_that_comes_late_cannot_be_looked_ahead():
+    rng = np.random.default_rng(0)
+    C = np.ones((1, 2))
+    structure = state_space(2, 2, 1, n_h=2, C=C, feedback="state", disturbances=(1,))
+    p = {k: 0.3 * rng.standard_normal(s) for k, s in structure.shapes.items()}
+    p["W_d"] *= 0  # the law itself does not see it
+    for delay, G in (((0, 0), 1.0), ((0, 2), 0.0)):
+        plant = looking_ahead(structure, {**p, "G": G * p["G"]}, rng, delay)
+        assert plant.looks_ahead
+    with pytest.raises(ValueError, match="of 2 samples ago"):
+        looking_ahead(structure, p, rng, (0, 2))
+
+
+def test_what_cannot_look_ahead_is_refused(duffing):
     model, record = duffing
     discrete = alssnn.FlSsnn(nx=1, n_h=1, alpha=0.0, max_iter=2, dt=record.dt)
     discrete.fit(record.u, record.y)
@@ -264,8 +305,6 @@ def test_what_cannot_look_ahead_is_refused(duffing, tmp_path):
         model.linearizability(record.u[:9], record.y[:9], law_dt=10 * record.dt)
     with pytest.raises(ValueError, match="must have sampling times"):
         law_rates(model, record.u, record.y, law_dt=[])
-    with pytest.raises(ValueError, match="does not look ahead"):
-        to_c(plant, tmp_path)
     linear = alssnn.LinearStateSpace(nx=2, time="continuous", dt=record.dt, max_iter=2)
     linear.fit(record.u, record.y)
     assert not linear.plant_.at(0.1, ahead=True).looks_ahead  # nothing to look for

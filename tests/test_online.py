@@ -244,10 +244,17 @@ def test_it_goes_to_matlab_as_its_parts_do(plants, tmp_path):
     for name in ("M", "K_x", "K_z"):
         np.testing.assert_array_equal(found[name].item(), expected[name].item())
     gated = LinearizingController(plant, gain, observer=Observer(plant, gate=5))
-    with pytest.raises(ValueError, match="must have no gate"):
-        to_mat(gated, path)
+    to_mat(gated, path)
+    found = loadmat(path)["model"]["gate"][0, 0][:, 0]
+    np.testing.assert_array_equal(found, gated.observer.largest_innovation)
     with pytest.raises(ValueError, match="must be None beside a controller"):
         to_mat(gated, path, gain=gain)
+
+
+def test_a_preview_needs_a_plan(plants):
+    controller = LinearizingController(plants["fl"])
+    with pytest.raises(ValueError, match="`preview` must be False"):
+        controller.simulate(plants["fl"], np.zeros((5, 1)), preview=True)
 
 
 def test_predictive_control_has_the_same_interface():

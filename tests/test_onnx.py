@@ -9,7 +9,7 @@ import pytest
 from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.persistence import to_onnx
-from exported import NAMES, assert_exact, make_plant, signals
+from exported import CONTROLLED, NAMES, Loop, assert_exact, make_plant, signals
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, simulate
 
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
@@ -84,6 +84,20 @@ def test_every_structure_is_what_its_plant_is(name, tmp_path):
     assert len(paths) == 1 + has_law
     if has_law:
         assert_exact(read(paths[1])[0](u, s)[0], plant.law(u, s))
+
+
+@pytest.mark.parametrize("name", CONTROLLED)
+def test_the_law_of_every_loop(name, tmp_path):
+    loop = Loop(name)
+    v, s, d = loop.law_signals(STEPS)
+    law = loop.limited(loop.plant.law(v, s, d))
+    paths = to_onnx(loop.plant, tmp_path, law=law)
+    if loop.plant.is_solved:  # it iterates
+        assert len(paths) == 1
+        assert "by iteration" in read(paths[0])[1]["no_law"]
+        return
+    given = [d] if loop.plant.nd else []
+    assert_exact(read(paths[1])[0](v, s, *given)[0], law(v, s, d))
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -1,5 +1,6 @@
 """The report: one page, valid, complete, without network, with every name escaped."""
 
+import json
 import re
 from html.parser import HTMLParser
 
@@ -8,7 +9,7 @@ import pytest
 from test_extending import SOFTSIGN
 
 import browser
-from alssnn import LinearStateSpace, load
+from alssnn import LinearStateSpace, __version__, load
 from alssnn.activations import ACTIVATIONS
 from alssnn.feedback import (
     balanced_weights,
@@ -18,6 +19,7 @@ from alssnn.feedback import (
     lqi,
     step_comparison,
 )
+from alssnn.plotting import SimulationDisplay, figure_curves
 from alssnn.report import model_steps
 from exported import NAMES, make_plant, signals
 from helpers import simulate_linear
@@ -33,9 +35,31 @@ SECTIONS = {
     "control",
 }
 VOID = {"meta", "img", "br", "hr", "link", "input"}
+SVG = "http://www.w3.org/2000/svg"  # a name, not an address
 SHOWN_SECTIONS = """[...document.querySelectorAll("section")]
     .filter(s => s.getBoundingClientRect().height > 50).map(s => s.id)"""
 BROKEN_IMAGES = "[...document.images].filter(i => !i.naturalWidth).length"
+DRAWN = """[...document.querySelectorAll("figure.curves .plots svg[role] path")]
+    .filter(path => path.getTotalLength() > 50).length"""
+PAPER = "getComputedStyle(document.body).backgroundColor"
+PAPERS = {"light": "rgb(255, 255, 255)", "dark": "rgb(22, 24, 26)"}
+ZOOM = """(() => {
+  const figure = document.querySelector("figure.curves");
+  const svg = figure.querySelector("svg[role]"), {left, top, width} =
+    svg.getBoundingClientRect();
+  const ticks = () => [...svg.querySelectorAll("text")].map(t => t.textContent).join();
+  const point = (kind, share) => svg.dispatchEvent(new PointerEvent(kind,
+    {clientX: left + share * width, clientY: top + 20, pointerId: 1, bubbles: true}));
+  svg.setPointerCapture = () => {};  // there is no true pointer
+  const before = ticks();
+  point("pointerdown", 0.4);
+  point("pointermove", 0.6);
+  const said = figure.querySelector(".readout").textContent;
+  point("pointerup", 0.6);
+  const after = ticks();
+  svg.dispatchEvent(new MouseEvent("dblclick", {bubbles: true}));
+  return [before, after, ticks(), said];
+})()"""
 HOSTILE = ["<script>alert(1)</script>", 'a"&b']
 
 pytestmark = pytest.mark.filterwarnings(
@@ -81,7 +105,13 @@ def check(path):
     assert all(
         link.startswith(("#", "data:image/png;base64,")) for link in checker.links
     )
-    assert not re.search(r"https?:|url\(|@import|<script", text)
+    assert not re.search(r"https?:|url\(|@import|<script [^t]", text.replace(SVG, ""))
+    assert checker.tags["script"] == 1 + text.count('<figure class="curves">')
+    for curves in re.findall(r'<script type="application/json">(.*?)</script>', text):
+        assert all(
+            len(one["x"]) for panel in json.loads(curves) for one in panel["series"]
+        )
+    assert "`" not in re.sub("(?s)<script.*?</script>", "", text)
     assert {"name", "content"} <= set(checker.metas[1])
     assert checker.metas[1]["content"].startswith("width=device-width")
     assert checker.tags["table"] == text.count('<div class="scroll"><table')
@@ -126,11 +156,52 @@ def test_page_is_complete_and_stands_alone(model, tmp_path):
     for name, values in (("A", model.A_), ("C", model.C_)):
         assert f"{name} = np.array({values.tolist()!r})" in text  # exact to the bit
     for check_ in model.validate(*TEST):
-        assert check_.sentence in text
+        assert check_.sentence.replace("`", "") in "".join(checker.text)
     assert "training" in text and "this record" in text
     assert checker.tags["img"] >= 2
     assert all(0 < len(link) < 2_000_000 for link in checker.links)
     assert ("u = v - h(" in text) == model.plant_.cancels
+
+
+def test_the_page_begins_with_its_origin_and_the_verdict(tmp_path):
+    model = MODELS["fl"].fit(*RECORD)
+    path = tmp_path / "report.html"
+    model.report(path, *TEST, name="Boiler <4>", source="Model b.npz, record c.csv")
+    text = " ".join(check(path)[1].split())
+    origin = f"Model b.npz, record c.csv. Written by alssnn {__version__} on 20"
+    places = ["Boiler <4>: report", origin, model.validate(*TEST).verdict]
+    places += ["On this record the simulation misses", "In training it missed"]
+    places += ["Errors of the free-run simulation", "response of (A, B, C) once h"]
+    places += ["Copy the gain as Python", "Copy all numbers as Python"]
+    at = [text.index(words) for words in places]
+    assert at == sorted(at)
+
+
+def test_inputs_beyond_the_training_data_are_said(tmp_path):
+    model = MODELS["fl"].fit(*RECORD)
+    model.report(tmp_path / "report.html", *TEST)
+    low, high = input_range(model)
+    u = step_comparison(model, lqi(model, *balanced_weights(model)))["model"].outputs[
+        4:
+    ]
+    beyond = (u.min(axis=1) < low) | (u.max(axis=1) > high)
+    text = check(tmp_path / "report.html")[1]
+    for i, left in enumerate(beyond):
+        assert (f"u{i} goes from" in text) == left
+
+
+def test_curves_of_long_records_keep_their_extremes():
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal(50_000)
+    y[31_234], y[100] = 9.0, np.nan
+    drawn = SimulationDisplay.from_predictions(y, 0 * y, dt=0.5)
+    above, below = json.loads(figure_curves(drawn.figure_))
+    measured, simulated = above["series"]
+    assert len(measured["x"]) <= 6_000
+    assert measured["y"][measured["x"].index(31_234 * 0.5)] == 9.0
+    assert max(z for z in measured["y"] if z is not None) == 9.0
+    assert measured["name"] == "measured" and simulated["name"].startswith("simulated")
+    assert below["ylabel"] == "residual of y0" and below["xlabel"] == "time, s"
 
 
 def test_numbers_of_the_page_are_those_of_the_model(tmp_path):
@@ -140,12 +211,12 @@ def test_numbers_of_the_page_are_those_of_the_model(tmp_path):
     _, text = check(path)
     y_true, y_pred = model.simulate_test(*TEST)
     rmse = np.sqrt(np.mean((y_true - y_pred) ** 2, axis=0))
-    assert all(f"{value:.4g}" in text for value in rmse)
+    assert all(f"{value:.3g}" in text for value in rmse)
     code = re.findall(r"K = np\.array\((.*?)\)\s", text)[-1]
     K = lqi(model, *balanced_weights(model))
     np.testing.assert_array_equal(np.array(eval(code)), K)
-    assert f"{model.gain_certificate().gamma:.4g}" in text
-    assert f"{model.iss_certificate(*TEST).psi:.4g}" in text
+    assert f"{model.gain_certificate().gamma:.3g}" in text
+    assert f"{model.iss_certificate(*TEST).psi:.3g}" in text
 
 
 def test_names_are_escaped(tmp_path):
@@ -156,6 +227,7 @@ def test_names_are_escaped(tmp_path):
     model.report(path, *TEST)
     _, text = check(path)
     assert all(name in text for name in [*HOSTILE, *model.output_names_])
+    assert HOSTILE[0] not in path.read_text(encoding="utf-8")
     del model.feature_names_in_
 
 
@@ -189,7 +261,7 @@ def test_a_solver_that_breaks_down_decides_nothing(tmp_path, monkeypatch):
     def solve(*_, **__):
         raise RuntimeError("The solver CLARABEL broke down.")
 
-    monkeypatch.setattr("alssnn.certificates._sdp.smallest_gain", solve)
+    monkeypatch.setattr("alssnn.certificates._gain.smallest_gain", solve)
     certificate = model.gain_certificate()
     assert certificate.verdict == "undecided" and "undecided" in repr(certificate)
     assert "does not hold" not in repr(certificate)
@@ -215,9 +287,13 @@ def test_a_browser_shows_the_page(tmp_path):
     for name, path in pages.items():
         MODELS[name].fit(*RECORD).report(path, *TEST)
     with browser.Browser(tmp_path / "profile") as window:
+        looks = [(375, "light"), (390, "dark"), (1280, "light"), (1100, "dark")]
         for path in pages.values():
-            for width in (375, 1200):
+            for width, scheme in looks:
+                window.prefer(scheme)
                 window.open(path, width)
+                assert window.evaluate(DRAWN) >= 2
+                assert window.evaluate(PAPER) == PAPERS[scheme]
                 sections = window.evaluate(SHOWN_SECTIONS)
                 assert set(sections) == SECTIONS
                 assert window.evaluate("document.documentElement.scrollWidth") == width
@@ -227,6 +303,9 @@ def test_a_browser_shows_the_page(tmp_path):
                 assert asked.count(path.as_uri()) == 1  # so that requests are seen
                 assert all(a.startswith(("file:", "data:")) for a in asked)
                 assert window.evaluate(BROKEN_IMAGES) == 0
+        before, after, again, said = window.evaluate(ZOOM)
+        assert after != before == again
+        assert said.startswith("time, s: ") and "measured: " in said
 
 
 def test_the_browser_sees_what_is_wrong(tmp_path):

@@ -50,6 +50,7 @@ def objects(model):
         flow = alssnn.FlSsnn(nx=2, n_h=2, n_init=1, time="continuous", alpha=0.0)
         flow = flow.set_params(**SMALL).fit(*data)
         comparison = alssnn.compare([model, linear], *data)
+        tube = linear.tube(*data)
         response = alssnn.nonparametric.local_polynomial(*data, dt=0.05)
         return [
             data,
@@ -76,6 +77,12 @@ def objects(model):
             feedback.closed_loop(model, controller),
             model.iss_certificate(*data),
             model.gain_certificate(),
+            linear.local_certificate(),
+            linear.controller().certificate(),
+            alssnn.certificates.peaks(*linear.plant_.linear()),
+            tube,
+            tube.around(data.u[:3]),
+            tube.with_bound(0.1),
             covariance,
             covariance.frequency_response(),
             covariance.poles(),
@@ -104,6 +111,7 @@ def objects(model):
             model.summary(*data),
             alssnn.look(*data),
             alssnn.look(*data).findings[0],
+            alssnn.look(*data).recommendation,
             response,
             response.plot(),
             model.history_[0],

@@ -1,6 +1,9 @@
 """Structured Text, run from its parse tree, computes what Python computes."""
 
 import re
+import shutil
+import subprocess
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -193,20 +196,149 @@ def test_the_text_is_plain(tmp_path):
     assert calls <= {"ABS", "EXP", "SEL", "SIN", "COS", "AND", "NOT", "OR"}
 
 
-@pytest.mark.parametrize("dtype", TOLERANCE)
-def test_whole_files_are_parsed(dtype, tmp_path):
+WHOLE = [("monotone, one input", "double"), ("state", "float")]
+
+
+@pytest.mark.parametrize(("name", "dtype"), WHOLE)
+def test_whole_files_are_parsed(name, dtype, tmp_path):
     """As they are written, every number of a constant by the parser."""
-    loop = Loop("monotone, one input")
+    loop = Loop(name)
     path = to_st(loop.plant, tmp_path / "a.st", dtype=dtype, **loop.options)
     r, noise, d = loop.signals(3)
     outputs = []
     for whole in (False, True):
         block = read(path.read_text(), whole)["PLANT_CONTROL"]()
         for r_k, y_k, d_k in zip(r, loop.plant.y_offset + noise, d, strict=True):
-            given = {"d": numbers(d_k, dtype)}
+            given = {"d": numbers(d_k, dtype)} if len(d_k) else {}
             block(setpoint=numbers(r_k, dtype), y=numbers(y_k, dtype), **given)
         outputs.append([*block.u, *block.x])
     assert outputs[0] == outputs[1]
+
+
+# -- PLCopen XML -----------------------------------------------------------------------
+
+TC6 = "{http://www.plcopen.org/xml/tc6_0201}"
+# what the published schema says of the elements that are used: children in their
+# order, and attributes that must be there
+CHILDREN = {
+    "project": "fileHeader contentHeader types instances",
+    "contentHeader": "(Comment )?coordinateInfo",
+    "coordinateInfo": "fbd ld sfc",
+    "types": "dataTypes pous",
+    "pous": "(pou )*",
+    "pou": "interface body( documentation)?",
+    "interface": "(returnType )?((local|input|output|inOut)Vars )*",
+    "variable": "type( initialValue)?",
+    "returnType": "(REAL|LREAL|DINT|BOOL)",
+    "type": "(REAL|LREAL|DINT|BOOL|derived|array)",
+    "baseType": "(REAL|LREAL|DINT|BOOL|derived)",
+    "array": "dimension baseType",
+    "initialValue": "(simpleValue|arrayValue)",
+    "arrayValue": "(value )*",
+    "value": "simpleValue",
+    "body": "ST",
+    "ST": "p",
+    "documentation": "p",
+    "instances": "configurations",
+    **{f"{z}Vars": "(variable )*" for z in ("local", "input", "output", "inOut")},
+    **dict.fromkeys(("fbd", "ld", "sfc"), "scaling"),
+}
+ATTRIBUTES = {
+    "fileHeader": {"companyName", "productName", "productVersion", "creationDateTime"},
+    "contentHeader": {"name"},
+    "pou": {"name", "pouType"},
+    "variable": {"name"},
+    "derived": {"name"},
+    "dimension": {"lower", "upper"},
+    "simpleValue": {"value"},
+    "scaling": {"x", "y"},
+}
+
+
+def assert_valid(element):
+    name = element.tag.rpartition("}")[2]
+    spaces = {"p": "{http://www.w3.org/1999/xhtml}"}
+    assert element.tag == spaces.get(name, TC6) + name
+    children = " ".join(child.tag.rpartition("}")[2] for child in element)
+    pattern = CHILDREN.get(name, "")
+    assert re.fullmatch(pattern, f"{children} " if pattern[-2:] == ")*" else children)
+    optional = {"constant"} if name == "localVars" else set()
+    assert ATTRIBUTES.get(name, set()) <= {*element.attrib}
+    assert {*element.attrib} <= ATTRIBUTES.get(name, set()) | optional
+    for child in element:
+        assert_valid(child)
+
+
+def text_of(project):
+    """Return a project as Structured Text."""
+    groups = {"inputVars": "VAR_INPUT", "outputVars": "VAR_OUTPUT"}
+    groups |= {"inOutVars": "VAR_IN_OUT", "localVars": "VAR"}
+
+    def kind(element):
+        (one,) = element
+        if one.tag == f"{TC6}array":
+            ends = one.find(f"{TC6}dimension").attrib
+            base = kind(one.find(f"{TC6}baseType"))
+            return f"ARRAY[{ends['lower']}..{ends['upper']}] OF {base}"
+        return one.get("name") or one.tag.removeprefix(TC6)
+
+    def variable(element):
+        start = element.find(f"{TC6}initialValue")
+        words = ""
+        if start is not None:
+            values = [v.get("value") for v in start.iter(f"{TC6}simpleValue")]
+            is_array = start[0].tag == f"{TC6}arrayValue"
+            words = f" := [{', '.join(values)}]" if is_array else f" := {values[0]}"
+        return f"    {element.get('name')} : {kind(element[0])}{words};"
+
+    lines = []
+    for unit in project.iter(f"{TC6}pou"):
+        is_function = unit.get("pouType") == "function"
+        word = "FUNCTION" if is_function else "FUNCTION_BLOCK"
+        back = unit.find(f".//{TC6}returnType")
+        lines.append(f"{word} {unit.get('name')}{f' : {kind(back)}' if back else ''}")
+        for group in unit.find(f"{TC6}interface"):
+            if group is not back:
+                constant = " CONSTANT" if group.get("constant") == "true" else ""
+                lines.append(groups[group.tag.removeprefix(TC6)] + constant)
+                lines += [*map(variable, group), "END_VAR"]
+        lines += [*unit.find(f"{TC6}body/{TC6}ST")[0].text.rstrip().split("\n")]
+        lines.append(f"END_{word}")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+def test_plcopen_xml_is_the_same_program(loop, dtype, tmp_path):
+    """Its structure is that of the schema, and what it holds runs as the text does."""
+    options = {**loop.options, "dtype": dtype, "prefix": "plant"}
+    path = to_st(loop.plant, tmp_path / "a.xml", **options)
+    project = ElementTree.fromstring(path.read_bytes())
+    assert_valid(project)
+    loud = to_st(loop.plant, tmp_path / "A.XML", **options)
+    assert loud.read_bytes() == path.read_bytes()
+    text = to_st(loop.plant, tmp_path / "a.st", **options).read_text()
+    found, expected = (read(t) for t in (text_of(project), text))
+    assert [*found] == [*expected]
+    outputs = []
+    for blocks in (found, expected):
+        block = blocks["PLANT_CONTROL"]()
+        for r, y, d in zip(*loop.signals(20), strict=True):
+            given = {"d": numbers(d, dtype)} if len(d) else {}
+            y = numbers(loop.plant.y_offset + y, dtype)
+            block(setpoint=numbers(r, dtype), y=y, **given)
+        outputs.append([*block.u, *block.x])
+    assert outputs[0] == outputs[1] and np.isfinite(outputs[0]).all()
+
+
+COMPILERS = {"ironplcc": "check", "plc": "--check"}  # IronPLC, RuSTy
+
+
+@pytest.mark.skipif(not any(map(shutil.which, COMPILERS)), reason="no compiler of ST")
+def test_a_compiler_takes_it(loop, tmp_path):
+    path = to_st(loop.plant, tmp_path / "a.st", **loop.options)
+    for compiler, check in COMPILERS.items():
+        if shutil.which(compiler):
+            subprocess.run([compiler, check, path], check=True)
 
 
 def test_refusals(tmp_path):

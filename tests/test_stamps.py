@@ -131,3 +131,17 @@ def test_what_is_wrong_is_told(changes, message):
     data |= {"t_y": [0, 1, 2, 3]} | changes
     with pytest.raises(ValueError, match=message):
         on_grid(**data)
+
+
+def test_names_of_columns_are_kept():
+    pandas = pytest.importorskip("pandas")
+    t = np.arange(5.0)
+    u = pandas.DataFrame({"valve": t, "fan": t**2})
+    one, two = pandas.Series(t, name="level"), pandas.Series(-t, name="flow")
+    record = on_grid(u, t, [one, two], [t, t])
+    assert record.inputs == ["valve", "fan"]
+    assert record.outputs == ["level", "flow"]
+    # an array among them has no name; a name that is given counts
+    assert on_grid(u, t, [one, -t], [t, t]).outputs == ["y0", "y1"]
+    assert on_grid(one, t, two, t, outputs="h").outputs == ["h"]
+    assert on_grid(one, t, two, t, outputs="h").inputs == ["level"]

@@ -1,6 +1,8 @@
 """What ends a fit before its time, and what is left of it."""
 
 import pickle
+import re
+import sys
 import time
 import warnings
 from contextlib import nullcontext
@@ -10,7 +12,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
-from alssnn import LinearStateSpace
+from alssnn import FlSsnn, LinearStateSpace
 from alssnn.criterion import Criterion
 from alssnn.estimators import _noise, _progress
 from alssnn.optimizers import minimize
@@ -424,6 +426,41 @@ def test_long_stages_show_that_they_go_on(monkeypatch, capsys):
         "step 6: cost 0.1429",
         "cost 1 to 0.14 in 6 steps",
     ]
+
+
+def test_a_bar_shows_search_and_training(two, capsys):
+    pytest.importorskip("tqdm")
+    options = {"max_iter": 30, "n_init": 2, "random_state": 0}
+    silent = FlSsnn(nx=2, n_h=2, **options).fit(*two)
+    assert capsys.readouterr().err == ""
+    shown = FlSsnn(nx=2, n_h=2, verbose="bar", **options).fit(*two)
+    assert shown.cost_ == silent.cost_  # and to the last bit
+    out, err = capsys.readouterr()
+    assert out == ""
+    for label in {step.label for step in shown.history_} | {"search"}:
+        assert f"FlSsnn, {label}: " in err
+    assert "% of the error of the linear model" in err
+    assert re.search(r"\[\d\d:\d\d<\d\d:\d\d", err)  # time taken and left
+
+
+def test_stages_of_a_search_are_told(two, monkeypatch):
+    told = []
+    monkeypatch.setattr(_progress.Progress, "search", lambda _, *z: told.append(z))
+    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=30, n_init=2, random_state=0, verbose=1)
+    model.fit(*two)
+    done, of, share = zip(*told, strict=True)
+    assert len(set(of)) == 1 and list(done) == sorted(set(done)) and done[-1] <= of[0]
+    assert list(share) == sorted(share, reverse=True)
+    best = model.orders_["networks"][model.nx_] / min(model.orders_["linear"].values())
+    assert share[-1] == pytest.approx(best, rel=1e-6)
+
+
+def test_a_bar_needs_tqdm(two, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    with pytest.raises(
+        ImportError, match=r"needs tqdm: pip install \"alssnn\[progress"
+    ):
+        FlSsnn(nx=2, verbose="bar").fit(*two)
 
 
 def test_late_fall_is_that_of_the_last_search():

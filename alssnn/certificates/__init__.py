@@ -5,20 +5,44 @@ _state_feedback  the linearized loop with a gain around it
 _disturbance     bounds on omega and eta, what is left of x+ and of y
 _iss             input-to-state stability, which takes omega as its input
 _gain            the incremental gain of the nonlinear loop
-_sdp             semidefinite programs, the only place that knows cvxpy
+_interior        its semidefinite program
+_sdp             the paper's semidefinite program, the only place that knows cvxpy
+_local           the distance from the linear design, for all bounded inputs
+_covers          loops as linear systems with bounded remainders
+_cells           what a network adds to a linear map over a region, by subdivision
+_lines           neurons as lines over intervals
+_amplitudes      sizes of inputs, checked and in words
+_peaks           what bounded inputs do to linear systems
+_worst           the input that takes a loop farthest from its design
+_whole           the whole loop: plant, observer, law, integrators, limits
+_whole_certificate  what is proved of it
+_tube            how far the plant is from the model, by held-out records
 """
 
 from ._disturbance import data_bound, global_bound
 from ._gain import GainCertificate, gain_certificate, hinf_norm
 from ._iss import IssCertificate, iss_certificate, iss_margin
-from ._loop import certify_gain, certify_iss
+from ._local import LocalCertificate, local_certificate
+from ._loop import certify_gain, certify_iss, certify_local
+from ._peaks import Peaks, peaks
 from ._state_feedback import full_gain, linearized_loop, state_feedback
+from ._tube import Band, Tube, TubeWithBound, tube
+from ._whole_certificate import LoopCertificate, certify_loop
+from ._worst import worst_input
 
 __all__ = [
+    "Band",
     "GainCertificate",
     "IssCertificate",
+    "LocalCertificate",
+    "LoopCertificate",
+    "Peaks",
+    "Tube",
+    "TubeWithBound",
     "certify_gain",
     "certify_iss",
+    "certify_local",
+    "certify_loop",
     "data_bound",
     "full_gain",
     "gain_certificate",
@@ -27,5 +51,9 @@ __all__ = [
     "iss_certificate",
     "iss_margin",
     "linearized_loop",
+    "local_certificate",
+    "peaks",
     "state_feedback",
+    "tube",
+    "worst_input",
 ]

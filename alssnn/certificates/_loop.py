@@ -14,10 +14,18 @@ import numpy as np
 
 from ..lure import Lure
 from ..plants import as_plant
+from ._amplitudes import record_box, within_record
 from ._disturbance import data_bound, global_bound
 from ._gain import gain_certificate
 from ._iss import iss_certificate
-from ._state_feedback import linearized_loop
+from ._local import local_certificate
+from ._state_feedback import (
+    full_gain,
+    linear_form,
+    linearized_loop,
+    matrices,
+    state_feedback,
+)
 
 UNBOUNDED = {
     "data": "The simulated loop diverges on the data.",
@@ -107,3 +115,39 @@ def certify_gain(model, K=None):
     # increments from v: two loops that are compared have the same disturbances
     Theta = np.delete(Theta, plant.nx + np.array(plant.given, dtype=int), axis=1)
     return gain_certificate(Lure(Theta, loop.nx, plant.nv, loop.nw, loop.sigma))
+
+
+def certify_local(model, amplitude=None, *, K=None, search=True):
+    """Bound the distance of a model under its law from its linear design (eq. local).
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model.
+    amplitude : float, array_like of shape (nv,) or None, default=None
+        Largest modulus of every input v, or r, around the operating point, in the
+        units of u. None takes that of the training record, or as much of it as keeps
+        the worst linear response within the outputs of the record.
+    K : array_like of shape (nu, nx) or None, default=None
+        State feedback v = r - K x, see `full_gain`.
+    search : bool, default=True
+        Whether the worst input is looked for.
+
+    Returns
+    -------
+    certificate : LocalCertificate
+        The certificate; one that does not hold says why. Measured disturbances are
+        inputs, too, with the range of the training record.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or is not positive, or the plant has no law.
+    """
+    plant = as_plant(model).late()
+    loop = linearized_loop(plant, K)
+    linear = state_feedback(linear_form(plant), full_gain(plant, K), plant.moved)
+    design = matrices(linear)
+    sizes = record_box(plant)[: plant.nu]
+    sizes = within_record(plant, design, sizes, amplitude, plant.moved)
+    return local_certificate(loop, design, sizes, scale=plant.y_scale, search=search)

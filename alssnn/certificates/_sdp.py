@@ -60,44 +60,6 @@ class LargestP:
         return np.full(self.P.shape, np.nan), status
 
 
-def smallest_gain(blocks, shift):
-    """Minimize gamma^2 over P and Lambda (eq. slopes).
-
-    Parameters
-    ----------
-    blocks : tuple of ndarray
-        Matrices that map [dx; dv; dw] to dx, dx+, dv, dy, dw and to the neurons'
-        inputs minus dw.
-    shift : float
-        What the inequality has to be strict by.
-
-    Returns
-    -------
-    P : ndarray of shape (nx, nx)
-        Lyapunov matrix.
-    Lam : ndarray of shape (nw,)
-        Diagonal of the multiplier.
-    status : str
-        Status of the solver; unless it is solved, P and Lam are nan.
-    """
-    now, plus, v, y, w, slack = blocks
-    n, nw = len(now), len(w)
-    P = cp.Variable((n, n), PSD=True)
-    square = cp.Variable(nonneg=True)
-    form = plus.T @ P @ plus - now.T @ P @ now + y.T @ y - square * (v.T @ v)
-    Lam = None
-    if nw:
-        Lam = cp.Variable(nw, nonneg=True)
-        sector = w.T @ cp.diag(Lam) @ slack
-        form = form + sector + sector.T
-    strict = _symmetric(form) << -shift * np.eye(now.shape[1])
-    status = _solve(cp.Problem(cp.Minimize(square), [strict]))
-    if status not in SOLVED:
-        return np.full((n, n), np.nan), np.full(nw, np.nan), status
-    lam = np.zeros(0) if Lam is None else np.maximum(np.asarray(Lam.value), 0.0)
-    return _symmetric(np.asarray(P.value)), lam, status
-
-
 def _symmetric(X):
     # cvxpy wants symmetry up to the last bit
     return (X + X.T) / 2

@@ -96,3 +96,47 @@ def linearized_loop(model, K=None):
     """
     plant = as_plant(model).late()
     return state_feedback(plant.close(), full_gain(plant, K), plant.moved)
+
+
+def linear_form(plant):
+    """Return the linear part of a plant as a form with the channels y.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant, without delays beside it.
+
+    Returns
+    -------
+    form : Lure
+        Form without neurons, from v in the place of the inputs that are moved, and
+        measured disturbances.
+    """
+    (A, B, C, D), (G, H) = plant.linear(), plant.disturbed_by()
+    nx, nu, ny = plant.nx, plant.nu, plant.ny
+    Theta = np.zeros((nx + ny, nx + nu + 1))
+    given = nx + np.asarray(plant.given, dtype=int)
+    for rows, (by_x, by_v, by_d) in (
+        (slice(nx), (A, B, G)),
+        (slice(nx, nx + ny), (C, D, H)),
+    ):
+        Theta[rows, :nx], Theta[rows, nx + plant.moved] = by_x, by_v
+        Theta[rows, given] = by_d
+    return Lure(Theta, nx, nu, 0)
+
+
+def matrices(form):
+    """Return the matrices of a linear form.
+
+    Parameters
+    ----------
+    form : Lure
+        Form; its neurons are left out.
+
+    Returns
+    -------
+    A, B, C, D : ndarray
+        Of x+ and of the channels.
+    """
+    M, nx = form.M, form.nx
+    return M[:nx, :nx], M[:nx, nx:], M[nx:, :nx], M[nx:, nx:]

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+from importlib.util import find_spec
 
 FIGURE_DPI = 150
 
@@ -49,7 +50,9 @@ def run_ladder(args, u, y, **options):
     # the search takes seconds to import, which --help should not
     from ..ladder import model_ladder
 
-    verbose = 0 if args.quiet else 1
+    verbose: int | str = 0 if args.quiet else 1
+    if verbose and sys.stderr.isatty() and find_spec("tqdm"):
+        verbose = "bar"
     # the estimators report to the standard output, which is for the result here
     with contextlib.redirect_stdout(sys.stderr):
         return model_ladder(u, y, random_state=args.seed, verbose=verbose, **options)

@@ -67,6 +67,31 @@ def run(args):
     source = source_of(args.file)
     u, y, experiment = read_csv(source, args.input, args.output, args.experiment)
     dt = sampling_time(args, source)
+    u, y = _Named(u, args.input), _Named(y, args.output)
     page = look(u, y, experiment, dt=dt, period=args.period)
     print(page)
-    args.result = {"findings": [vars(finding) for finding in page]}
+    wanted = page.recommendation
+    args.result = {
+        "findings": [vars(finding) for finding in page],
+        "recommendation": {
+            "estimator": wanted.estimator.__name__ if wanted else None,
+            "options": wanted.options,
+            "reason": wanted.reason,
+        },
+    }
+
+
+class _Named:
+    """Hold signals with the names of their columns, as a data frame does."""
+
+    def __init__(self, values, columns):
+        self.values, self.columns = values, columns
+        self.shape, self.ndim = values.shape, values.ndim
+
+    def __len__(self):
+        """Return the number of samples."""
+        return len(self.values)
+
+    def __array__(self, dtype=None, copy=None):
+        """Return all samples."""
+        return self.values if dtype is None else self.values.astype(dtype)

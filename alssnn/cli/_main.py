@@ -24,6 +24,7 @@ from . import (
     _fit,
     _info,
     _look,
+    _plot,
     _report,
     _simulate,
     _validate,
@@ -39,6 +40,7 @@ COMMANDS = (
     _simulate,
     _compare,
     _validate,
+    _plot,
     _report,
     _control,
     _export,
@@ -60,6 +62,7 @@ examples:
   alssnn fit plant.csv --input u --output y --model al --save plant.npz
   alssnn info plant.npz                               what the model is
   alssnn validate plant.npz --data plant.csv --last 0.5
+  alssnn plot plant.npz --data plant.csv --last 0.5   what it misses, h and g
   alssnn report plant.npz --data plant.csv --last 0.5 -o report.html
   alssnn control plant.npz -o design
   alssnn export plant.npz --c firmware

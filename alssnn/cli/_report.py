@@ -6,9 +6,10 @@ from ._arguments import add_command, add_law, add_output, refuse_existing
 from ._record import add_data, add_model, read_record
 
 EPILOG = """\
-The page needs no network and can be sent as one file: equations with their numbers,
-accuracy, validation, linearizability, certificates, a proposal for a controller. With
---last, the samples before are taken for those of the training.
+The page begins with the verdict. Accuracy, validation, linearizability, certificates,
+a proposal for a controller and the equations with their numbers follow. It needs no
+network and can be sent as one file. With --last, the samples before are taken for those
+of the training.
 
 examples:
   alssnn report plant.npz --data plant.csv --last 0.5 -o report.html
@@ -35,6 +36,9 @@ def add(commands):
     add_model(parser)
     add_data(parser)
     add_law(parser)
+    parser.add_argument(
+        "--name", metavar="PLANT", help="name of the plant, for the title of the page"
+    )
     add_output(parser, "FILE.html", "page to write", Path("report.html"))
 
 
@@ -52,6 +56,11 @@ def run(args):
     model = load(args.model)
     record, before = read_record(args, model)
     law = {"law_dt": args.law_dt, "ahead": args.ahead}
-    model.report(args.output_file, *record, train=before, **law)
+    data = "from the standard input" if str(args.data) == "-" else args.data.name
+    source = f"Model {args.model.name}, record {data}"
+    if args.last != 1:
+        source += f", its last {100 * args.last:g} %"
+    said = {"name": args.name, "source": source}
+    model.report(args.output_file, *record, train=before, **law, **said)
     args.result = {"file": args.output_file}
     print(f"Report: {args.output_file}")

@@ -38,7 +38,7 @@ def on_grid(
     name : str, default="record"
         What was recorded.
     inputs, outputs : str, sequence of str or None, default=None
-        Names of the columns.
+        Names of the columns; None takes those of DataFrames and Series.
 
     Returns
     -------
@@ -69,6 +69,8 @@ def on_grid(
     """
     if hold not in HOLDS:
         raise ValueError(f"`hold` must be one of {', '.join(HOLDS)}, got {hold!r}.")
+    inputs = _names(u) if inputs is None else inputs
+    outputs = _names(y) if outputs is None else outputs
     sent, seen = _paired("u", u, t_u), _paired("y", y, t_y)
     for _, z in sent:
         if not np.isfinite(z).all():
@@ -118,6 +120,14 @@ def on_grid(
             UserWarning,
         )
     return Record(u, y, dt, name, inputs=inputs, outputs=outputs)
+
+
+def _names(signals):
+    """Return the names of the columns of all signals, None if one has none."""
+    names: list = []
+    for z in signals if isinstance(signals, list) else [signals]:
+        names += list(getattr(z, "columns", [getattr(z, "name", None)]))
+    return None if None in names or "" in names else [str(name) for name in names]
 
 
 def _paired(name, signals, stamps):

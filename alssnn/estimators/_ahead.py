@@ -12,6 +12,7 @@ sees, infinitely many are a simulation.
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from ..containers import Container, index_of
 from ..experiments import is_list_of_records
 from ..innovations import has_innovations, predictor, with_outputs
 from ..predictions import follow
@@ -45,11 +46,10 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
 
     Returns
     -------
-    y_hat : ndarray of shape (N,) or (N, ny), or list of them
-        Predicted outputs, with as many dimensions as `y`: row k uses the outputs up to
-        k - steps of its experiment
-        and the inputs up to k. The first `steps` rows use no output, they are
-        simulated from `x0`.
+    y_hat : ndarray of shape (N,) or (N, ny), DataFrame or Series, or list of them
+        Predicted outputs, in the form of `y`: row k uses the outputs up to k - steps of
+        its experiment and the inputs up to k. The first `steps` rows use no output,
+        they are simulated from `x0`.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
             f"`steps` must be a positive integer or inf, got {steps!r}. It counts "
             "samples."
         )
-    as_list = is_list_of_records(u)
+    as_list, given = is_list_of_records(u), y
     u, y, parts, labels = labeled_data(model, u, y, experiment)
     predicts = observer is None and has_innovations(model._structure)
     observer = Observer(model) if observer is None else observer
@@ -91,7 +91,14 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
     y_hat = y_hat[:, 0] if y.ndim == 1 else y_hat
-    return [y_hat[part] for part in parts] if as_list else y_hat
+    if as_list:
+        return [_like(z, y_hat[i]) for z, i in zip(given, parts, strict=True)]
+    return _like(given, y_hat)
+
+
+def _like(y, y_hat):
+    """Return outputs in the form of others: array, DataFrame or Series."""
+    return Container.of(y).wrap(y_hat, index_of(y))
 
 
 def predicted(model, u, y, x0):

@@ -27,13 +27,14 @@ from ._deferred import deferred
 from ._disturbances import check_disturbances
 from ._doubts import warn_if_exchanged, warn_of_time
 from ._fitted import fitted_model, publish_parameters
+from ._floor import floor_of, least_cost
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
 from ._noise import check_noise, noise_covariance
 from ._options import estimator, take
 from ._periodic import came_round, check_periodic, is_periodic, settled
 from ._plant import make_plant
-from ._progress import Progress
+from ._progress import Bar, Progress
 from ._records import Records
 from ._remote import training_region
 from ._simulation import join_records
@@ -129,6 +130,7 @@ class StateSpaceModel(
     max_iter: int = take(Records, "max_iter")
     tol: float = take(Records, "tol")
     max_time: float | None = take(Records, "max_time")
+    noise_floor: Any = take(Records, "noise_floor")
     n_init_samples: int = take(Records, "n_init_samples")
     verbose: Any = take(Records, "verbose")
 
@@ -163,6 +165,8 @@ class StateSpaceModel(
     to_statespace = deferred("estimators._control", "to_statespace")
     iss_certificate = deferred("estimators._control", "iss_certificate")
     gain_certificate = deferred("estimators._control", "gain_certificate")
+    local_certificate = deferred("estimators._control", "local_certificate")
+    tube = deferred("certificates", "tube")
     to_nlsys = deferred("feedback", "to_nlsys")
     linearizing_law = deferred("feedback", "LinearizingLaw")
     observer = deferred("feedback", "Observer")
@@ -224,6 +228,9 @@ class StateSpaceModel(
         state = dict(super().__getstate__())
         if "linear_start" in state:
             state["linear_start"] = portable(state["linear_start"])
+        if "noise_floor" in state:
+            floor = state["noise_floor"]
+            state["noise_floor"] = getattr(floor, "noise_rms", floor)
         return state
 
     @_fit_context(prefer_skip_nested_validation=True)
@@ -301,6 +308,7 @@ class StateSpaceModel(
     def _fit_checked(self, u, y, experiment, validation, container, watch):
         """Scale the data, then fit."""
         parts, self.experiments_ = split_experiments(len(u), experiment)
+        floor = floor_of(self, u, y, experiment)
         u, y, parts, lost = settled(self, u, y, parts)
         columns = y.reshape(len(y), -1)
         warm = self._continues(u.shape[1], columns.shape[1])
@@ -309,6 +317,9 @@ class StateSpaceModel(
             self._x_scale = np.ones(1)
             self.integrators_ = 0
             self.__dict__.pop("_decay", None)
+        if floor is not None:
+            weight = self._output_weight(columns.shape[1])
+            watch.floor = least_cost(floor, lost, weight, self._scaling.y_scale)
         self.input_delay_ = np.zeros(u.shape[1], dtype=int)
         self.input_delay_ = self._delays(Held(self._experiments(u, y, parts)))
         self._y_ndim = y.ndim
@@ -468,7 +479,15 @@ class StateSpaceModel(
         """Return what follows the fit: its clock, its history, its progress."""
         if not self.verbose:
             return Watch(max_time=self.max_time)
-        progress = Progress(type(self).__name__, every_step=self.verbose > 1)
+        name = type(self).__name__
+        progress: Bar | Progress
+        if self.verbose == "bar":
+            progress = Bar(name, self.max_iter)
+        else:
+            progress = Progress(name, every_step=self.verbose > 1)
         return Watch(
-            max_time=self.max_time, report=progress.step, report_end=progress.end
+            max_time=self.max_time,
+            report=progress.step,
+            report_end=progress.end,
+            report_search=progress.search,
         )

@@ -179,3 +179,39 @@ def gain_certificate(model, K=None):
     from ..certificates import certify_gain
 
     return certify_gain(model.plant_, K)
+
+
+def local_certificate(model, amplitude=None, *, K=None, search=True):
+    """Bound the distance from the linear design for all bounded inputs (eq. local).
+
+    The loop is u = v - h, with v = r - K x if `K` is given, from rest at the operating
+    point. Nothing is assumed of g: its weights bound it.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    amplitude : float, array_like of shape (nv,) or None, default=None
+        Largest modulus of every input v, or r, around the operating point, in the
+        units of u. None takes that of the training record, or as much of it as keeps
+        the worst linear response within the outputs of the record.
+    K : array_like of shape (nu, nx) or None, default=None
+        State feedback, in the basis of `A_` and the units of u; with late inputs
+        also of shape (nu, nx + n_late), else it does not act on past inputs.
+    search : bool, default=True
+        Whether the worst input is looked for, a lower bound of any bound.
+
+    Returns
+    -------
+    certificate : LocalCertificate
+        Proved bound and worst input found; one that does not hold says why.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or is not positive, or u = v - h is no law
+        of this model (`plant_.no_law`).
+    """
+    from ..certificates import certify_local
+
+    return certify_local(model.plant_, amplitude, K=K, search=search)

@@ -72,9 +72,10 @@ class Networks:
     odd : bool, default=False
         Whether h has no biases, so that h(-s) = -h(s).
     continuation : int, default=0
-        Number of larger weights gamma that are trained first, each half a decade above
-        the next, if `alpha` is a number; "auto" goes down a path of alphas instead.
-        Each may take `max_iter` trial steps.
+        Number of preparatory fits with a larger gamma, if `alpha` is a number; each
+        gamma is a factor 10**0.5 below the one before. Take 4 for small weights, and
+        for ``penalty="output"``. Each fit may take `max_iter` trial steps. With "auto"
+        there are none: it goes down a path of alphas instead.
     """
 
     n_h: Any = option(10, SIZES, kw_only=False)

@@ -40,7 +40,7 @@ def check_periodic(estimator, *, is_here=True):
         If there is such an option, or a period without ``initial_state="periodic"``.
     """
     if not is_periodic(estimator):
-        if estimator.period is not None:
+        if estimator.period is not None and estimator.noise_floor is not True:
             raise ValueError(
                 f"`period` must be None for initial_state={estimator.initial_state!r}, "
                 f"got {estimator.period!r}. Take initial_state='periodic'."

@@ -93,11 +93,19 @@ class Records:
     max_time : float or None, default=None
         Seconds after which the fit stops at its next trial step, with the best
         parameters so far; None means no limit.
+    noise_floor : float, array_like of shape (ny,), object, True or None, default=None
+        Noise of the outputs, root mean squares in their units, or what `look` or
+        `nonparametric.best_linear_approximation` say of a periodic record; True takes
+        it from the record, whose `period` is then given. A stage of the training ends
+        as soon as its cost, penalties included, is within 5 % of that of the noise:
+        what follows would fit the noise. Of ``noise="output"``. None trains on.
     n_init_samples : int, default=50
         First samples of an experiment from which `score` estimates its initial
         state, at most a quarter of the experiment.
-    verbose : int, default=0
-        1 prints a line per stage of the training, 2 every step.
+    verbose : int or "bar", default=0
+        1 prints a line per stage of the training, and one every ten seconds in long
+        ones; 2 every step. "bar" shows a bar, in terminals and notebooks, with the time
+        left at most; it needs tqdm.
     """
 
     nx: Any = option(
@@ -126,5 +134,6 @@ class Records:
     max_time: float | None = option(
         None, [Interval(Real, 0, None, closed="neither"), None]
     )
+    noise_floor: Any = option(None, "no_validation")
     n_init_samples: int = option(50, [POSITIVE])
-    verbose: Any = option(0, ["verbose"])
+    verbose: Any = option(0, ["verbose", StrOptions({"bar"})])

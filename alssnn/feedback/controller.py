@@ -116,6 +116,22 @@ def split_gain(gain, plant):
     return K[:, :nx], K[:, nx:]
 
 
+def back_calculation(K_z):
+    """Return what takes the part cut off v out of the integrators, against windup.
+
+    Parameters
+    ----------
+    K_z : ndarray of shape (nu, ny)
+        Gain of the integrators, v = ... - K_z z.
+
+    Returns
+    -------
+    back : ndarray of shape (ny, nu)
+        Gain of z+ = z + y - r + back cut.
+    """
+    return np.linalg.pinv(K_z)
+
+
 def from_gain(gain, plant):
     """Return the controller of a gain, and whether r is a reference of y.
 
@@ -145,8 +161,7 @@ def from_gain(gain, plant):
         offset = np.concatenate([plant.v_offset, plant.y_offset, np.zeros(nx)])
         empty = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((nu, 0))
         return LinearController(*empty, D, offset, plant.v_offset), False
-    # v = ... - K_z z: what is cut off v is taken out of z, against windup
-    back = np.linalg.pinv(K_z)  # (ny, nu)
+    back = back_calculation(K_z)
     B = np.hstack([-np.eye(ny), np.eye(ny), np.zeros((ny, nx)), back])
     D = np.hstack([np.zeros((nu, 2 * ny)), -K_x, np.zeros((nu, nu))])
     offset = np.concatenate([plant.y_offset, plant.y_offset, np.zeros(nx + nu)])

@@ -81,7 +81,7 @@ class LinearizingLaw:
         if self.plant.no_law:
             raise ValueError(self.plant.no_law)
         self.u_min, self.u_max = check_limits("u", u_min, u_max, self.plant.nv)
-        if not self.plant.is_explicit and self.plant.region is not None:
+        if self.plant.is_solved and self.plant.region is not None:
             _warn_of_limits(self.plant, self.u_min, self.u_max)
 
     def __repr__(self):
@@ -92,8 +92,9 @@ class LinearizingLaw:
             if np.isfinite(limit).any()
         ]
         s = "x_hat" if self.feedback == "state" else "y"
+        s = "s half a sample ahead" if self.plant.looks_ahead else s
         term = f"v - h({s})" if self.plant.cancels else "v"
-        if not self.plant.is_explicit:
+        if self.plant.is_solved:
             term = f"phi^-1(v, {s})"
         return f"LinearizingLaw(u = {term}{''.join(limits)})"
 
@@ -153,7 +154,8 @@ class LinearizingLaw:
             Input for the plant, within the limits.
         cut : ndarray of shape (nv,) or (N, nv)
             Part cut off, v - h - u; zero if no limit is met. The linear system sees
-            v - cut.
+            v - cut; of a law that looks ahead up to what h changes with cut in half a
+            sample, for it sees the middle of the sample with v.
 
         Raises
         ------
@@ -198,11 +200,11 @@ class LinearizingLaw:
             rest = np.clip(plant.v_offset, self.u_min, self.u_max)
             u, v = np.where(lost, rest, u), np.where(lost, np.nan, v)
             wanted = np.where(lost, u, wanted)
-        if plant.is_explicit or np.array_equal(u, wanted, equal_nan=True):
+        if not plant.is_solved or np.array_equal(u, wanted, equal_nan=True):
             return u, wanted - u
         # phi couples inputs: a limit of one takes off v of all
         met = np.any(u != wanted, axis=-1, keepdims=True)
-        cut = np.where(met, v - u - plant.cancelled(s, u, d), 0.0)
+        cut = np.where(met, v - u - plant.cancelled(s, u, d, v), 0.0)
         return u, np.where(np.isnan(cut), 0.0, cut)
 
     def h(self, s, u=None, d=None):

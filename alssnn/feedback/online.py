@@ -270,7 +270,36 @@ class LinearizingController(Controller):
         self._last = y
         return u.copy()
 
-    def to_c(self, directory, *, dtype="double", prefix="plant"):
+    def certificate(self, amplitude=None, *, noise=None, search=True):
+        """Certify the loop of this controller around its own model (eq. local).
+
+        Parameters
+        ----------
+        amplitude : float, array_like of shape (nr,) or None, default=None
+            Largest modulus of every reference around the operating point, in its
+            units. None takes what keeps the design within the training record, or
+            half of it, a quarter and so on, until region and gain are proved.
+        noise : float, array_like of shape (ny,) or None, default=None
+            Largest modulus of the noise of every sensor, in the units of y. None
+            takes three standard deviations of what the fit leaves.
+        search : bool, default=True
+            Whether the worst input is looked for.
+
+        Returns
+        -------
+        certificate : LoopCertificate
+            The certificate; one that does not hold says why.
+
+        Raises
+        ------
+        ValueError
+            If an argument has the wrong shape, or the loop is none that can be
+            certified.
+        """
+        certificates = import_module("alssnn.certificates")  # by name: beside this
+        return certificates.certify_loop(self, amplitude, noise=noise, search=search)
+
+    def to_c(self, directory, *, dtype="double", prefix="plant", layout="flat"):
         """Write this controller as C sources.
 
         Parameters
@@ -281,6 +310,8 @@ class LinearizingController(Controller):
             Type of all numbers.
         prefix : str, default="plant"
             Begins the names of files, functions and types.
+        layout : {"flat", "arduino"}, default="flat"
+            All files in one folder, or a library of Arduino and PlatformIO.
 
         Returns
         -------
@@ -297,7 +328,8 @@ class LinearizingController(Controller):
         """
         # by name: files lie above what is written
         persistence = import_module("alssnn.persistence")
-        return persistence.to_c(self, directory, dtype=dtype, prefix=prefix)
+        options = {"dtype": dtype, "prefix": prefix, "layout": layout}
+        return persistence.to_c(self, directory, **options)
 
     def _estimate(self, y):
         """Return x_hat, y as far as it is believed, and what to expect in its place."""

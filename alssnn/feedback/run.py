@@ -142,6 +142,7 @@ class Controller(ABC):
 
     info_: Any = None
     tracks = True  # references of y
+    horizon = 0  # samples that are planned
     record_type: ClassVar[type[LoopRecord]] = LoopRecord
 
     def __init__(self, law):
@@ -188,6 +189,7 @@ class Controller(ABC):
         input_disturbance=None,
         output_noise=None,
         d=None,
+        preview=False,
     ):
         """Control a plant from a reset on, and return what happened.
 
@@ -207,19 +209,24 @@ class Controller(ABC):
             Added to the measured output.
         d : array_like of shape (N, nd) or None, default=None
             Measured disturbances, in the units of u; None means the operating point.
+        preview : bool, default=False
+            Whether a predictive controller knows the reference, and measured
+            disturbances, of the next samples; else it takes the present ones to last.
+            Other controllers have no plan.
 
         Returns
         -------
         record : LoopRecord
-            Signals and reports of all steps.
+            Signals and reports of all steps; of a predictive controller an
+            `alssnn.mpc.MpcRecord`.
 
         Raises
         ------
         TypeError
             If `plant` is neither a model nor a system.
         ValueError
-            If sizes or sampling times do not fit, the plant is continuous in time, or
-            a value is not finite.
+            If sizes or sampling times do not fit, the plant is continuous in time, a
+            value is not finite, or `preview` is asked of a controller without a plan.
 
         Notes
         -----
@@ -227,16 +234,17 @@ class Controller(ABC):
         it is that of the last u, at first of the operating point. There is no
         algebraic loop.
         """
-        return self._run(plant, reference, x0, input_disturbance, output_noise, d)
-
-    def _run(self, plant, reference, x0, push, noise, d, ahead=0):
-        """Run the loop; `ahead` samples of references and disturbances are known."""
-        own = self.law.plant
+        own, ahead = self.law.plant, self.horizon if preview else 0
+        if preview and not ahead:
+            raise ValueError(
+                "`preview` must be False for a controller that plans nothing, got "
+                f"{preview!r}. Use `model.mpc`."
+            )
         plant = check_plant(plant, own)
         reference = check_signal("reference", reference, None, len(self._at_rest[0]))
         n = len(reference)
-        push = check_signal("input_disturbance", push, n, own.nv)
-        noise = check_signal("output_noise", noise, n, own.ny)
+        push = check_signal("input_disturbance", input_disturbance, n, own.nv)
+        noise = check_signal("output_noise", output_noise, n, own.ny)
         x = check_point("x0", x0, plant.nstates)
         if d is None:
             d = np.tile(own.d_offset, (n, 1))

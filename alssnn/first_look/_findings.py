@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ._recommend import Recommendation
+
 WIDTH = 79  # characters of a line
 
 
@@ -41,9 +43,8 @@ class FirstLook:
     noise_rms : ndarray of shape (ny,) or None, default=None
         Root mean squares of the noise, below which no model goes; None unless the
         record is periodic.
-    recommendation : str, default=""
-        Name of the estimator to begin with, "LinearStateSpace", "FlSsnn" or "AlSsnn";
-        empty if the record cannot tell.
+    recommendation : Recommendation or None, default=None
+        Estimator to begin with, its options, and why; None if not asked for.
 
     Examples
     --------
@@ -60,7 +61,7 @@ class FirstLook:
 
     findings: tuple[Finding, ...]
     noise_rms: np.ndarray | None = field(default=None, compare=False)
-    recommendation: str = ""
+    recommendation: Recommendation | None = None
 
     def __getitem__(self, name):
         """Return the finding of a name."""

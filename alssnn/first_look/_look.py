@@ -8,22 +8,17 @@ from ..excitation import Excitation
 from ..nonparametric import best_linear_approximation, local_polynomial
 from ..nonparametric.records import Records
 from . import _signals
-from ._family import explained
 from ._findings import Finding, FirstLook
 from ._nonlinearity import nonlinearity
+from ._recommend import LEVEL, SHORT, recommend
 
-LEVEL = 0.05  # of the test for nonlinearity
 MATTERS = 0.05  # what is not linear, relative to the output, from which it is seen
 FEW, MANY = 6.0, 60.0  # samples in a period of the fastest motion
 MOTION = 0.99  # share of the power of the output that belongs to the plant
-SHORT = 200  # samples of all experiments
 MAX_DELAY = 50  # samples
-NEAR_FLOOR = 1.05  # error of a linear model over the noise from which it is enough
-OWN = 0.8  # share of the curves that are of y alone, from which h(y) does
-NEWEST = 0.2  # share of them that only the newest input explains, from which u matters
 
 
-def look(u, y, experiment=None, *, dt=None, period=None):
+def look(u, y, experiment=None, *, dt=None, period=None, recommends=True):
     """Look at a record before anything is fitted.
 
     Parameters
@@ -39,13 +34,16 @@ def look(u, y, experiment=None, *, dt=None, period=None):
     period : int or None, default=None
         Samples of a period of a periodic record; None means that of an excitation of
         at least three periods, or that there is none.
+    recommends : bool, default=True
+        Whether small models are tried, to recommend one.
 
     Returns
     -------
     page : FirstLook
         Findings "record", "gaps", "saturation", "quantization", "outliers", "inputs",
         "delay", "nonlinearity", "accuracy", "sampling" and "model"; print it to read
-        it. Its `recommendation` is the model to begin with.
+        it. Its `recommendation` is the model to begin with (eq. rivals), None if not
+        asked for.
 
     Raises
     ------
@@ -59,7 +57,9 @@ def look(u, y, experiment=None, *, dt=None, period=None):
     `nonparametric.local_polynomial`, which cannot tell noise from distortion. The
     first period counts as transient then.
 
-    Costs some linear fits of 5,000 samples, for the delay.
+    Costs some linear fits of 5,000 samples for the delay, and for the recommendation
+    some small fits of 2,000 samples: about 1 second if the plant is linear, 2 to 13 of
+    nonlinear ones.
 
     Examples
     --------
@@ -76,8 +76,10 @@ def look(u, y, experiment=None, *, dt=None, period=None):
     response, why = _response(u, y, experiment, dt, period)
     delays = _delays(records)
     not_linear = _nonlinearity(nonlinearity(u, y, experiment)[0], response)
-    model, name = _model(records, delays, not_linear, response)
-    findings = (
+    wanted = None
+    if recommends:
+        wanted = recommend(records, delays, not_linear.value, response, dt, period)
+    findings = [
         _record(records, dt),
         _signals.gaps(records),
         _signals.saturation(records),
@@ -88,10 +90,11 @@ def look(u, y, experiment=None, *, dt=None, period=None):
         not_linear,
         _accuracy(response, why),
         _sampling(response, dt),
-        model,
-    )
+    ]
+    if wanted is not None:
+        findings.append(_model(wanted))
     known = response is not None and np.isfinite(response.noise_rms).all()
-    return FirstLook(findings, response.noise_rms if known else None, name)
+    return FirstLook(tuple(findings), response.noise_rms if known else None, wanted)
 
 
 def _response(u, y, experiment, dt, period):
@@ -170,46 +173,13 @@ def _nonlinearity(p, response):
     return Finding("nonlinearity", float(p), sentence, p < LEVEL)
 
 
-def _model(records, delays, not_linear, response):
-    """Recommend the model to begin with, and say why (eq. curves)."""
-
-    def finding(name, sentence, value=np.nan):
-        return Finding("model", value, f"{sentence}", False), name
-
-    if delays is None or np.isnan(not_linear.value):
-        return finding("", "Not told: the record says too little.")
-    if not not_linear.attention:
-        return finding(
-            "LinearStateSpace",
-            "Begin with LinearStateSpace: no nonlinearity was found to be cancelled.",
-        )
-    if response is not None and np.isfinite(response.noise_rms).all():
-        if np.all(response.total_rms <= NEAR_FLOOR * response.noise_rms):
-            return finding(
-                "LinearStateSpace",
-                "Begin with LinearStateSpace: it is within 5 % of the noise.",
-            )
-    shares = explained(records, delays)
-    own, state, every = (shares[kind] for kind in ("own", "state", "all"))
-    if np.isnan(every):
-        return finding(
-            "AlSsnn", "Begin with AlSsnn: too short a record to tell its curves apart."
-        )
-    every = max(every, 1e-12)
-    if own >= OWN * every:
-        return finding(
-            "FlSsnn",
-            "Begin with FlSsnn(feedback='output'): curves of the outputs explain "
-            f"{100 * min(1.0, own / every):.2g} % of what curves of the near past "
-            "explain.",
-            own / every,
-        )
-    sentence = "Begin with AlSsnn: curves are of the state, not of the outputs alone"
-    if every - state >= NEWEST * every:
-        sentence += (
-            ", and the newest input goes through one, too. Compare input_map='monotone'"
-        )
-    return finding("AlSsnn", f"{sentence}.", own / every)
+def _model(wanted):
+    """Say what to begin with, and why."""
+    if not wanted:
+        sentence = f"No model of this package. {wanted.reason}"
+    else:
+        sentence = f"Begin with {wanted}. {wanted.reason}"
+    return Finding("model", float(bool(wanted)), sentence, not wanted)
 
 
 def _accuracy(response, why):

@@ -137,7 +137,7 @@ def model_ladder(
         Errors that no model goes below, in the units of the outputs; what `look` or
         `nonparametric.best_linear_approximation` return of a periodic record. The
         table then has test errors over it.
-    verbose : int, default=0
+    verbose : int or "bar", default=0
         1 prints a line per stage of the training, 2 every step; not for a dict.
     callback : callable or None, default=None
         Called as ``callback(row)`` with every finished `Rung`.

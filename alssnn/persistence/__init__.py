@@ -2,8 +2,10 @@
 
 `_archive` reads and writes archives of arrays, `_file` knows what a fitted model
 consists of. An export is a plant with its law, observer and gain (`_export`), stated
-layer by layer (`walk`): `_c` writes C, `_onnx` graphs, `_casadi` makes functions, and
-`_mat` writes a struct for MATLAB.
+layer by layer (`walk`): `_c` writes C, `_fmu` puts it behind the interface of FMUs,
+`_st` writes Structured Text, which `_plcopen` turns into XML, `_onnx` graphs, `_casadi`
+makes functions, and `_mat` writes a struct for MATLAB. What C and Structured Text share
+is derived in `_parts`.
 """
 
 from ._c import to_c

@@ -20,7 +20,7 @@ class Inverse:
     """
 
     def __init__(self, plant):
-        before, behind = plant.law_map.parts()
+        before, behind = plant.solved_map.parts()
         nu, scale = plant.nv, plant.v_scale
         Theta = before.Theta.copy()
         Theta[:nu] /= scale[:, None]

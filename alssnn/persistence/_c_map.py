@@ -4,7 +4,6 @@ import numpy as np
 
 WIDTH = 88  # columns of the sources
 SUFFIX = {"double": "", "float": "f"}
-EPS = {"double": float(np.finfo("f8").eps), "float": float(np.finfo("f4").eps)}
 
 
 class Numbers:
@@ -18,7 +17,8 @@ class Numbers:
 
     def __init__(self, dtype):
         self.dtype, self.suffix = dtype, SUFFIX[dtype]
-        self.eps = EPS[dtype]
+        self.kind = np.float32 if dtype == "float" else np.float64
+        self.eps = float(np.finfo(self.kind).eps)
 
     def literal(self, name, value):
         """Return a literal.
@@ -78,6 +78,24 @@ class Numbers:
                 line = "   "
             line += f" {literal},"
         return "\n".join([*lines, line.rstrip(","), "};"])
+
+    def integers(self, name, values):
+        """Return the definition of a constant array of integers.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        values : sequence of int
+            The integers.
+
+        Returns
+        -------
+        definition : str
+            A line of C.
+        """
+        words = ", ".join(map(str, values))
+        return f"static const int {name}[{len(values)}] = {{{words}}};"
 
 
 class Function:
@@ -145,8 +163,9 @@ class Function:
             The same name.
         """
         v, f = f"{value}[i]", self.numbers.suffix
-        self.lines.append(f"for (i = 0; i < {size}; i++)")
+        self.lines.append(f"for (i = 0; i < {size}; i++) {{")
         self.lines.append(f"    {v} = {sigma.expression('c', v=v, f=f)};")
+        self.lines.append("}")
         return value
 
     def source(self):
@@ -225,7 +244,9 @@ class Slope(Function):
         else:
             super().affine(value, terms, constant)
             self.locals.append(f"{change}[{n}]")
-        self.lines += [f"for (i = 0; i < {n}; i++)", f"    {change}[i] = 0;"]
+        zero = f"0.0{self.numbers.suffix}"
+        self.lines += [f"for (i = 0; i < {n}; i++) {{", f"    {change}[i] = {zero};"]
+        self.lines.append("}")
         for name, matrix, signal in terms:
             W, m = self._constant(name, matrix), matrix.shape[1]
             self.lines.append(f"add({n}, {m}, {W}, dot_{signal}, {change});")

@@ -53,8 +53,36 @@ def vectors(export, numbers):
             )
         arrays["law_out"], arrays["cut_out"] = law.split(v, s, d)
         near["near_law"] = np.hstack([arrays["law_out"], v])
+    if export.K_x is not None:
+        with np.errstate(over="ignore", invalid="ignore"):  # a loop that diverges
+            signals = _loop(export, normal)
+        # as long as a sample of squares has a number
+        largest = np.sqrt(np.finfo(numbers.kind).max)
+        far = ~np.all(np.abs(signals["control_out"]) <= largest, axis=1)
+        n = max(int(np.argmax(far)), 1) if far.any() else SAMPLES
+        arrays |= {name: z[:n] for name, z in signals.items() if z.size}
+        near["near_control"] = arrays["control_out"]
     lines = [numbers.array(name, values) for name, values in arrays.items()]
+    if export.K_x is not None:
+        lines.append(f"#define CONTROLLED {n} /* samples of a closed loop */")
     for name, values in near.items():
         size = NEAR[numbers.dtype] * max(np.abs(values).max(), 1e-30)
         lines.append(f"static const real {name} = {numbers.literal(name, size)};")
     return "\n".join(lines).replace("static const real", "static const plant_real")
+
+
+def _loop(export, normal):
+    """Return the signals of a closed loop: what comes to the controller, and its u."""
+    plant, late, controller = export.plant, export.late, export.controller()
+    rest, scale = plant.v_offset, plant.v_scale
+    if export.integrates:
+        rest, scale = plant.y_offset, plant.y_scale
+    R, noise = rest + 0.3 * normal(scale), 0.1 * normal(plant.y_scale)
+    D = plant.d_offset + 0.3 * normal(plant.u_scale[list(plant.given)])
+    x, Y, U = np.zeros(late.nx), noise.copy(), np.zeros((SAMPLES, plant.nv))
+    for k in range(SAMPLES):
+        Y[k] += late.output(x)
+        y = np.where(k % 2 * (np.arange(plant.ny) == 0), np.nan, Y[k])
+        U[k] = controller.step(R[k], y, d=D[k] if plant.nd else None)
+        x = late.step(x, late.every_input(U[k], D[k]))
+    return {"r_loop": R, "y_loop": Y, "d_loop": D, "control_out": U}

@@ -26,8 +26,8 @@ def to_casadi(model, *, law=None, observer=None, gain=None):
 
     Parameters
     ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`; or a controller, which has all the parts below.
     law : LinearizingLaw or None, default=None
         Law, for example with limits; None takes ``model.linearizing_law()``, or
         leaves it out where it is ill-posed.
@@ -142,7 +142,7 @@ class _Functions:
         if one:
             ((output, rule),) = one.items()
             outputs = (output,)
-        is_root = name in ("law", "control") and not self.plant.is_explicit
+        is_root = name in ("law", "control") and self.plant.is_solved
         symbol = casadi.MX.sym if is_root else casadi.SX.sym
         signals = [symbol(letter, self.sizes[letter]) for letter in letters]
         values = rule(*signals)
@@ -186,13 +186,16 @@ class _Functions:
         casadi, plant, law = self.casadi, self.plant, self.export.law
         if plant.feedback == "output":
             s = s - plant.y_offset
-        seen = casadi.vertcat(s, d - plant.d_offset)
-        if plant.is_explicit:
+        d = d - plant.d_offset
+        if plant.looks_ahead:
+            s = self.state(self.export.middle, s=s, d=d, v=v - plant.v_offset)
+        seen = casadi.vertcat(s, d)
+        if not plant.is_solved:
             wanted = v - self.state(self.export.h, s=seen)
         else:
             wanted = plant.v_offset + plant.v_scale * self.root(v, seen)
         u = casadi.fmin(casadi.fmax(wanted, law.u_min), law.u_max)
-        if plant.is_explicit:
+        if not plant.is_solved:
             return u, wanted - u
         # phi couples inputs: a limit of one takes off v of all
         met = casadi.sum1(casadi.fabs(u - wanted)) > 0
@@ -201,7 +204,7 @@ class _Functions:
 
     def phi(self, du, seen):
         plant = self.plant
-        lure = static_map(plant.law_form, slice(0, plant.nv))
+        lure = static_map(plant.solved_map.form, slice(0, plant.nv))
         return self.state(lure, s=seen, du=du)
 
     def root(self, v, seen):
@@ -243,7 +246,7 @@ class _Functions:
             s = casadi.if_else(measured, y, self.output(x, u_rest))
         u, cut = self.law(v, s, d)
         if export.integrates:
-            back = casadi.DM(np.linalg.pinv(export.K_z))
+            back = casadi.DM(export.back)
             z = z + casadi.if_else(measured, y - r, 0) + back @ cut
         places = np.argsort([*plant.moved, *plant.given]).tolist()
         every = casadi.vertcat(u, d)[places]

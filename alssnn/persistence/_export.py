@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..forms import at_once
+from ..lure import Lure
 from ..plant import Plant
 from ..plants import as_plant
 from ..walk import static_map
@@ -24,21 +25,28 @@ class Export:
         Law; None if it is ill-posed.
     no_law : str
         Why there is no law.
-    M : ndarray of shape (nx + sum(delay), ny) or None
-        Gain of the observer; None without one.
+    observer : Observer or None
+        Observer of `late`, with constant gain; None without one.
     K_x, K_z : ndarray or None
         Gains of states and integrators; None without a controller.
-    gate : ndarray of shape (ny,) or None
-        Largest innovations, in the units of y; None without a gate.
     """
 
     plant: Plant
     law: Any
     no_law: str
-    M: np.ndarray | None
-    K_x: np.ndarray | None
-    K_z: np.ndarray | None
-    gate: np.ndarray | None = None
+    observer: Any
+    K_x: Any
+    K_z: Any
+
+    @property
+    def M(self):
+        """Return the gain of the observer, (nx + sum(delay), ny); None without one."""
+        return None if self.observer is None else self.observer.gain
+
+    @property
+    def gate(self):
+        """Return the largest innovations, (ny,), units of y; None without a gate."""
+        return None if self.observer is None else self.observer.largest_innovation
 
     @property
     def integrates(self):
@@ -52,9 +60,23 @@ class Export:
 
     @cached_property
     def h(self):
-        """Return what the law takes off v, as a static map of deviations [s; d]."""
-        form, nv = self.plant.law_form, self.plant.nv
+        """Return what the law takes off v, as a static map of what it sees, [s; d]."""
+        form, nv = self.plant.solved_map.form, self.plant.nv
         return static_map(form, slice(0, nv), form.nu - nv)
+
+    @cached_property
+    def middle(self):
+        """Return s of a law that looks ahead, as a static map of [x; d; v]."""
+        assert self.plant.middle is not None  # asked for where the law looks ahead
+        matrix = self.plant.middle.matrix  # (eq. middle)
+        return Lure(np.pad(matrix, [(0, 0), (0, 1)]), 0, matrix.shape[1], 0)
+
+    @cached_property
+    def back(self):
+        """Return what takes the part cut off v out of integrators; None without any."""
+        from ..feedback.controller import back_calculation
+
+        return back_calculation(self.K_z) if self.integrates else None
 
     @classmethod
     def of(cls, model, law=None, observer=None, gain=None):
@@ -105,16 +127,10 @@ class Export:
             observer = False if model.observer is None else model.observer
             model = law.plant
         plant = as_plant(model)
-        if plant.looks_ahead:
-            raise ValueError(
-                "`model` must be one whose law does not look ahead, got one of "
-                "`plant_.at(..., ahead=True)`, which is not exported yet. Export the "
-                "plant at that sampling time without `ahead`."
-            )
         law, no_law = _law(plant, law, required=gain is not None)
         K_x, K_z = (None, None) if gain is None else split_gain(gain, plant.late())
-        M, gate = _observer_gain(plant.late(), observer)
-        if gain is not None and M is None:
+        observer = _observer(plant.late(), observer)
+        if gain is not None and observer is None:
             raise ValueError(
                 "`observer` must not be False with a `gain`, which acts on the "
                 "estimated state. Leave it out for the default one."
@@ -125,7 +141,21 @@ class Export:
                 f"sample, through {at_once(plant.form, plant.moved)}: the estimated "
                 "state would wait for them. Fit without `feedthrough` and `n_k`."
             )
-        return cls(plant, law, no_law, M, K_x, K_z, gate)
+        return cls(plant, law, no_law, observer, K_x, K_z)
+
+    def controller(self):
+        """Return what is exported as a controller in Python.
+
+        Returns
+        -------
+        controller : LinearizingController
+            The controller, at its start.
+        """
+        from ..feedback import LinearizingController
+
+        gain = np.hstack([self.K_x, self.K_z])
+        parts = {"law": self.law, "observer": self.observer}
+        return LinearizingController(self.plant, gain, **parts)
 
 
 def _law(plant, law, required):
@@ -154,13 +184,13 @@ def _numbers(plant):
     return plant.feedback, plant.y_offset.tolist(), plant.law_form.Theta.tolist()
 
 
-def _observer_gain(late, observer):
-    """Return the constant gain of an observer and its gate, None where it has none."""
+def _observer(late, observer):
+    """Return the observer, checked; None where it is left out."""
     from ..feedback import Observer
     from ..feedback.online import GATE
 
     if observer is False:
-        return None, None
+        return None
     observer = Observer(late, gate=GATE) if observer is None else observer
     if not isinstance(observer, Observer):
         raise TypeError(
@@ -177,4 +207,4 @@ def _observer_gain(late, observer):
             "`observer` must estimate the states of this model alone, got one of "
             "another model, or of a disturbance. Use `model.observer`."
         )
-    return observer.gain, observer.largest_innovation
+    return observer

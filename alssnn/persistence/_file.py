@@ -414,6 +414,8 @@ def _encode_param(name, value):
             value = _activation_name(value)
     elif name == "linear_start" and not isinstance(value, tuple | list | None):
         value = GivenSystem.of(value).as_dict()
+    elif name == "noise_floor":  # of what a look or a response says, the numbers
+        value = getattr(value, "noise_rms", value)
     try:
         return encode(value)
     except TypeError as error:

@@ -65,7 +65,7 @@ def to_fmu(
     model,
     path,
     *,
-    what="model",
+    what=None,
     version="3.0",
     law=None,
     observer=None,
@@ -76,14 +76,16 @@ def to_fmu(
 
     Parameters
     ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`; or a controller, which has law, observer and
+        gain.
     path : str or path-like
         File, such as ``"motor.fmu"``; its folder is made if need be.
-    what : {"model", "controller", "both"}, default="model"
+    what : {"model", "controller", "both"} or None, default=None
         The model, from u to y; the controller by `gain`, from r, y and the measured
         disturbances to the inputs that are moved; or the loop of both, from r and the
-        disturbances to y and u.
+        disturbances to y and u. None means "controller" where `model` is one, and
+        else "model".
     version : {"3.0", "2.0"}, default="3.0"
         Version of the interface, FMI.
     law : LinearizingLaw or None, default=None
@@ -122,7 +124,7 @@ def to_fmu(
     the same sample, as those of a controller do, may be read after the inputs were set
     and before the step.
     """
-    _check(what, version, gain)
+    what = _check(model, what, version, gain)
     path = Path(path)
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     is_name = re.match("[A-Za-z]", name) and name not in ("fmu", "fmi2", "fmi3")
@@ -148,7 +150,12 @@ def to_fmu(
     return Fmu(path, version, binary, no_binary)
 
 
-def _check(what, version, gain):
+def _check(model, what, version, gain):
+    """Return what is written, checked."""
+    from ..feedback import LinearizingController
+
+    is_controller = isinstance(model, LinearizingController)
+    what = ("controller" if is_controller else "model") if what is None else what
     for argument, value, known in (
         ("what", what, WHAT),
         ("version", version, VERSIONS),
@@ -156,12 +163,20 @@ def _check(what, version, gain):
         if value not in known:
             names = ", ".join(map(repr, known))
             raise ValueError(f"`{argument}` must be one of {names}, got {value!r}.")
+    if is_controller:
+        if what == "model":
+            raise ValueError(
+                "`model` must be a model with what='model', got a controller. Give "
+                "its `model`, or take what='controller' or what='both'."
+            )
+        return what  # a `gain` beside it is refused by what reads both
     if (what == "model") != (gain is None):
         raise ValueError(
             f"`gain` must be {'None' if what == 'model' else 'given'} with "
             f"what={what!r}, got {'None' if gain is None else 'a gain'}. The "
             "controller has it; use what='controller' or what='both'."
         )
+    return what
 
 
 class _Variables:

@@ -25,8 +25,8 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         Law, for example with limits; None takes ``model.linearizing_law()``, or
         leaves it out where it is ill-posed.
     observer : Observer, None or False, default=None
-        Observer with constant gain; None takes ``model.observer()``, False leaves it
-        out.
+        Observer with constant gain; None takes ``model.observer(gate=100)``, whose
+        gate keeps spikes of a sensor small; False leaves it out.
     gain : array_like of shape (nu, nx) or (nu, nx + ny) or None, default=None
         Gain of a controller, as for `feedback.closed_loop`.
 
@@ -44,17 +44,7 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
     """
     from scipy.io import savemat
 
-    from ..feedback import LinearizingController
-    from ..feedback.online import GATE
-
     export = Export.of(model, law, observer, gain)
-    watch = model.observer if isinstance(model, LinearizingController) else observer
-    gate = getattr(watch, "gate", None)
-    if gate is not None and not (observer is None and gate == GATE):  # by default
-        raise ValueError(
-            f"`observer` must have no gate, which is not exported, got gate="
-            f"{gate:g}. Gate y before it reaches the observer."
-        )
     plant, law = export.plant, export.law
     arrived = plant.arrived()
     (A, B, C, D), (G, H) = arrived.linear(), arrived.disturbed_by()
@@ -84,14 +74,17 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         if law is None
         else {
             # h of [s; d], or phi of [s; d; u] where the law solves v = phi(u, s, d)
-            "h": _form(export.h) if plant.is_explicit else nothing,
-            "phi": nothing if plant.is_explicit else _form(plant.law_form),
+            "h": nothing if plant.is_solved else _form(export.h),
+            "phi": _form(plant.solved_map.form) if plant.is_solved else nothing,
+            # s of [x; d; v] where the law looks half a sample ahead
+            "middle": plant.middle.matrix if plant.looks_ahead else nothing,
             "u_min": _column(law.u_min),
             "u_max": _column(law.u_max),
         },
         "K": nothing if plant.K is None else plant.K,
         "K_b": nothing if plant.K_b is None else plant.K_b,
         "M": nothing if export.M is None else export.M,
+        "gate": nothing if export.gate is None else _column(export.gate),
         "K_x": nothing if export.K_x is None else export.K_x,
         "K_z": export.K_z if export.integrates else nothing,
     }

@@ -70,7 +70,7 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
             "`directory`."
         )
     export = Export.of(model, law, observer=False)
-    if export.law is not None and not export.plant.is_explicit:
+    if export.law is not None and export.plant.is_solved:
         export = replace(export, law=None, no_law=SOLVED)
     onnx = _onnx()
     graphs = {"step": _step(export.late)}
@@ -118,12 +118,18 @@ def _law(export):
     by_state = plant.feedback == "state"
     graph = _Graph()
     u, nv, nd = graph.input("v", plant.nv), plant.nv, plant.nd
-    s = graph.input("x" if by_state else "y", h.nu - nd)
-    seen = {s if by_state else graph.shift(s, "y_offset", -plant.y_offset): h.nu - nd}
+    ns = plant.law_form.nu - plant.nu
+    s = graph.input("x" if by_state else "y", ns)
+    s = s if by_state else graph.shift(s, "y_offset", -plant.y_offset)
+    given = {}
     if nd:
         d = graph.input("d", nd)
-        seen[graph.shift(d, "d_offset", -plant.d_offset)] = nd
-    u = graph.node("Sub", u, walk(h, seen, graph, "h"))
+        given = {graph.shift(d, "d_offset", -plant.d_offset): nd}
+    if plant.looks_ahead:
+        wanted = {graph.shift(u, "v_offset", -plant.v_offset): nv}
+        s = walk(export.middle, {s: ns, **given, **wanted}, graph, "middle")
+    h = walk(h, {s: h.nu - nd, **given}, graph, "h")
+    u = graph.node("Sub", u, h)
     for operator, name in (("Max", "u_min"), ("Min", "u_max")):
         limit = getattr(law, name)
         if np.isfinite(limit).any():
@@ -184,11 +190,11 @@ class _Graph:
         return self.node("Add", value, self.constant(name, offset), name=shifted)
 
     def affine(self, value, terms, constant):
-        value = self.constant(*constant)
+        total = self.constant(f"{value}_{constant[0]}", constant[1])
         for name, matrix, signal in terms:
-            product = self.node("MatMul", signal, self.constant(name, matrix.T))
-            value = self.node("Add", product, value)
-        return value
+            W = self.constant(f"{value}_{name}", matrix.T)
+            total = self.node("Add", self.node("MatMul", signal, W), total)
+        return total
 
     def activate(self, value, size, sigma):
         return self.node(sigma.expression("onnx"), value)

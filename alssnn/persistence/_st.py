@@ -1,9 +1,10 @@
 """Models and controllers in Structured Text of IEC 61131-3, for PLCs.
 
-What is the same for all models stands in the template ``plant.st``, with the blanks of
-those in C (`_c`); the maps of a model are function blocks of their own, written by the
-same walk.  Nothing but arrays of fixed size, bounded loops and ABS, EXP, SEL, SIN and
-COS is used.  Names differ by more than the case of their letters, which do not count.
+What is the same for all models stands in the template ``plant.st``, with blanks that
+`_parts` derives as for C; the maps of a model are function blocks of their own, written
+by the same walk.  Nothing but arrays of fixed size, bounded loops and ABS, EXP, SEL,
+SIN and COS is used.  Names differ by more than the case of their letters, which do not
+count.
 """
 
 import re
@@ -14,11 +15,10 @@ import numpy as np
 
 from ..walk import walk
 from ..whole_files import replace_file
-from ._archive import release
-from ._c import fill, flags_of, maps_of, plain, signal_lines
-from ._c_law import Inverse
 from ._c_map import SUFFIX, WIDTH, Numbers
 from ._export import Export
+from ._parts import Parts, fill
+from ._plcopen import plcopen
 
 TYPES = {"double": "LREAL", "float": "REAL"}
 
@@ -37,10 +37,11 @@ def to_st(
 
     Parameters
     ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
+    model : estimator, Plant or LinearizingController
+        Fitted model, or its `plant_`; or a controller, which has all the parts below.
     path : str or path-like
-        File, such as ``"plant.st"``; its folder is made if need be.
+        File, such as ``"plant.st"``; its folder is made if need be. One that ends in
+        ``.xml`` is a project of PLCopen XML (TC6, version 2.01) with the same blocks.
     law : LinearizingLaw or None, default=None
         Law, for example with limits; None takes ``model.linearizing_law()``, or
         leaves it out where it is ill-posed.
@@ -80,16 +81,14 @@ def to_st(
             "`prefix` must begin with a letter and consist of letters, digits and "
             f"single _, got {prefix!r}. It begins names in Structured Text."
         )
-    export, numbers = Export.of(model, law, observer, gain), _Literals(dtype, prefix)
-    is_solved = export.law is not None and not export.plant.is_explicit
-    inverse = Inverse(export.plant) if is_solved else None
-    flags = flags_of(export, inverse)
-    values = _values(export, inverse, flags, numbers)
-    flags["TANH"] = any(numbers.tanh in values[name] for name in ("maps", "respond"))
-    text = fill("plant.st", prefix, flags, values)
+    numbers = _Literals(dtype, prefix)
+    parts = Parts(Export.of(model, law, observer, gain))
+    blanks = parts.blanks(numbers) | _blanks(parts, numbers)
+    uses_tanh = any(numbers.tanh in blanks[name] for name in ("maps", "respond"))
+    text = fill("plant.st", prefix, {**parts.flags, "TANH": uses_tanh}, blanks)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, text)
+    replace_file(path, plcopen(text, prefix) if path.suffix.lower() == ".xml" else text)
     return path
 
 
@@ -100,8 +99,7 @@ class _Literals(Numbers):
         super().__init__(dtype)
         self.type, self.prefix = TYPES[dtype], prefix
         self.begin, self.tanh = f"{self.type}#", f"{prefix}_tanh("
-        kind = np.float32 if dtype == "float" else np.float64
-        self.largest = float(np.finfo(kind).max)
+        self.largest = float(np.finfo(self.kind).max)
         self.blanks = {"t": self.begin, "p": f"{prefix}_"}
 
     def literal(self, name, value):
@@ -194,76 +192,24 @@ class _Map:
         )
 
 
-def _values(export, inverse, flags, numbers):
-    """Return what stands for the blanks of the template."""
-    plant, upper = export.plant, numbers.prefix.upper()
-    maps = []
-    for value, (comment, lure, inputs) in maps_of(export, inverse).items():
+def _blanks(parts, numbers):
+    """Return what stands for the blanks of Structured Text alone."""
+    upper, maps = numbers.prefix.upper(), []
+    for value, (comment, lure, inputs) in parts.maps().items():
         block = _Map(f"{upper}_MAP_{value.upper()}", comment, inputs, numbers)
         walk(lure, inputs, block, "value")
         maps.append(block.source(lure.nz))
-    ns, nr = plant.law_form.nu - plant.nu, plant.nv
-    nr = plant.ny if flags["INTEGRATES"] else nr
-    n_inner = inverse.n_inner if inverse else 0
-    sizes = {
-        "x": export.late.nx,
-        "nx": plant.nx,
-        "u": plant.nu,
-        "y": plant.ny,
-        "v": plant.nv,
-        "d": plant.nd,
-        "s": ns,
-        "r": nr,
-        "seen": ns + plant.nd,
-        "inner": n_inner,
-        "slope": plant.nv**2,
-    }
-    late = ", then past inputs, oldest first" if flags["LATE"] else ""
+    sizes = {**parts.sizes, "slope": parts.plant.nv**2}
     return {
         **{f"last_{name}": size - 1 for name, size in sizes.items()},
-        **{f"n{name}": sizes[name] for name in ("y", "v", "s")},
-        **_constants(export, inverse, numbers),
-        "nx": plant.nx,
-        "nx_all": export.late.nx,
-        "n_inner": n_inner,
-        "name": plain(plant.name),
-        "version": release(),
-        "dt": repr(float(plant.dt)),
         "t": numbers.type,
         "p": numbers.begin,
-        "eps": numbers.literal("eps", 4 * numbers.eps),
         "largest": numbers.literal("largest", numbers.largest),
-        "signals": "\n".join(f"   {line}" for line in signal_lines(plant)),
-        "late_words": late,
-        "s_words": "the estimated state" if flags["BY_STATE"] else "the measured y",
-        "r_units": "y" if flags["INTEGRATES"] else "u",
-        "of_u": "of the same sample" if flags["FEEDS"] else "not used",
-        "given_words": plain(", ".join(plant.inputs[i] for i in plant.given)),
+        "signals": "\n".join(f"   {line}" for line in parts.signals()),
+        "of_u": "of the same sample" if parts.flags["FEEDS"] else "not used",
         "maps": "\n\n".join(maps),
-        "respond": _respond(inverse, numbers) if n_inner else "",
+        "respond": _respond(parts.inverse, numbers) if parts.sizes["inner"] else "",
     }
-
-
-def _constants(export, inverse, numbers):
-    """Return the declarations of constant arrays, empty where there are none."""
-    plant, law = export.plant, export.law
-    arrays = {"u_offset": plant.u_offset, "v_offset": plant.v_offset}
-    arrays |= {"y_offset": plant.y_offset, "v_scale": plant.v_scale}
-    arrays |= {"d_offset": plant.d_offset, "weight": export.M, "gate": export.gate}
-    arrays |= {"K_x": export.K_x, "K_z": export.K_z}
-    if law is not None:
-        arrays |= {"u_min": law.u_min, "u_max": law.u_max}
-    if export.integrates:
-        # what the limits cut off v is taken out of z, as in `feedback.controller`
-        arrays["back"] = np.linalg.pinv(export.K_z)
-    known = {name: values for name, values in arrays.items() if values is not None}
-    known |= inverse.arrays() if inverse else {}
-    names = [*arrays, "u_min", "u_max", "back", "phi_D", "phi_U", "phi_W"]
-    declared = {f"k_{name}": "" for name in names}
-    declared |= {f"k_{name}": numbers.array(name, v) for name, v in known.items()}
-    for name in ("delay", "moved", "given"):
-        declared[f"k_{name}"] = numbers.integers(name, getattr(plant, name))
-    return declared
 
 
 def _respond(inverse, numbers):

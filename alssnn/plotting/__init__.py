@@ -14,11 +14,13 @@ from ._before import ApproximationDisplay, ExcitationDisplay
 from ._bode import BodeDisplay
 from ._certificate import CertificateDisplay
 from ._comparison import BodeComparisonDisplay, ComparisonDisplay
+from ._curves import figure_curves
 from ._designs import plot_designs
 from ._ladder import plot_ladder
 from ._law_rates import LawRatesDisplay
 from ._linear import PoleDisplay, SingularValuesDisplay
 from ._loop import LoopDisplay
+from ._model import plot_model
 from ._nonlinearity import NonlinearityDisplay, ResidualNonlinearityDisplay
 from ._record import RecordDisplay
 from ._residuals import ResidualDisplay
@@ -45,6 +47,8 @@ __all__ = [
     "RunDisplay",
     "SimulationDisplay",
     "SingularValuesDisplay",
+    "figure_curves",
     "plot_designs",
     "plot_ladder",
+    "plot_model",
 ]

@@ -14,6 +14,7 @@ COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
 LEGENDS: dict[str, dict] = {  # outside the axes
     "above": {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2},
     "beside": {"loc": "upper left", "bbox_to_anchor": (1, 1)},
+    "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)},
 }
 DPI = 100  # of a figure in a notebook
 BAND = {"color": "0.85", "linewidth": 0.0}
@@ -149,7 +150,7 @@ def few_ticks(axis):
         Linear axis.
     """
     formatter = ScalarFormatter(useMathText=True)
-    formatter.set_powerlimits((-2, 4))
+    formatter.set_powerlimits((-3, 4))
     axis.set_major_formatter(formatter)
     axis.set_major_locator(MaxNLocator(6))
 
@@ -183,9 +184,9 @@ def finish(ax, legend=True):
     ----------
     ax : matplotlib.axes.Axes
         Axes.
-    legend : bool, "above" or "beside", default=True
-        Whether to draw a legend, where there are labels; "above" and "beside" keep it
-        off the data.
+    legend : bool, "above", "beside" or "below", default=True
+        Whether to draw a legend, where there are labels; the words keep it off the
+        data.
     """
     ax.grid(True, which="major", color="0.88", linewidth=0.7)
     ax.set_axisbelow(True)

@@ -191,6 +191,6 @@ class PoleDisplay(Display):
         axes.set_aspect("equal")
         axes.set_xlabel("real part of z")
         axes.set_ylabel("imaginary part of z")
-        finish(axes)
+        finish(axes, legend="below")
         self.ax_, self.figure_ = axes, axes.figure
         return self

@@ -6,6 +6,8 @@ from ..plants import as_plant
 from ..validation import column_names, moved_names
 from ._axes import Display, color, finish, grid_of_axes, time_axis
 
+EQUAL = 1e-9  # distance over size from which two responses differ by rounding
+
 
 class LoopDisplay(Display):
     """Compare responses, such as open loop, linear design and linearized loop.
@@ -232,7 +234,10 @@ class LoopDisplay(Display):
                 if name == self.design:
                     style |= {"color": "k", "linestyle": "--", "zorder": 3}
                 elif name in self.distance_ and not self._alone(i):
-                    label = f"{name}, RMS from design {self.distance_[name][i]:.3g}"
+                    miss, size = self.distance_[name][i], np.nanstd(response.outputs)
+                    label = f"{name}, RMS from design {miss:.3g}"
+                    if miss < EQUAL * size:
+                        label = f"{name}, as designed"
                 t, y = response.time, _signal(response, self.outputs[i])
                 one.plot(t, y, **{"label": label, **style, **kwargs})
             if self.outputs[i] in self.references:

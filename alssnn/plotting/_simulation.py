@@ -197,7 +197,7 @@ class SimulationDisplay(Display):
             top.plot(self.t, self.y_pred[:, i], **{"label": label, **style})
             bottom.plot(self.t, self.y_true[:, i] - self.y_pred[:, i], **style)
             top.set_ylabel(self.output_names[i])
-            bottom.set_ylabel("residual")
+            bottom.set_ylabel(f"residual of\n{self.output_names[i]}")
             time_axis(bottom)
             finish(top, legend="above")
             finish(bottom, legend=False)

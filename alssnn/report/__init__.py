@@ -2,7 +2,9 @@
 
 `_page` writes HTML and escapes every name, `_sections` says what is in the sections
 about the model and the record, `_control` in those about the loop, `_write` puts them
-together.  Figures are the displays of `plotting`, as PNG inside the page.  A part that
+together.  Figures are the displays of `plotting`, as PNG inside the page; where scripts
+run, `figures.js` draws the curves of some again, to zoom into and to read.  It is our
+own because libraries that do so are larger than all the rest of a page.  A part that
 cannot be computed gives its reason instead.
 """
 

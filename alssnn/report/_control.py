@@ -4,7 +4,16 @@ import numpy as np
 
 from ..plants import as_plant
 from ..validation import column_names
-from ._page import attempt, figure, heading, matrix, paragraph, python_code, table
+from ._page import (
+    attempt,
+    figure,
+    heading,
+    matrix,
+    number,
+    paragraph,
+    python_code,
+    table,
+)
 
 # The program of the gain grows with the cube of its neurons and more.
 MAX_NEURONS = 100
@@ -69,9 +78,9 @@ def linearity(model, test, record):
     ]
     parts = [
         paragraph(
-            "The linearization error is the share of the output that is not the "
-            "response of (A, B, C) once h is cancelled, rms(e) / std(y). It does not "
-            "depend on the state basis; ratios and gains do. "
+            "The linearization error is rms(e) / std(y): the share of the output that "
+            "is not the response of (A, B, C) once h is cancelled. It does not depend "
+            "on the state basis. Ratios and gains do. "
             + (record.no_law or "Closed loop: u = v - h, with the recorded input as v.")
         ),
         table(("", "open loop", "closed loop"), rows),
@@ -126,11 +135,45 @@ def certificates(model, test, doubt=""):
         HTML.
     """
     return (
-        heading("Input-to-state stability")
+        heading("Distance from the linear response, for every input")
+        + attempt(lambda: _local(model, doubt), "Certificate")
+        + heading("Input-to-state stability")
         + attempt(lambda: _iss(model, test, doubt), "Certificate")
         + heading("Incremental gain")
         + attempt(lambda: _gain(model, doubt), "Certificate")
     )
+
+
+def _local(model, doubt):
+    certificate = model.local_certificate()
+    if not certificate.holds:
+        return _unproved(certificate)
+    inputs, outputs = column_names(model)
+    moved = [inputs[i] for i in model.plant_.moved]
+    of_v = certificate.amplitude[model.plant_.moved]
+    rows = [
+        (f"largest input for {name}, around the operating point", size)
+        for name, size in zip(moved, of_v, strict=True)
+    ]
+    numbers = zip(
+        outputs,
+        certificate.design_peak,
+        certificate.output_bounds,
+        certificate.lower_bounds,
+        strict=True,
+    )
+    for name, peak, proved, found in numbers:
+        rows += [
+            (f"what the linear response of {name} may reach", peak),
+            (f"proved distance of {name} from it", proved),
+            (f"distance of {name} that an input was found to make", found),
+        ]
+    return paragraph(
+        "For every input v of this size, from rest, in the loop u = v - h without a "
+        "gain. A gain K lowers the distance: call model.local_certificate(K=K). It is "
+        f"proved of the model, not of the plant. {doubt}",
+        "note" if doubt else "pass",
+    ) + table(("", "value"), rows)
 
 
 def _iss(model, test, doubt):
@@ -216,11 +259,11 @@ def controller(model, doubt=""):
     if doubt:
         intro = paragraph(f"Do not use this design on the plant. {doubt}", "fail")
         intro += paragraph(f"It shows what (A, B, C) would give. {weights}")
+        shown = "Show the design all the same"
     else:
         intro = paragraph(
-            "Under the law the model is nearly (A, B, C) of the equations, from v to "
-            "y, and the model passed on this record. A proposal to begin with. "
-            + weights
+            "The model passed on this record. With its law it is nearly (A, B, C), "
+            "from v to y. This is a proposal to begin with. " + weights
         )
     nx = len(linear_part(model)[0])
     Q, R = balanced_weights(model)
@@ -232,11 +275,13 @@ def controller(model, doubt=""):
         words = "LQR, v = r - K x"
     else:
         refused, words = "", "LQI, v = u_e - K [x; z], z+ = z + y - r"
-    content = intro + refused + heading(words) + matrix("K", K) + _poles(model, K)
+    content = refused + heading(words) + matrix("K", K) + _poles(model, K)
     content += python_code("Copy the gain as Python", {"K": K})
     if not refused:
         content += attempt(lambda: _step(model, K), "Step response")
-    return content
+    if doubt:
+        content = f"<details><summary>{shown}</summary>{content}</details>"
+    return intro + content
 
 
 def _poles(model, K):
@@ -249,12 +294,32 @@ def _poles(model, K):
 
 def _step(model, K):
     from ..feedback import step_comparison
-    from ..plotting import LoopDisplay
+    from ..plotting import LoopDisplay, figure_curves
 
-    drawn = LoopDisplay.from_steps(model, step_comparison(model, K)).figure_
+    responses = step_comparison(model, K)
+    drawn = LoopDisplay.from_steps(model, responses).figure_
     caption = (
         "Step of all references by one standard deviation of the training data: the "
         "design, and the whole model under its law. u is what the plant gets, over its "
         "range in the training data."
     )
-    return figure(drawn, caption)
+    return figure(drawn, caption, figure_curves(drawn)) + _beyond(model, responses)
+
+
+def _beyond(model, responses):
+    """Say which inputs leave the range of their training data in a step."""
+    from ..feedback import input_range
+
+    low, high = input_range(model)
+    inputs, outputs = column_names(model)
+    moved = [z for i, z in enumerate(inputs) if i not in set(model.disturbances_)]
+    u = responses["model"].outputs[len(outputs) + len(moved) :]
+    said = [
+        f"{name} goes from {number(np.min(z), 3)} to {number(np.max(z), 3)}, but the "
+        f"training data end at {number(a, 3)} and {number(b, 3)}."
+        for name, z, a, b in zip(moved, u, low, high, strict=True)
+        if np.min(z) < a or np.max(z) > b
+    ]
+    if not said:
+        return ""
+    return paragraph(" ".join([*said, "There the model is a guess."]), "fail")

@@ -2,7 +2,9 @@
 
 import base64
 import io
+import re
 from html import escape
+from pathlib import Path
 
 import numpy as np
 
@@ -10,51 +12,19 @@ DPI = 110
 LEGIBLE = 0.45  # smallest scale of a figure
 # What a part of a report may fail on without the rest: its reason is the content.
 REFUSED = (ValueError, RuntimeError, np.linalg.LinAlgError)
-STYLE = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 60rem; padding: 1rem; color: #1a1a1a;
-  background: #fff; font: 16px/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
-h1 { font-size: 1.6rem; margin: .5rem 0; }
-h2 { font-size: 1.25rem; margin: 2rem 0 .5rem; border-bottom: 1px solid #ccc; }
-h3 { font-size: 1rem; margin: 1.2rem 0 .3rem; }
-nav a { display: inline-block; padding: .4rem .8rem .4rem 0; }
-figure { margin: 1rem 0; }
-img { max-width: 100%; height: auto; }
-figcaption, .note { color: #555; font-size: .9rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; margin: .5rem 0;
-  font-variant-numeric: tabular-nums; overflow-wrap: normal; }
-th, td { padding: .25rem .6rem; text-align: left; vertical-align: top;
-  border-bottom: 1px solid #e4e4e4; }
-td.n, th.n { text-align: right; }
-td.n { white-space: nowrap; }
-table.matrix { border-left: 2px solid #444; border-right: 2px solid #444; }
-table.matrix td { border: 0; padding: .1rem .6rem; }
-pre { overflow-x: auto; background: #f5f5f5; padding: .6rem; font-size: .85rem; }
-.pass { color: #00674b; font-weight: 600; }
-.fail { color: #a33b00; font-weight: 600; }
-.equation { font-family: Cambria, Georgia, serif; font-style: italic;
-  font-size: 1.1rem; }
-summary { cursor: pointer; padding: .3rem 0; }
-@media (max-width: 40rem) {
-  table { font-size: .875rem; }
-  th, td { padding: .2rem .4rem; }
-  table.checks thead { display: none; }
-  table.checks tr { display: flex; flex-wrap: wrap; border-bottom: 1px solid #e4e4e4; }
-  table.checks td { border: 0; }
-  table.checks td:last-child { flex-basis: 100%; }
-}
-"""
+STYLE, SCRIPT = (Path(__file__).with_name(z) for z in ("page.css", "figures.js"))
+CODE = re.compile("`([^`]+)`")
 
 
-def page(title, sections):
+def page(title, origin, sections):
     """Return the whole page for a title and sections of (key, heading, content).
 
     Parameters
     ----------
     title : str
         Title of the page.
+    origin : str
+        Where the page comes from, below the title.
     sections : list of tuple of str
         Key, heading and HTML of every section.
 
@@ -71,9 +41,27 @@ def page(title, sections):
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        f"<h1>{escape(title)}</h1>\n<nav>{links}</nav>\n{body}</body>\n</html>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{STYLE.read_text(encoding='utf-8')}</style>\n</head>\n<body>\n"
+        f"<h1>{escape(title)}</h1>\n{paragraph(origin, 'note')}\n<nav>{links}</nav>\n"
+        f"{body}<script>{SCRIPT.read_text(encoding='utf-8')}</script>\n"
+        "</body>\n</html>\n"
     )
+
+
+def words(text):
+    """Return plain text as HTML; what stands between back-ticks is code.
+
+    Parameters
+    ----------
+    text : str
+        Text.
+
+    Returns
+    -------
+    html : str
+        HTML.
+    """
+    return CODE.sub(r"<code>\1</code>", escape(text))
 
 
 def paragraph(text, kind=""):
@@ -92,7 +80,7 @@ def paragraph(text, kind=""):
         HTML.
     """
     attribute = f' class="{kind}"' if kind else ""
-    return f"<p{attribute}>{escape(text)}</p>"
+    return f"<p{attribute}>{words(text)}</p>"
 
 
 def attempt(make, what):
@@ -132,14 +120,14 @@ def heading(text):
     return f"<h3>{escape(text)}</h3>"
 
 
-def number(value, digits=4):
+def number(value, digits=3):
     """Return a number as text; a dash for None and nan, which are no numbers.
 
     Parameters
     ----------
     value : float or None
         Number.
-    digits : int, default=4
+    digits : int, default=3
         Significant digits.
 
     Returns
@@ -202,7 +190,7 @@ def _cell(value):
     if value is None or _is_number(value):
         return f'<td class="n">{number(value)}</td>'
     kind = {"pass": ' class="pass"', "FAIL": ' class="fail"'}.get(value, "")
-    return f"<td{kind}>{escape(str(value))}</td>"
+    return f"<td{kind}>{words(str(value))}</td>"
 
 
 def matrix(name, values, what=""):
@@ -261,7 +249,7 @@ def python_code(summary, arrays):
     )
 
 
-def figure(drawn, caption):
+def figure(drawn, caption, curves=""):
     """Return a matplotlib figure as PNG inside the page.
 
     Parameters
@@ -270,6 +258,9 @@ def figure(drawn, caption):
         Figure.
     caption : str
         What it shows.
+    curves : str, default=""
+        Its curves, as `plotting.figure_curves` returns them, for readers whose browser
+        runs scripts: they can zoom and read. Without them the picture is all.
 
     Returns
     -------
@@ -281,8 +272,12 @@ def figure(drawn, caption):
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     # narrower than this the page scrolls the figure, for its letters to be read
     least = LEGIBLE * DPI * drawn.get_size_inches()[0]
+    kind = ' class="curves"' if curves else ""
+    said = escape(caption.replace("`", ""))
+    if curves:
+        curves = f'<script type="application/json">{curves}</script>'
     return (
-        f'<figure><div class="scroll"><img style="min-width: {least:.0f}px" '
-        f'alt="{escape(caption)}" src="data:image/png;base64,{data}"></div>'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        f'<figure{kind}><div class="scroll"><img style="min-width: {least:.0f}px" '
+        f'alt="{said}" src="data:image/png;base64,{data}"></div>{curves}'
+        f"<figcaption>{words(caption)}</figcaption></figure>"
     )

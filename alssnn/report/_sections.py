@@ -17,8 +17,8 @@ from ._page import (
 )
 
 
-def summary(model, data, validation):
-    """Return what the model is and the verdict.
+def summary(model, data, test, validation, reason=""):
+    """Return the verdict, how accurate and how linear the model is, and what it is.
 
     Parameters
     ----------
@@ -26,8 +26,12 @@ def summary(model, data, validation):
         Fitted model.
     data : list of PreparedRecord
         The experiments.
+    test : tuple
+        The record, (u, y, experiment).
     validation : Validation or None
         Checks on the record; None if there are none.
+    reason : str, default=""
+        Why there is no validation.
 
     Returns
     -------
@@ -38,6 +42,7 @@ def summary(model, data, validation):
     y = np.vstack([record.y for record in data])
     rows = [
         ("model", type(model).__name__),
+        *(("equations" if not i else "", z) for i, z in enumerate(in_words(model))),
         ("inputs", ", ".join(inputs)),
         ("outputs", ", ".join(outputs)),
         ("states", str(model.nx_)),
@@ -52,25 +57,44 @@ def summary(model, data, validation):
         shares = zip(outputs, missing, strict=True)
         words = ", ".join(f"{name} {share:.3g} %" for name, share in shares)
         rows.append(("not measured", words))
-    if validation is None:
-        rows.append(("validation", "not available, see below"))
-    else:
-        outcomes = {check.outcome for check in validation}
-        word = next((z for z in ("FAIL", "open") if z in outcomes), "pass")
-        rows.append(("validation", word))
-        if word != "pass":
-            names = [check.name for check in validation if check.outcome == word]
-            what = "failed checks" if word == "FAIL" else "undecided checks"
-            rows.append((what, ", ".join(names)))
     settings = [
         (name, "default" if value is None else str(value))
         for name, value in sorted(model.get_params(deep=False).items())
         if np.ndim(value) == 0
     ]
     return (
-        table((), rows)
+        _verdict(model, outputs, test, validation, reason)
+        + table((), rows)
         + f"<details><summary>Settings</summary>{table((), settings)}</details>"
     )
+
+
+def _verdict(model, outputs, test, validation, reason):
+    """Return whether the model passed, and the two numbers that matter most."""
+    if validation is None:
+        parts = [paragraph(f"Not validated. {reason}", "verdict fail")]
+    elif validation.passed:
+        parts = [paragraph("Passed: all required checks.", "verdict pass")]
+    else:
+        words = f"The model {validation.verdict}. See the checks below."
+        parts = [paragraph(words, "verdict fail")]
+    y_true, y_pred = model.simulate_test(*test)
+    said = "The simulation of this record diverges."
+    if np.isfinite(y_pred).all():
+        shares = 100 * nrmse(y_true, y_pred, multioutput="raw_values")
+        missed = ", ".join(
+            f"{number(share, 2)} % of {name}"
+            for name, share in zip(outputs, shares, strict=True)
+        )
+        said = f"On this record the simulation misses {missed}."
+    if np.isfinite(model.train_score_):
+        share = 100 * np.sqrt(max(1 - model.train_score_, 0.0))
+        said += f" In training it missed {number(share, 2)} % of the output."
+    parts.append(paragraph(f"Accuracy: {said}"))
+    if validation is not None:
+        linear = validation["linearizability"].sentence
+        parts.append(paragraph(f"Linearizability: {linear}"))
+    return "".join(parts)
 
 
 def equations(model):
@@ -338,14 +362,15 @@ def accuracy(model, test, train, floor=None):
 
 
 def _simulation(model, test):
-    from ..plotting import SimulationDisplay
+    from ..plotting import SimulationDisplay, figure_curves
 
     drawn = SimulationDisplay.from_estimator(model, *test).figure_
+    curves = figure_curves(drawn)
     caption = "Measured and simulated output, and their difference"
     n = len(model.prepare_records(*test))
     if n > 1:
         caption += f", in the first of {n} experiments alone"
-    return figure(drawn, f"{caption}.")
+    return figure(drawn, f"{caption}.", curves)
 
 
 def checks(model, validation, reason):
@@ -390,13 +415,17 @@ def checks(model, validation, reason):
 
 
 def _residuals(validation):
-    from ..plotting import ResidualDisplay
+    from ..plotting import ResidualDisplay, figure_curves
 
     drawn = ResidualDisplay(validation.residuals).plot().figure_
-    words = "Correlations of the residual: those with u should stay in their band."
+    words = (
+        "Correlations of the residual: those with u should stay in their band. The "
+        "checks take all lags together and allow for errors of the parameters; the "
+        "bands, of one lag each, do not."
+    )
     if validation.residuals.ahead:
         words = (
             "Correlations of the errors one sample ahead: those with themselves "
             "and with past u should stay in their band."
         )
-    return figure(drawn, words)
+    return figure(drawn, words, figure_curves(drawn))

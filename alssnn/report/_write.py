@@ -1,5 +1,8 @@
 """Put the sections of a report together."""
 
+import sys
+from datetime import datetime
+
 from sklearn.utils.validation import check_is_fitted
 
 from ..checks import noise_levels
@@ -20,13 +23,16 @@ def write_report(
     noise_floor=None,
     law_dt=None,
     ahead=False,
+    name=None,
+    source=None,
 ):
     """Write one self-contained HTML page about a fitted model.
 
-    It has the equations with their numbers, accuracy, validation, linearizability,
-    certificates, and a proposal for a controller, with figures. It needs no network,
-    and what cannot be computed is said with its reason. It costs about a dozen
-    simulations of the record and one semidefinite program.
+    It begins with the verdict. Accuracy, validation, linearizability, certificates and
+    a proposal for a controller follow, with figures to zoom into, and the equations
+    with their numbers. The page is one file and needs no network, and what cannot be
+    computed is said with its reason. It costs about a dozen simulations of the record
+    and one semidefinite program.
 
     Parameters
     ----------
@@ -48,6 +54,11 @@ def write_report(
         Sampling time at which the law will run, in seconds, see `linearizability`.
     ahead : bool, default=False
         Whether the law looks half a sample ahead (eq. middle).
+    name : str or None, default=None
+        Name of the plant, for the title; None takes the class of the model.
+    source : str or None, default=None
+        Where model and record come from, such as the names of their files, for the
+        line below the title. The date and the version of the package stand there, too.
 
     Raises
     ------
@@ -77,9 +88,9 @@ def write_report(
         reason = str(error)
         record = model.linearizability(*test, **law)
     doubt = _doubt(validation, record)
+    verdict = _sections.summary(model, data, test, validation, reason)
     sections = [
-        ("summary", "Summary", _sections.summary(model, data, validation)),
-        ("equations", "Equations", _sections.equations(model)),
+        ("summary", "Summary", verdict),
         ("accuracy", "Accuracy", _sections.accuracy(model, test, train, floor)),
         ("validation", "Validation", _sections.checks(model, validation, reason)),
         (
@@ -93,9 +104,19 @@ def write_report(
             "Control",
             attempt(lambda: _control.controller(model, doubt), "Design"),
         ),
+        ("equations", "Equations", _sections.equations(model)),
     ]
-    text = page(f"{type(model).__name__}: report", sections)
+    text = page(f"{name or type(model).__name__}: report", _origin(source), sections)
     replace_file(path, text)
+
+
+def _origin(source):
+    """Say where a page comes from, and when."""
+    # not imported, for the package itself imports what is above this module
+    version = sys.modules[__name__.partition(".")[0]].__version__
+    today = datetime.now().astimezone().isoformat(" ", "minutes")
+    made = f"Written by alssnn {version} on {today}."
+    return made if source is None else f"{source}. {made}"
 
 
 def _of_law(law_dt, ahead):

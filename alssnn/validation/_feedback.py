@@ -15,6 +15,10 @@ only if y does not depend on u of the same sample.
 With feedback it matters whether anything else moves u.  A second regression puts the
 outputs in the place of the noise, as a linear filter and as a broken line: what they
 leave is what a reference has moved.
+
+The error of a model repeats where the input does, as often as there are periods, and
+would pass for noise that moves it.  But noise never repeats: inputs that do were not
+moved by it, and of a known period only what differs between periods is tested.
 """
 
 from dataclasses import dataclass
@@ -95,6 +99,7 @@ def feedback_tests(
     simulated=None,
     ahead=False,
     direct=True,
+    period=None,
 ):
     """Test whether the inputs of a record depend on its noise (eq. fedback).
 
@@ -114,19 +119,35 @@ def feedback_tests(
         Whether y_hat is predicted one sample ahead, and its error noise as it is.
     direct : bool, default=True
         Whether noise of the same sample counts.
+    period : int or None, default=None
+        Samples after which what a reference moves repeats: of experiments of two
+        periods and more, only what differs between them is tested.
 
     Returns
     -------
     tests : FeedbackTests or None
-        P-values and shares; None if the record is too short.
+        P-values and shares; None if the record is too short. Experiments whose moved
+        inputs repeat to the last digit do not count: no noise has moved them.
     """
+    nu = np.shape(experiments[0][0])[1]
+    moved = list(range(nu)) if moved is None else list(moved)
+    names = [f"u{j}" for j in moved] if input_names is None else list(input_names)
+    runs = [list(one) for one in experiments]
+    if simulated is not None:
+        runs = [[*one, y_hat] for one, y_hat in zip(runs, simulated, strict=True)]
+    runs = [one for one in runs if not _repeats(np.asarray(one[0])[:, moved])]
+    if not runs:
+        shape = len(moved), 2
+        return FeedbackTests(np.ones(shape), np.zeros(shape), np.zeros(shape[0]), names)
+    if period is not None:
+        runs = [part for one in runs for part in _between_periods(one, period)]
+    experiments = [one[:3] for one in runs]
+    simulated = None if simulated is None else [one[3] for one in runs]
     u = [np.asarray(u, dtype=float) for u, _, _ in experiments]
     noise = _noise(experiments, ahead)
     y = [np.where(np.isnan(y), y_hat, y) for _, y, y_hat in experiments]
-    nu, ny = u[0].shape[1], y[0].shape[1]
-    moved = list(range(nu)) if moved is None else list(moved)
+    ny = y[0].shape[1]
     given = [j for j in range(nu) if j not in moved]
-    names = [f"u{j}" for j in moved] if input_names is None else list(input_names)
     n_lags = _n_lags(u, ny, len(given), simulated is not None)
     if n_lags == 0:
         return None
@@ -149,6 +170,39 @@ def feedback_tests(
     return FeedbackTests(
         np.array(p_values), np.array(shares), np.array(by_outputs), names
     )
+
+
+def _repeats(u):
+    """Tell whether signals repeat exactly, over two periods at least.
+
+    The first half is looked for later on: where it is found first is a period of all
+    signals, or they have none of at most half their length (Fine and Wilf).
+    """
+    rows = np.ascontiguousarray(u, dtype=float) + 0.0  # one zero, not two
+    if len(rows) < 2 or not rows.size:
+        return False
+    text, size = rows.tobytes(), rows[0].nbytes
+    half = text[: len(rows) // 2 * size]
+    found = text.find(half, size)
+    while found % size and found > 0:
+        found = text.find(half, found + 1)
+    return found > 0 and np.array_equal(rows[found // size :], rows[: -found // size])
+
+
+def _between_periods(signals, period):
+    """Return what differs between periods: one from the mean of those before it.
+
+    Scaled as here (Helmert), the differences of white noise are white, independent, and
+    one fewer than the periods: no sample counts twice.
+    """
+    n = len(signals[0]) // period
+    if n < 2:
+        return [signals]
+    folded = [np.reshape(z[: n * period], (n, period, -1)) for z in signals]
+    return [
+        [(z[i] - z[:i].mean(axis=0)) * np.sqrt(i / (i + 1)) for z in folded]
+        for i in range(1, n)
+    ]
 
 
 def _explained(u, blocks):

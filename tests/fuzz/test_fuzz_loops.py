@@ -188,8 +188,7 @@ def test_gates_are_positive(pendulum, gate):
         Observer(pendulum[1], gate=gate)
 
 
-def test_a_gate_is_not_written_for_matlab(pendulum, tmp_path):
+def test_a_gate_is_written_for_all(pendulum, tmp_path):
     observer = Observer(pendulum[1], gate=5.0)
-    pendulum[1].to_c(tmp_path, observer=observer)  # C has it
-    with pytest.raises(ValueError, match="`observer` must have no gate"):
-        pendulum[1].to_mat(tmp_path / "model.mat", observer=observer)
+    pendulum[1].to_c(tmp_path, observer=observer)
+    pendulum[1].to_mat(tmp_path / "model.mat", observer=observer)

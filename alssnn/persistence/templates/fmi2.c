@@ -25,14 +25,7 @@ typedef struct {
 } fmi2CallbackFunctions;
 #endif /* fmi2Functions_h */
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else /* elsewhere all is seen */
-#define EXPORT
-#endif /* _WIN32 */
 #ifdef FMI2_FUNCTION_PREFIX /* linked statically */
-#define PASTE(a, b) a##b
-#define JOIN(a, b) PASTE(a, b)
 #define NAME(name) JOIN(FMI2_FUNCTION_PREFIX, name)
 #else /* a library */
 #define NAME(name) name
@@ -162,12 +155,7 @@ NONE(fmi2SetString, const fmi2String)
 
 FUNCTION(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state)
 {
-    if (!*state)
-        *state = malloc(sizeof(fmu_state));
-    if (!*state)
-        return answer(c, "There is no memory for a state.");
-    memcpy(*state, &((instance *)c)->state, sizeof(fmu_state));
-    return fmi2OK;
+    return answer(c, fmu_copy(&((instance *)c)->state, state));
 }
 
 FUNCTION(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state)
@@ -179,10 +167,7 @@ FUNCTION(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state)
 FUNCTION(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state)
 {
     (void)c;
-    if (state) {
-        free(*state);
-        *state = 0;
-    }
+    fmu_free(state);
     return fmi2OK;
 }
 
@@ -196,23 +181,13 @@ FUNCTION(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t
 FUNCTION(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[],
     size_t size)
 {
-    if (size < sizeof(fmu_state))
-        return answer(c, "A state does not fit into so few bytes.");
-    memcpy(bytes, state, sizeof(fmu_state));
-    return fmi2OK;
+    return answer(c, fmu_write(state, bytes, size));
 }
 
 FUNCTION(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size,
     fmi2FMUstate *state)
 {
-    if (size != sizeof(fmu_state))
-        return answer(c, "These are not the bytes of a state.");
-    if (!*state)
-        *state = malloc(sizeof(fmu_state));
-    if (!*state)
-        return answer(c, "There is no memory for a state.");
-    memcpy(*state, bytes, sizeof(fmu_state));
-    return fmi2OK;
+    return answer(c, fmu_read(bytes, size, state));
 }
 
 FUNCTION(fmi2GetDirectionalDerivative)(fmi2Component c,

@@ -38,14 +38,7 @@ typedef void (*fmi3LockPreemptionCallback)(void);
 typedef void (*fmi3UnlockPreemptionCallback)(void);
 #endif /* fmi3Functions_h */
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else /* elsewhere all is seen */
-#define EXPORT
-#endif /* _WIN32 */
 #ifdef FMI3_FUNCTION_PREFIX /* linked statically */
-#define PASTE(a, b) a##b
-#define JOIN(a, b) PASTE(a, b)
 #define NAME(name) JOIN(FMI3_FUNCTION_PREFIX, name)
 #else /* a library */
 #define NAME(name) name
@@ -292,12 +285,7 @@ FUNCTION(fmi3GetVariableDependencies)(fmi3Instance c, fmi3ValueReference r,
 
 FUNCTION(fmi3GetFMUState)(fmi3Instance c, fmi3FMUState *state)
 {
-    if (!*state)
-        *state = malloc(sizeof(fmu_state));
-    if (!*state)
-        return answer(c, "There is no memory for a state.");
-    memcpy(*state, &((instance *)c)->state, sizeof(fmu_state));
-    return fmi3OK;
+    return answer(c, fmu_copy(&((instance *)c)->state, state));
 }
 
 FUNCTION(fmi3SetFMUState)(fmi3Instance c, fmi3FMUState state)
@@ -309,10 +297,7 @@ FUNCTION(fmi3SetFMUState)(fmi3Instance c, fmi3FMUState state)
 FUNCTION(fmi3FreeFMUState)(fmi3Instance c, fmi3FMUState *state)
 {
     (void)c;
-    if (state) {
-        free(*state);
-        *state = 0;
-    }
+    fmu_free(state);
     return fmi3OK;
 }
 
@@ -326,23 +311,13 @@ FUNCTION(fmi3SerializedFMUStateSize)(fmi3Instance c, fmi3FMUState state, size_t 
 FUNCTION(fmi3SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[],
     size_t size)
 {
-    if (size < sizeof(fmu_state))
-        return answer(c, "A state does not fit into so few bytes.");
-    memcpy(bytes, state, sizeof(fmu_state));
-    return fmi3OK;
+    return answer(c, fmu_write(state, bytes, size));
 }
 
 FUNCTION(fmi3DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size,
     fmi3FMUState *state)
 {
-    if (size != sizeof(fmu_state))
-        return answer(c, "These are not the bytes of a state.");
-    if (!*state)
-        *state = malloc(sizeof(fmu_state));
-    if (!*state)
-        return answer(c, "There is no memory for a state.");
-    memcpy(*state, bytes, sizeof(fmu_state));
-    return fmi3OK;
+    return answer(c, fmu_read(bytes, size, state));
 }
 
 FUNCTION(fmi3GetDirectionalDerivative)(fmi3Instance c,

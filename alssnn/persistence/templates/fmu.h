@@ -16,6 +16,14 @@
 #define N_STATES $n_states
 #define NEAR 1e-6 /* samples: times this close are the same */
 
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else /* elsewhere all is seen */
+#define EXPORT
+#endif /* _WIN32 */
+#define PASTE(a, b) a##b
+#define JOIN(a, b) PASTE(a, b)
+
 /* What is saved, restored and sent as bytes. */
 typedef struct {
     double time, start; /* s */
@@ -30,6 +38,40 @@ typedef struct {
     plant_controller c;
 #endif
 } fmu_state;
+
+/* Copies of a state, and their bytes: return why there is none, or 0. */
+static const char *fmu_copy(const void *s, void **copy)
+{
+    if (!*copy)
+        *copy = malloc(sizeof(fmu_state));
+    if (!*copy)
+        return "There is no memory for a state.";
+    memcpy(*copy, s, sizeof(fmu_state));
+    return 0;
+}
+
+static const char *fmu_write(const void *s, void *bytes, size_t size)
+{
+    if (size < sizeof(fmu_state))
+        return "A state does not fit into so few bytes.";
+    memcpy(bytes, s, sizeof(fmu_state));
+    return 0;
+}
+
+static const char *fmu_read(const void *bytes, size_t size, void **copy)
+{
+    if (size != sizeof(fmu_state))
+        return "These are not the bytes of a state.";
+    return fmu_copy(bytes, copy);
+}
+
+static void fmu_free(void **copy)
+{
+    if (copy) {
+        free(*copy);
+        *copy = 0;
+    }
+}
 
 static void fmu_reset(fmu_state *s)
 {

@@ -6,28 +6,74 @@
 #define NU PLANT_NU
 #define NY PLANT_NY
 #define NV $nv /* inputs that are moved */
+#if LAW
+#define N_SEEN $nseen /* what the law sees, disturbances behind the rest */
+#endif
 #if INNER
-#define N_INNER $n_inner /* neurons that see u */
+#define N_INNER $ninner /* neurons that see u */
 #endif
 
 typedef plant_real real;
 
-$constants
+$k_u_offset
+#if INTEGRATES || LAW && !BY_STATE
+$k_y_offset
+#endif
+#if SOLVED || AHEAD || CONTROL
+$k_v_offset
+#endif
+#if SOLVED
+$k_v_scale
+$k_phi_D
+#endif
+#if INNER
+$k_phi_U
+$k_phi_W
+#endif
+#if LAW && DISTURBED
+$k_d_offset
+#endif
+#if LIMITED
+$k_u_min
+$k_u_max
+#endif
+#if OBSERVER
+$k_weight
+#endif
+#if GATED
+$k_gate
+#endif
+#if CONTROL
+$k_K_x
+#endif
+#if INTEGRATES
+$k_K_z
+$k_back
+#endif
+#if CONTROL && DISTURBED
+$k_moved
+$k_given
+#endif
+#if LATE
+$k_delay
+#endif
 
 /* y = b */
 static void set(int n, const real *b, real *y)
 {
     int i;
-    for (i = 0; i < n; i++)
+    for (i = 0; i < n; i++) {
         y[i] = b[i];
+    }
 }
 
 /* y = a - b */
 static void subtract(int n, const real *a, const real *b, real *y)
 {
     int i;
-    for (i = 0; i < n; i++)
+    for (i = 0; i < n; i++) {
         y[i] = a[i] - b[i];
+    }
 }
 
 /* y += W x; matrices are stored by rows */
@@ -35,9 +81,10 @@ static void add(int rows, int cols, const real *W, const real *x, real *y)
 {
     int i, j;
     for (i = 0; i < rows; i++) {
-        real sum = 0;
-        for (j = 0; j < cols; j++)
+        real sum = 0.0${f};
+        for (j = 0; j < cols; j++) {
             sum += W[i * cols + j] * x[j];
+        }
         y[i] += sum;
     }
 }
@@ -48,11 +95,10 @@ $maps
 /* du: the inputs that have arrived, as deviations */
 static void arrived(const real *x, const real *u, real *du)
 {
-    const real *oldest = x + NX;
-    int i;
+    int i, oldest = NX;
     subtract(NU, u, u_offset, du);
     for (i = 0; i < NU; i++) {
-        du[i] = delay[i] > 0 ? *oldest : du[i];
+        du[i] = (delay[i] > 0) ? x[oldest] : du[i];
         oldest += delay[i];
     }
 }
@@ -62,8 +108,7 @@ void plant_step(real x[PLANT_NX], const real u[PLANT_NU])
 {
     real du[NU], next[NX];
 #if LATE
-    real *past = x + NX; /* of one input after the other */
-    int i, k;
+    int i, k, first = NX; /* of the past of one input after the other */
     arrived(x, u, du);
 #else
     subtract(NU, u, u_offset, du);
@@ -72,11 +117,13 @@ void plant_step(real x[PLANT_NX], const real u[PLANT_NU])
     set(NX, next, x);
 #if LATE
     for (i = 0; i < NU; i++) {
-        for (k = 1; k < delay[i]; k++)
-            past[k - 1] = past[k];
-        if (delay[i] > 0)
-            past[delay[i] - 1] = u[i] - u_offset[i];
-        past += delay[i];
+        for (k = 1; k < delay[i]; k++) {
+            x[first + k - 1] = x[first + k];
+        }
+        if (delay[i] > 0) {
+            x[first + delay[i] - 1] = u[i] - u_offset[i];
+        }
+        first += delay[i];
     }
 #endif
 }
@@ -104,11 +151,10 @@ void plant_output_slope(const real x[PLANT_NX], const real *u,
 {
 #if FEEDS && LATE
     real du[NU], dot_du[NU];
-    const real *oldest = dot_x + NX;
-    int i;
+    int i, oldest = NX;
     arrived(x, u, du);
     for (i = 0; i < NU; i++) {
-        dot_du[i] = delay[i] > 0 ? *oldest : dot_u[i];
+        dot_du[i] = (delay[i] > 0) ? dot_x[oldest] : dot_u[i];
         oldest += delay[i];
     }
     y_slope_of(x, du, dot_x, dot_du, dot_y);
@@ -129,7 +175,7 @@ void plant_output_slope(const real x[PLANT_NX], const real *u,
 
 static real modulus(real a)
 {
-    return a < 0 ? -a : a;
+    return (a < 0.0${f}) ? -a : a;
 }
 
 /* e = phi(du, s) - dv for z = phi_s(s) - dv and q = du, all in sizes of u; J is its
@@ -150,15 +196,17 @@ $respond
     for (i = 0; i < NV; i++) {
         e[i] = z[i] + phi_D[i] * q[i];
         size[i] = modulus(z[i]) + modulus(phi_D[i] * q[i]);
-        for (k = 0; k < NV; k++)
-            J[i * NV + k] = i == k ? phi_D[i] : 0;
+        for (k = 0; k < NV; k++) {
+            J[i * NV + k] = (i == k) ? phi_D[i] : 0.0${f};
+        }
 #if INNER
         for (j = 0; j < N_INNER; j++) {
             real part = phi_W[i * N_INNER + j] * w[j];
             e[i] += part;
             size[i] += modulus(part);
-            for (k = 0; k < NV; k++)
+            for (k = 0; k < NV; k++) {
                 J[i * NV + k] += phi_W[i * N_INNER + j] * d[j] * phi_U[j * NV + k];
+            }
         }
 #endif
     }
@@ -171,31 +219,37 @@ static void solve(const real *z, const real *a, real *q)
 {
     real e, size, slope, low, high, longest;
     int n;
-    *q = 0;
+    *q = 0.0${f};
     miss(z, a, q, &e, &size, &slope);
     longest = modulus(e / phi_D[0]);
-    if (!isfinite(longest))
+    if (!isfinite(longest)) {
         return;
-    low = e > 0 ? -longest : 0;
-    high = e > 0 ? 0 : longest;
+    }
+    low = (e > 0.0${f}) ? -longest : 0.0${f};
+    high = (e > 0.0${f}) ? 0.0${f} : longest;
     for (n = 0; n < MAX_ITER; n++) {
         real step = -e / slope, next = *q + step;
-        int ends = modulus(e) <= ${EPS} * size; /* rounding */
-        if (!ends && next >= low && next <= high && modulus(step) <= longest)
-            longest = modulus(step) / 2;
-        else if (!ends) {
-            longest = (high - low) / 2;
+        if (modulus(e) <= ($eps * size)) { /* rounding */
+            *q = next;
+            return;
+        }
+        if ((next >= low) && (next <= high) && (modulus(step) <= longest)) {
+            longest = modulus(step) / 2.0${f};
+        } else {
+            longest = (high - low) / 2.0${f};
             next = low + longest;
         }
-        ends |= modulus(next - *q) <= ${EPS} * (1 + modulus(next));
+        step = next - *q;
         *q = next;
-        if (ends)
+        if (modulus(step) <= ($eps * (1.0${f} + modulus(next)))) {
             return;
+        }
         miss(z, a, q, &e, &size, &slope);
-        if (e > 0)
+        if (e > 0.0${f}) {
             high = next;
-        else
+        } else {
             low = next;
+        }
     }
 }
 #endif
@@ -205,10 +259,11 @@ static void solve(const real *z, const real *a, real *q)
 
 static real dot(const real *a, const real *b)
 {
-    real sum = 0;
+    real sum = 0.0${f};
     int i;
-    for (i = 0; i < NV; i++)
+    for (i = 0; i < NV; i++) {
         sum += a[i] * b[i];
+    }
     return sum;
 }
 
@@ -219,53 +274,64 @@ static void solve(const real *z, const real *a, real *q)
 {
     real e[NV], J[NV * NV], size[NV], step[NV], next[NV], least;
     int n, m, i, j, k;
-    for (i = 0; i < NV; i++)
-        q[i] = 0;
+    for (i = 0; i < NV; i++) {
+        q[i] = 0.0${f};
+    }
     miss(z, a, q, e, size, J);
     least = dot(e, e);
     for (n = 0; n < MAX_ITER && isfinite(least); n++) {
-        real low = 0, high = 1, share = 1, down, ahead;
+        real low = 0.0${f}, high = 1.0${f}, share = 1.0${f}, down, ahead;
         int far = 0;
         set(NV, e, step);
-        for (k = 0; k < NV; k++)
+        for (k = 0; k < NV; k++) {
             for (i = k + 1; i < NV; i++) {
                 real l = J[i * NV + k] / J[k * NV + k];
-                for (j = k; j < NV; j++)
+                for (j = k; j < NV; j++) {
                     J[i * NV + j] -= l * J[k * NV + j];
+                }
                 step[i] -= l * step[k];
             }
+        }
         for (k = NV - 1; k >= 0; k--) {
-            for (j = k + 1; j < NV; j++)
+            for (j = k + 1; j < NV; j++) {
                 step[k] -= J[k * NV + j] * step[j];
+            }
             step[k] /= J[k * NV + k];
         }
-        for (i = 0; i < NV; i++)
-            far |= modulus(e[i]) > ${EPS} * size[i]
-                && modulus(step[i]) > ${EPS} * (1 + modulus(q[i]));
-        if (!far) {
+        for (i = 0; i < NV; i++) {
+            if ((modulus(e[i]) > ($eps * size[i]))
+                && (modulus(step[i]) > ($eps * (1.0${f} + modulus(q[i]))))) {
+                far = 1;
+            }
+        }
+        if (far == 0) {
             subtract(NV, q, step, q);
             return;
         }
         down = dot(e, step);
         for (m = 0; m < HALVINGS; m++) {
-            for (i = 0; i < NV; i++)
+            for (i = 0; i < NV; i++) {
                 next[i] = q[i] - share * step[i];
+            }
             miss(z, a, next, e, size, J);
             ahead = dot(e, step);
-            if (dot(e, e) < least / 4) {
+            if (dot(e, e) < least / 4.0${f}) {
                 least = dot(e, e);
                 break;
             }
-            if (ahead >= 0 && (share >= 1 || ahead <= down / 2))
+            if ((ahead >= 0.0${f}) && ((share >= 1.0${f}) || (ahead <= (down / 2.0${f})))) {
                 break;
-            if (ahead < 0)
+            }
+            if (ahead < 0.0${f}) {
                 high = share;
-            else
+            } else {
                 low = share;
-            share = (low + high) / 2;
+            }
+            share = (low + high) / 2.0${f};
         }
-        if (m == HALVINGS)
+        if (m == HALVINGS) {
             return; /* rounding */
+        }
         set(NV, next, q);
     }
 }
@@ -283,7 +349,7 @@ void plant_law(const real v[PLANT_NV], const real s[PLANT_NS], real u[PLANT_NV],
 {
     int i;
 #if SOLVED
-    real z[NV], q[NV];
+    real seen[N_SEEN], z[NV], q[NV];
 #if INNER
     real a[N_INNER];
 #else
@@ -292,68 +358,62 @@ void plant_law(const real v[PLANT_NV], const real s[PLANT_NS], real u[PLANT_NV],
 #if LIMITED
     int limited = 0;
 #endif
-#if DISTURBED
-    real seen[PLANT_NS + PLANT_ND];
-#if BY_STATE
-    set(PLANT_NS, s, seen);
 #else
+    real seen[N_SEEN], h[NV];
+#endif
+#if AHEAD
+    real dv[NV];
+    subtract(NV, v, v_offset, dv);
+#endif
+#if DISTURBED
+    subtract(PLANT_ND, d, d_offset, &seen[N_SEEN - PLANT_ND]);
+#endif
+#if AHEAD && DISTURBED
+    middle_of(s, &seen[N_SEEN - PLANT_ND], dv, seen);
+#endif
+#if AHEAD && !DISTURBED
+    middle_of(s, dv, seen);
+#endif
+#if !AHEAD && BY_STATE
+    set(PLANT_NS, s, seen);
+#endif
+#if !BY_STATE
     subtract(NY, s, y_offset, seen);
 #endif
-    subtract(PLANT_ND, d, d_offset, seen + PLANT_NS);
-    s = seen;
-#endif
-#if !DISTURBED && !BY_STATE
-    real ds[NY];
-    subtract(NY, s, y_offset, ds);
-    s = ds;
-#endif
-    z_of(s, z);
+#if SOLVED
+    z_of(seen, z);
 #if INNER
-    a_of(s, a);
+    a_of(seen, a);
 #endif
-    for (i = 0; i < NV; i++)
-        z[i] -= (v[i] - $v_offset[i]) / $v_scale[i];
+    for (i = 0; i < NV; i++) {
+        z[i] -= (v[i] - v_offset[i]) / v_scale[i];
+    }
     solve(z, a, q);
     for (i = 0; i < NV; i++) {
-        real wanted = $v_offset[i] + q[i] * $v_scale[i];
-        cut[i] = 0;
+        real wanted = v_offset[i] + q[i] * v_scale[i];
+        cut[i] = 0.0${f};
 #if LIMITED
         u[i] = wanted < u_min[i] ? u_min[i] : wanted > u_max[i] ? u_max[i] : wanted;
-        limited |= u[i] < wanted || u[i] > wanted;
-        q[i] = (u[i] - $v_offset[i]) / $v_scale[i];
+        if ((u[i] < wanted) || (u[i] > wanted)) {
+            limited = 1;
+        }
+        q[i] = (u[i] - v_offset[i]) / v_scale[i];
 #else
         u[i] = wanted;
 #endif
     }
 #if LIMITED
-    if (limited) { /* what the limits take off v, of all inputs that phi couples */
+    if (limited != 0) { /* what the limits take off v, of all inputs that phi couples */
         real e[NV], size[NV], J[NV * NV];
         miss(z, a, q, e, size, J);
-        for (i = 0; i < NV; i++)
-            cut[i] = -e[i] * $v_scale[i];
+        for (i = 0; i < NV; i++) {
+            cut[i] = -e[i] * v_scale[i];
+        }
     }
 #endif
 #endif
-#if !SOLVED && DISTURBED
-    real h[NV], seen[PLANT_NS + PLANT_ND];
-#if BY_STATE
-    set(PLANT_NS, s, seen);
-#else
-    subtract(NY, s, y_offset, seen);
-#endif
-    subtract(PLANT_ND, d, d_offset, seen + PLANT_NS);
-    h_of(seen, h);
-#endif
-#if !SOLVED && !DISTURBED && BY_STATE
-    real h[NV];
-    h_of(s, h);
-#endif
-#if !SOLVED && !DISTURBED && !BY_STATE
-    real h[NV], ds[NY];
-    subtract(NY, s, y_offset, ds);
-    h_of(ds, h);
-#endif
 #if !SOLVED
+    h_of(seen, h);
     for (i = 0; i < NV; i++) {
         real wanted = v[i] - h[i];
 #if LIMITED
@@ -375,12 +435,12 @@ void plant_correct(real x[PLANT_NX], const real *u, const real y[PLANT_NY])
     plant_output(x, u, e);
     subtract(NY, y, e, e);
     for (i = 0; i < NY; i++) {
-        e[i] = isfinite(e[i]) ? e[i] : 0;
+        e[i] = isfinite(e[i]) ? e[i] : 0.0${f};
 #if GATED
         e[i] = e[i] > gate[i] ? gate[i] : e[i] < -gate[i] ? -gate[i] : e[i];
 #endif
     }
-    add(PLANT_NX, NY, M, e, x);
+    add(PLANT_NX, NY, weight, e, x);
 }
 #endif
 #if CONTROL
@@ -404,14 +464,16 @@ static void believe(const real *x, const real *y, real *seen)
 void plant_reset(plant_controller *c)
 {
     int i;
-    for (i = 0; i < PLANT_NX; i++)
-        c->x[i] = 0;
+    for (i = 0; i < PLANT_NX; i++) {
+        c->x[i] = 0.0${f};
+    }
 #if INTEGRATES
-    for (i = 0; i < NY; i++)
-        c->z[i] = 0;
+    for (i = 0; i < NY; i++) {
+        c->z[i] = 0.0${f};
+    }
     set(NY, y_offset, c->r);
 #else
-    set(NV, $v_offset, c->r);
+    set(NV, v_offset, c->r);
 #endif
 #if DISTURBED
     set(PLANT_ND, d_offset, c->d);
@@ -434,17 +496,19 @@ void plant_control(plant_controller *c, const real r[PLANT_NR],
     int i;
 #if DISTURBED
     real all[NU];
-    for (i = 0; i < PLANT_ND; i++)
+    for (i = 0; i < PLANT_ND; i++) {
         c->d[i] = isfinite(d[i]) ? d[i] : c->d[i];
+    }
 #endif
-    for (i = 0; i < PLANT_NR; i++)
+    for (i = 0; i < PLANT_NR; i++) {
         c->r[i] = isfinite(r[i]) ? r[i] : c->r[i];
+    }
     believe(c->x, y, seen);
     plant_correct(c->x, 0, seen);
     add(NV, PLANT_NX, K_x, c->x, Kx);
 #if INTEGRATES
     add(NV, NY, K_z, c->z, Kx);
-    subtract(NV, $v_offset, Kx, v);
+    subtract(NV, v_offset, Kx, v);
 #else
     subtract(NV, c->r, Kx, v);
 #endif
@@ -453,20 +517,24 @@ void plant_control(plant_controller *c, const real r[PLANT_NR],
 #else
     /* the law takes the output of the model for one that was not measured */
     plant_output(c->x, 0, s);
-    for (i = 0; i < NY; i++)
+    for (i = 0; i < NY; i++) {
         s[i] = isfinite(seen[i]) ? seen[i] : s[i];
+    }
     plant_law(v, s, ${d}u, cut);
 #endif
 #if INTEGRATES
-    for (i = 0; i < NY; i++)
-        c->z[i] += isfinite(seen[i]) ? seen[i] - c->r[i] : 0;
+    for (i = 0; i < NY; i++) {
+        c->z[i] += isfinite(seen[i]) ? (seen[i] - c->r[i]) : 0.0${f};
+    }
     add(NY, NV, back, cut, c->z);
 #endif
 #if DISTURBED
-    for (i = 0; i < NV; i++)
+    for (i = 0; i < NV; i++) {
         all[moved[i]] = u[i];
-    for (i = 0; i < PLANT_ND; i++)
+    }
+    for (i = 0; i < PLANT_ND; i++) {
         all[given[i]] = c->d[i];
+    }
     plant_step(c->x, all);
 #else
     plant_step(c->x, u);

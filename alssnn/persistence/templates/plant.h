@@ -36,7 +36,7 @@ $signals
 extern "C" {
 #endif /* C++ */
 
-#define PLANT_NX $nx_all /* states$late */
+#define PLANT_NX $nstate /* states$late */
 #if DISTURBED
 #define PLANT_NU $nu /* inputs, those of the record */
 #define PLANT_NV $nv /* inputs that are moved: $moved_words */
@@ -77,6 +77,9 @@ void plant_output_slope(const plant_real x[PLANT_NX], const plant_real *u,
 #if LAW && !SOLVED
 
 /* Law u = v - h(s) within the limits; s is $s_words. cut = v - h(s) - u. */
+#endif
+#if LAW && AHEAD
+/* It looks half a sample ahead: s goes on as the linear model does with this v. */
 #endif
 #if LAW && DISTURBED
 void plant_law(const plant_real v[PLANT_NV], const plant_real s[PLANT_NS],

@@ -25,6 +25,10 @@ static int differs(int k, const char *what, int n, const plant_real *found,
 int main(void)
 {
     int k, i, wrong = 0;
+#if CONTROL
+    plant_controller c;
+    plant_reset(&c);
+#endif
     for (k = 0; k < SAMPLES; k++) {
         plant_real x[PLANT_NX], y[PLANT_NY];
         const plant_real *u = u_in + k * PLANT_NU;
@@ -55,6 +59,22 @@ int main(void)
 #endif
             wrong |= differs(k, "u", PLANT_NV, m, law_out + k * PLANT_NV, near_law);
             wrong |= differs(k, "cut", PLANT_NV, cut, cut_out + k * PLANT_NV, near_law);
+        }
+#endif
+#if CONTROL
+        if (k < CONTROLLED) {
+            const plant_real *sent = control_out + k * PLANT_NV;
+            plant_real m[PLANT_NV];
+            for (i = 0; i < PLANT_NY; i++)
+                y[i] = y_loop[k * PLANT_NY + i];
+            if (k % 2)
+                y[0] = (plant_real)NAN; /* not measured */
+#if DISTURBED
+            plant_control(&c, r_loop + k * PLANT_NR, y, d_loop + k * PLANT_ND, m);
+#else
+            plant_control(&c, r_loop + k * PLANT_NR, y, m);
+#endif
+            wrong |= differs(k, "control", PLANT_NV, m, sent, near_control);
         }
 #endif
     }

@@ -1,0 +1,433 @@
+"""Local certificates: every bounded input, and what the loop then does (eq. local).
+
+A loop and the linear loop that it was designed as start at rest and receive the same
+input, |r_i| <= amplitude_i.  As long as the loop is in a region, it is one of the
+trajectories of a linear system with bounded remainders (`_covers`), whose region
+follows from peak gains (`_peaks`).  If that region lies within the one that was
+assumed, the loop never leaves it: the first sample at which it did would contradict
+those before.  The same peak gains bound the distance of y from the linear design.  The
+part of the remainders that is linear in x and r is in the system: it costs nothing.
+
+The smallest region is searched by repetition, from that of the design outwards.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, solve_discrete_lyapunov
+
+from ._amplitudes import peaks_of, sizes_in_words
+from ._cells import Network
+from ._covers import Affine, ByCells, ByNeurons, covers
+from ._peaks import TooSlow, peaks
+from ._worst import worst_input
+
+NOTHING = 1e-8  # of what the design may reach: a distance that is none
+SEARCH = 200  # repetitions with remainders of samples
+SETTLED = 2e-3  # relative change of the region at which the search ends
+PROOFS = 20  # repetitions with bounded remainders
+GROWTH = 1.01  # of the region before each of them
+LEAST = 1e-9  # half width of a range that is a point
+TOO_LARGE = 1e3  # region over that of the design
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalCertificate:
+    """Hold a bound of the distance to the linear design, for all bounded inputs.
+
+    Parameters
+    ----------
+    holds : bool
+        Whether a region was found that the loop does not leave.
+    amplitude : ndarray of shape (nr,)
+        Largest modulus of every input, around the operating point, in its units.
+    output_bounds : ndarray of shape (ny,)
+        Proved supremum of ``|y - y_lin|``, in the units of y; inf without a region.
+    lower_bounds : ndarray of shape (ny,)
+        Largest distance that an input within the amplitude was found to make: no
+        proved bound can be smaller.
+    worst_input : ndarray of shape (N, nr)
+        The input that makes the largest of them, as a deviation.
+    design_peak : ndarray of shape (ny,)
+        Largest ``|y_lin|`` itself, as a deviation.
+    x_low, x_high : ndarray of shape (nx,)
+        Range of every state, as deviations, in the basis of the loop.
+    z_low, z_high : ndarray of shape (n_watched,)
+        Range of further channels, as deviations.
+    method : {"cells", "neurons", ""}
+        How the remainders were bounded; empty without a region.
+    reason : str
+        Why it does not hold; empty otherwise.
+    solve_time : float
+        Time of the search for region and worst input, in seconds.
+    labels : tuple of str, default=()
+        Names of the inputs, for the display.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(*record)
+    >>> certificate = model.local_certificate()
+    >>> certificate.holds, certificate.output_bound < 1e-6
+    (True, True)
+    """
+
+    holds: bool
+    amplitude: np.ndarray
+    output_bounds: np.ndarray
+    lower_bounds: np.ndarray
+    worst_input: np.ndarray
+    design_peak: np.ndarray
+    x_low: np.ndarray
+    x_high: np.ndarray
+    z_low: np.ndarray
+    z_high: np.ndarray
+    method: str
+    reason: str
+    solve_time: float
+    labels: tuple = ()
+    proof: "Proof | None" = None
+
+    @property
+    def output_bound(self):
+        """Return the largest of the bounds, in the units of y."""
+        return float(np.max(self.output_bounds))
+
+    @property
+    def lower_bound(self):
+        """Return the largest distance that was found, in the units of y."""
+        return float(np.max(self.lower_bounds))
+
+    @property
+    def ratio(self):
+        """Return the largest proved bound over what was found; nan without a search."""
+        if not self.holds:
+            return np.inf
+        if not len(self.worst_input):
+            return np.nan
+        small = NOTHING * self.design_peak
+        least = np.maximum(self.lower_bounds, small)
+        none = self.output_bounds <= small
+        return float(np.max(np.where(none, 1.0, self.output_bounds / least)))
+
+    @property
+    def verdict(self):
+        """Return "holds", "does not hold" (an input diverges), or "undecided"."""
+        if self.holds:
+            return "holds"
+        return "undecided" if np.isfinite(self.lower_bounds).all() else "does not hold"
+
+    def verify(self):
+        """Recompute the proof: remainders, region and bounds, with NumPy alone.
+
+        Returns
+        -------
+        margin : float
+            Least distance of the region that follows from the one that was assumed,
+            over its width; not negative if and only if the certificate is valid.
+        """
+        if not self.holds or self.proof is None:
+            return -np.inf
+        margin, bounds = self.proof.check()
+        return margin if np.all(bounds <= self.output_bounds * (1 + 1e-9)) else -np.inf
+
+    def __repr__(self):
+        """Return the certificate as a few lines."""
+        size = sizes_in_words(self.amplitude, self.labels)
+        found, over = "", ""
+        if len(self.worst_input):
+            found = f"\n  found: an input with |y - y_lin| = {self.lower_bound:.4g}"
+            over = f"; proved over found {self.ratio:.3g}"
+        if not self.holds:
+            return f"LocalCertificate: {self.verdict} for {size}. {self.reason}{found}"
+        return (
+            f"LocalCertificate: holds for every input with {size}, from rest\n"
+            f"  proved: |y - y_lin| <= {self.output_bound:.4g}, where |y_lin| may "
+            f"reach {np.max(self.design_peak):.4g}{found}{over}\n"
+            "  of the model: the plant may differ from it"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """Hold what is needed to check a region again, in scaled coordinates.
+
+    Parameters
+    ----------
+    cover : ByCells or ByNeurons
+        How the remainders are bounded.
+    region : ndarray
+        Region that was assumed.
+    design : Affine
+        Linear design.
+    scale : ndarray of shape (ny,)
+        Units of the outputs.
+    """
+
+    cover: ByCells | ByNeurons
+    region: np.ndarray
+    design: Affine
+    scale: np.ndarray
+
+    def check(self):
+        """Return the margin of the region and the bounds of the outputs.
+
+        Returns
+        -------
+        margin : float
+            See `LocalCertificate.verify`.
+        bounds : ndarray of shape (ny,)
+            Bounds of ``|y - y_lin|``.
+        """
+        system = self.cover.system(self.region)
+        found = system.region()
+        width = np.maximum(self.region[1] - self.region[0], 1e-12)
+        inside = np.concatenate(
+            [(found[0] - self.region[0]) / width, (self.region[1] - found[1]) / width]
+        )
+        margin = float(np.min(inside)) if inside.size else 0.0
+        return margin, self.scale * distance(system, self.design)
+
+    def slopes(self, sigma):
+        """Return the slopes of all neurons of the loop over the region.
+
+        Parameters
+        ----------
+        sigma : tuple of Activation
+            Activations of the loop, dead neurons included.
+
+        Returns
+        -------
+        slopes : ndarray of shape (2, nw)
+            Least and largest ones.
+        """
+        slopes = np.array([z.slope for z in sigma], dtype=float).reshape(-1, 2).T
+        live = self.cover.network.live
+        slopes[:, live] = self.cover.slopes(self.region)
+        return slopes
+
+    def channels(self):
+        """Return the range of the channels behind y, (2, n_watched)."""
+        system, ny = self.cover.system(self.region), len(self.scale)
+        parts = system.C, system.D, system.H, system.d[:, None]
+        return system.reach(np.hstack(parts)[ny:])
+
+    def states(self):
+        """Return the range of the states, (2, nx)."""
+        system = self.cover.system(self.region)
+        nx, n = len(system.A), system.B.shape[1] + len(system.radius)
+        return system.reach(np.eye(nx, nx + n + 1))
+
+
+def distance(system, design):
+    """Bound ``|y - y_lin|`` of a system with remainders and a linear design.
+
+    Parameters
+    ----------
+    system : Affine
+        The system.
+    design : Affine
+        The design, without remainders; it may have other states.
+
+    Returns
+    -------
+    bounds : ndarray of shape (ny,)
+        Bounds for all inputs of modulus at most one.
+    """
+    n, m, ny = len(design.A), len(system.radius), len(design.C)
+    found = peaks(
+        block_diag(system.A, design.A),
+        np.block([[system.B, system.G], [design.B, np.zeros((n, m))]]),
+        np.hstack([system.C[:ny], -design.C]),
+        np.hstack([system.D[:ny] - design.D, system.H[:ny]]),
+        np.concatenate([system.c, design.c]),
+        system.d[:ny] - design.d,
+    )
+    inputs = np.concatenate([np.ones(system.B.shape[1]), system.radius])
+    return np.maximum(np.abs(found.low), np.abs(found.high)) + found.gain @ inputs
+
+
+def local_certificate(
+    lure, design, amplitude, *, scale=None, search=True, twins=(), watched=0
+):
+    """Bound the distance of a loop from its linear design (eq. local).
+
+    Parameters
+    ----------
+    lure : Lure
+        Loop from r to its channels, of which the first are y; deviations.
+    design : tuple of ndarray
+        (A, B, C, D) of the linear design, with the same inputs and outputs y. It
+        may have other states.
+    amplitude : array_like of shape (nr,)
+        Largest modulus of every input, in its units.
+    scale : array_like of shape (ny,) or None, default=None
+        Sizes of the outputs, which make them comparable; None means ones.
+    search : bool, default=True
+        Whether the worst input is looked for.
+    twins : sequence of int, default=()
+        For every neuron another one of equal weights at another point, from which it
+        differs little, as that of an observer; -1 for none.
+    watched : int, default=0
+        Channels behind y whose range is asked for.
+
+    Returns
+    -------
+    certificate : LocalCertificate
+        The certificate; one that does not hold says why.
+
+    Notes
+    -----
+    Seconds for a loop of up to 5 states and inputs, which is subdivided into up to
+    40,000 cells, a few times; less than a second without. The search of the input
+    costs some hundred simulations.
+    """
+    start = time.perf_counter()
+    ny = len(design[2])
+    amplitude = np.asarray(amplitude, dtype=float)
+    scale = np.ones(ny) if scale is None else np.asarray(scale, dtype=float)
+    linear = peaks_of(design, amplitude)
+    if isinstance(linear, str):
+        none = np.full(ny, np.inf)
+        return _none(lure, amplitude, none, np.zeros((0, lure.nu)), none, linear, start)
+    peak, length = linear
+    lower, worst = np.zeros(ny), np.zeros((0, lure.nu))
+    if search:
+        lower, worst = worst_input(lure, design, amplitude, length)
+    if not np.isfinite(lower).all():
+        reason = "The loop diverges for the worst input that was found."
+        return _none(lure, amplitude, lower, worst, peak, reason, start)
+    steep = [z.name for z in lure.sigma if not np.isfinite(z.slope).all()]
+    if steep:
+        reason = f"The activation {steep[0]!r} has no bounded slope."
+        return _none(lure, amplitude, lower, worst, peak, reason, start)
+    proofs, reasons = [], []
+    network, scaled, T = _scaled(lure, design, amplitude, scale, twins, watched)
+    for cover in covers(network, scaled):
+        region, reason = _invariant(cover)
+        if region is None:
+            reasons.append(reason)
+            continue
+        proof = Proof(cover, region, scaled, scale)
+        proofs.append((proof.check()[1], proof))
+    if not proofs:
+        return _none(lure, amplitude, lower, worst, peak, reasons[-1], start)
+    bounds, proof = min(proofs, key=lambda found: np.max(found[0] / scale))
+    if np.any(lower > bounds * (1 + 1e-9) + NOTHING * peak):  # never seen
+        reason = "Numbers contradict each other: units or weights are extreme."
+        return _none(lure, amplitude, lower, worst, peak, reason, start)
+    middle, radius = proof.states().mean(axis=0), np.ptp(proof.states(), axis=0) / 2
+    middle, radius = T @ middle, np.abs(T) @ radius
+    low, high = proof.channels()
+    return LocalCertificate(
+        holds=True,
+        amplitude=amplitude,
+        output_bounds=bounds,
+        lower_bounds=lower,
+        worst_input=worst,
+        design_peak=peak,
+        x_low=middle - radius,
+        x_high=middle + radius,
+        z_low=low,
+        z_high=high,
+        method=proof.cover.name,
+        reason="",
+        solve_time=time.perf_counter() - start,
+        proof=proof,
+    )
+
+
+def _scaled(lure, design, amplitude, scale, twins=(), watched=0):
+    """Return network and design in coordinates of about unit size, and the basis."""
+    A, B, C, D = design
+    B, D = B * amplitude, D * amplitude
+    own = _basis(A, B)
+    same = len(A) == lure.nx
+    T = own if same else _basis(_linear_part(lure), lure.M[: lure.nx, lure.nx :])
+    units = np.concatenate([scale, np.ones(watched)])
+    network = Network.of(lure, len(units), T, amplitude, units, twins)
+    solve = np.linalg.solve
+    nx, ny = len(A), len(C)
+    scaled = Affine(
+        solve(own, A @ own),
+        solve(own, B),
+        np.zeros(nx),
+        C @ own / scale[:, None],
+        D / scale[:, None],
+        np.zeros(ny),
+        np.zeros((nx, 0)),
+        np.zeros((ny, 0)),
+        np.zeros(0),
+        np.zeros((0, nx + amplitude.size + 1)),
+    )
+    return network, scaled, T
+
+
+def _basis(A, B):
+    """Return the principal axes of what inputs of variance one make of the states."""
+    Q = solve_discrete_lyapunov(A, B @ B.T)
+    sizes, axes = np.linalg.eigh((Q + Q.T) / 2)
+    return axes * np.sqrt(np.maximum(sizes, 1e-10 * sizes[-1] + 1e-300))
+
+
+def _linear_part(lure):
+    """Return the Jacobian of x+ at the origin, a stable one for the sake of a basis."""
+    from ..simulation import neuron_gains, regressors
+
+    Phi = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))
+    J = lure.M + (neuron_gains(lure, lure.W, Phi) @ lure.V)[0]
+    A = J[: lure.nx, : lure.nx]
+    return A / max(1.0, 1.01 * float(np.abs(np.linalg.eigvals(A)).max()))
+
+
+def _invariant(cover):
+    """Return a region that the loop does not leave, or None and the reason."""
+    region = cover.start
+    largest = TOO_LARGE * max(1.0, float(np.abs(region).max(initial=0.0)))
+    try:
+        width = 0.0
+        for _ in range(SEARCH):
+            region = cover.system(region, exact=False).region()
+            if np.abs(region).max(initial=0.0) > largest:
+                return (
+                    None,
+                    "No region was found: remainders grow with the states.",
+                )
+            wider = float(np.sum(region[1] - region[0]))
+            if abs(wider - width) <= SETTLED * wider:
+                break
+            width = wider
+        for _ in range(PROOFS):
+            middle, half = region.mean(axis=0), (region[1] - region[0]) / 2
+            half = GROWTH * half + LEAST
+            assumed = np.stack([middle - half, middle + half])
+            found = cover.system(assumed).region()
+            if np.all(found[0] >= assumed[0]) and np.all(found[1] <= assumed[1]):
+                return assumed, ""
+            if np.abs(found).max(initial=0.0) > largest:
+                break
+            region = found
+    except (TooSlow, np.linalg.LinAlgError) as problem:
+        return None, f"No region was found. {problem}"
+    return None, "No region was found that the loop provably does not leave."
+
+
+def _none(lure, amplitude, lower, worst, peak, reason, start):
+    """Return the certificate that does not hold."""
+    nowhere, none = np.full(lure.nx, np.inf), np.zeros(0)
+    return LocalCertificate(
+        holds=False,
+        amplitude=amplitude,
+        output_bounds=np.full(len(peak), np.inf),
+        lower_bounds=lower,
+        worst_input=worst,
+        design_peak=peak,
+        x_low=-nowhere,
+        x_high=nowhere,
+        z_low=none,
+        z_high=none,
+        method="",
+        reason=reason,
+        solve_time=time.perf_counter() - start,
+    )

@@ -1,0 +1,96 @@
+"""A tube of the plant around the model, and a bound of the model around its design."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TubeWithBound:
+    """Hold a tube of the plant around the linear design.
+
+    Parameters
+    ----------
+    tube : Tube
+        Of the plant around the model.
+    bound : ndarray of shape (ny,)
+        On ``|y_model - y_lin|``, in the units of y.
+    source : str
+        What the bound rests on; empty if it is a number.
+    """
+
+    tube: Any
+    bound: np.ndarray
+    source: str
+
+    @property
+    def statement(self):
+        """Return what is true of the plant, in words."""
+        tube = self.tube
+        unit = (
+            "experiments" if tube.block is None else f"blocks of {tube.block} samples"
+        )
+        rests = {"data": " while |g| stays as on its data", "": ""}
+        rests["given"] = " while |g| stays within the number that was given"
+        return (
+            f"With {tube.level:.4g} of future {unit} like those of the calibration, "
+            "|y_plant - y_lin| is at most the half width of the tube plus "
+            f"{plain(self.bound)}{rests.get(self.source, '')}.\n"
+            "y_lin is the linear design with the v for which the model, simulated "
+            "without feedback from the plant, applies this u.\n"
+            "Inputs that a law or a controller makes on the plant are others than "
+            "those of the calibration: of them the tube says nothing until it is "
+            "calibrated on records of that loop."
+        )
+
+    def half_width(self, u, y=None, experiment=None, *, x0=None):
+        """Return the half width around y_lin at every sample.
+
+        Parameters
+        ----------
+        u : array_like of shape (N, nu), or list of them
+            Inputs of the plant.
+        y : array_like of shape (N,) or (N, ny), or None, default=None
+            Measured outputs, see `Tube.around`.
+        experiment : array_like of shape (N,) or None, default=None
+            Label of the experiment of every sample.
+        x0 : array_like of shape (nx,) or (n_experiments, nx), or None, default=None
+            Initial states, see `Tube.around`.
+
+        Returns
+        -------
+        half_width : ndarray of shape (N,) or (N, ny)
+            In the units of y.
+
+        Raises
+        ------
+        ValueError
+            As `Tube.around`.
+        """
+        width = self.tube.half_width(u, y, experiment, x0=x0)
+        return width + (self.bound if width.ndim == 2 else self.bound[0])
+
+    def __repr__(self):
+        """Return the statement, or why there is none."""
+        if not (self.tube.finite and np.isfinite(self.bound).all()):
+            why = self.tube.reason or "The bound is infinite."
+            return f"TubeWithBound: infinite. {why}"
+        return "TubeWithBound: " + self.statement.replace("\n", "\n  ")
+
+
+def plain(values):
+    """Return a number as text, or a list of different ones.
+
+    Parameters
+    ----------
+    values : array_like
+        Numbers.
+
+    Returns
+    -------
+    text : str
+        Four digits of every one.
+    """
+    texts = [f"{value:.4g}" for value in np.ravel(values)]
+    return texts[0] if len(set(texts)) == 1 else f"[{', '.join(texts)}]"

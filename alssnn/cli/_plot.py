@@ -1,0 +1,73 @@
+"""`alssnn plot`: what a saved model misses of a record, and what its networks are."""
+
+from pathlib import Path
+
+from ._arguments import add_command, add_overwrite, figure_name, refuse_existing
+from ._comparison import FIGURE_DPI
+from ._record import add_data, add_model, read_record
+
+PARTS = ("simulation", "residual", "h", "g")
+EPILOG = """\
+One figure with up to four parts: the measured output beside the simulated one, the
+correlations of the residual, h, which the law cancels, and what g leaves at the output.
+Without --part it has all that the model has. Take a record that did not train it.
+
+examples:
+  alssnn plot plant.npz --data plant.csv --last 0.5 -o plant.png
+  alssnn plot plant.npz --data monday.csv --part h g -o networks.pdf
+"""
+
+
+def add(commands):
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Where the command is added.
+    """
+    parser = add_command(
+        commands,
+        "plot",
+        run,
+        "Draw what a saved model misses of a record, and its networks h and g.",
+        EPILOG,
+        help="draw simulation, residual, h and g of a saved model",
+    )
+    add_model(parser)
+    add_data(parser)
+    parser.add_argument(
+        "--part",
+        nargs="+",
+        choices=PARTS,
+        help="parts to draw, below each other (default: all that the model has)",
+    )
+    add_overwrite(parser)
+    parser.add_argument(
+        "-o",
+        dest="output_file",
+        type=figure_name,
+        default=Path("plot.png"),
+        metavar="FILE",
+        help="figure to write: .png, .pdf or .svg (default: %(default)s)",
+    )
+
+
+def run(args):
+    """Run the command.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments of the command.
+    """
+    from ..estimators import load
+    from ..plotting import plot_model
+
+    refuse_existing(args, args.output_file)
+    model = load(args.model)
+    record, _ = read_record(args, model)
+    figure = plot_model(model, *record, parts=args.part)
+    figure.savefig(args.output_file, dpi=FIGURE_DPI)
+    args.result = {"file": args.output_file}
+    print(f"Figure: {args.output_file}")

@@ -1,0 +1,271 @@
+"""What to begin with, and why: trial fits against each other and against rivals."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..estimators import LinearStateSpace
+from ..regression import complete, lagged
+from ..validation import feedback_tests
+from ._rivals import curve, hysteresis, mirror, varying_delay
+from ._trials import MONOTONE, NEAR, USEFUL, Parts, trial, with_options
+
+LEVEL = 0.05  # of the test for nonlinearity
+NEAR_FLOOR = 1.05  # error of a linear model over the noise from which it is enough
+SHORT = 200  # samples of all experiments, below which networks learn the noise
+PAYS = 0.9  # error with delays over that without, from which they are real
+MUCH = 0.5  # error of a rival over that of the best model, from which it is right
+MIRRORED = 0.02  # error of an input as a curve of the outputs of the same sample
+WANDERS = 1.5  # standard deviation of a delay that varies, in samples
+FED_BACK = 1e-3  # level of the test for feedback,
+FED_SHARE = 0.01  # and share of an input that noise moves, from which it matters,
+FORESEEN = 1e-4  # unless the past of the input foretells all but this share of it,
+OWN_LAGS = 20  # samples of it
+LINEAR = "No nonlinearity was found."
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Say which estimator to begin with, with which options, and why.
+
+    Parameters
+    ----------
+    estimator : type or None
+        Estimator; None if no model of this package fits, or the record cannot tell.
+    options : dict
+        Options of the estimator that the record asks for.
+    reason : str
+        Why, in a sentence.
+
+    Examples
+    --------
+    >>> record = alssnn.datasets.make_pendulum(1500, noise=0.01, random_state=0)
+    >>> wanted = alssnn.look(record.u, record.y, dt=record.dt).recommendation
+    >>> print(wanted)
+    FlSsnn(feedback='state', dt=0.05)
+    >>> model = wanted.estimator(**wanted.options)
+    """
+
+    estimator: type | None
+    options: dict = field(default_factory=dict)
+    reason: str = ""
+
+    def __bool__(self):
+        """Tell whether there is a model to begin with."""
+        return self.estimator is not None
+
+    def __str__(self):
+        """Return the estimator with its options, as one would write it."""
+        if self.estimator is None:
+            return "no model of this package"
+        options = ", ".join(f"{k}={v!r}" for k, v in self.options.items())
+        return f"{self.estimator.__name__}({options})"
+
+
+def recommend(records, delays, p, response, dt, period=None):
+    """Recommend what to begin with (eq. rivals).
+
+    Parameters
+    ----------
+    records : Records
+        Record.
+    delays : ndarray of int of shape (nu,), or None
+        Samples by which inputs seem to arrive late; None if a signal is at rest.
+    p : float
+        How likely a linear plant gives such a record; nan if it cannot tell.
+    response : FrequencyResponse or None
+        Frequency response, if there is one.
+    dt : float
+        Sampling time, in seconds.
+    period : int or None, default=None
+        Samples of a period of a periodic record.
+
+    Returns
+    -------
+    recommendation : Recommendation
+        Estimator, options and reason.
+    """
+    given = {} if dt == 1.0 else {"dt": dt}
+    n_samples, is_linear = sum(len(u) for u, _ in records.pairs), p >= LEVEL
+    if delays is None:
+        return _none(_what_rests(records))
+    if np.isnan(p):
+        return _none(_too_few(records))
+    if n_samples < SHORT and not is_linear:
+        return _none(
+            f"The plant is nonlinear, and {n_samples} samples are too few for "
+            "networks: record more."
+        )
+    if n_samples < SHORT:
+        return Recommendation(LinearStateSpace, given, LINEAR)
+    parts = Parts.of(records)
+    if not any(np.isfinite(y).any() for _, y in parts.hidden):
+        return _none("No hidden sample was measured.")
+    fits, why = [_linear(parts, delays)], LINEAR
+    if not is_linear and _is_near_floor(response):
+        why = "A linear model comes within 5 % of the noise."
+    elif not is_linear:
+        fits, why = _with_networks(parts, fits[0], records.ny), ""
+    best = min(fits, key=lambda fit: fit.error)
+    rival = _rival(parts, delays, best.error, is_linear)
+    if rival:
+        return _none(rival)
+    near = NEAR * best.error if best.error < USEFUL else np.inf
+    chosen = next(fit for fit in fits if fit.error <= near)
+    options, sentences = {**chosen.options, **given}, [why or _why(fits, chosen)]
+    if _is_fed_back(parts, best, period):
+        options["noise"] = "innovations"
+        sentences.append("Noise of the outputs moves the inputs: a loop was closed.")
+    if chosen.name == "AL" and not chosen.options:  # a monotone map needs u in time
+        bent = trial(parts, "h(y)", _orders(fits[0], records.ny), **MONOTONE)
+        if bent.error <= NEAR * best.error:
+            tried = Recommendation(bent.estimator, {**bent.options, **given})
+            sentences.append(
+                f"A curve that the input goes through does as well: compare {tried}."
+            )
+    return Recommendation(chosen.estimator, options, " ".join(sentences))
+
+
+def _none(reason):
+    """Return that no model of this package is the one to begin with."""
+    return Recommendation(None, {}, reason)
+
+
+def _what_rests(records):
+    """Say which columns are at rest, or were never measured."""
+    u, y = (np.concatenate(z) for z in zip(*records.pairs, strict=True))
+    names = [*records.input_names, *records.output_names]
+    values = [column[np.isfinite(column)] for column in np.hstack([u, y]).T]
+    still = [
+        n for n, z in zip(names, values, strict=True) if not (len(z) and z.std() > 0)
+    ]
+    return (
+        f"At rest: {', '.join(still)}; nothing can be learned of it. Leave it out, or "
+        "record it while it moves."
+    )
+
+
+def _too_few(records):
+    """Say of which samples there are too few."""
+    whole = [np.isfinite(y).all(axis=1) for _, y in records.pairs]
+    n, n_whole = sum(map(len, whole)), sum(int(w.sum()) for w in whole)
+    if n_whole < n:
+        return (
+            f"Too few samples have all outputs measured, {n_whole} of {n}, or too few "
+            "of them in a row: leave out an output that is seldom measured, or record "
+            "more."
+        )
+    return "There are too few samples: record more."
+
+
+def _is_near_floor(response):
+    """Tell whether a linear model comes within 5 % of the noise."""
+    if response is None or not np.isfinite(response.noise_rms).all():
+        return False
+    return bool(np.all(response.total_rms <= NEAR_FLOOR * response.noise_rms))
+
+
+def _linear(parts, delays):
+    """Return the linear trial, with the options that make it better."""
+    best = trial(parts, "linear")
+    more: list[dict] = [{"feedthrough": True}]
+    if delays.any():
+        more.append({"input_delay": delays.tolist()})
+    for one in more:
+        fit = trial(parts, "linear", **one)
+        if fit.error < PAYS * best.error:
+            best = fit
+    return best
+
+
+def _with_networks(parts, linear, ny):
+    """Return trials of all families that have the options of the linear one."""
+    names, orders = with_options(linear.options), _orders(linear, ny)
+    return [linear, *(trial(parts, n, orders, **linear.options) for n in names)]
+
+
+def _orders(linear, ny):
+    """Return orders to try: what bends looks like many states to a linear model."""
+    return sorted({max(2, ny), max(2, linear.model.nx_)})
+
+
+def _why(fits, chosen):
+    """Say what the trial fits left of hidden outputs."""
+    left = ", ".join(f"{fit.name} {100 * fit.error:.2g} %" for fit in fits)
+    if chosen.name == "linear":
+        return (
+            "Small models with networks are hardly better on hidden samples (errors: "
+            f"{left} of the output)."
+        )
+    return (
+        f"It is the simplest of the small models that come near the best one on hidden "
+        f"samples (errors: {left} of the output)."
+    )
+
+
+def _rival(parts, delays, least, is_linear):
+    """Return what describes the record better than any model; empty if nothing does."""
+    if not is_linear:
+        error = curve(parts, delays)
+        if error <= min(NEAR * least, USEFUL):
+            return (
+                "A curve of the inputs without any dynamics leaves "
+                f"{100 * error:.2g} % of the output, the best small model "
+                f"{100 * least:.2g} %: fit a curve, or sample faster."
+            )
+        error = hysteresis(parts, delays)
+        if error <= min(MUCH * least, USEFUL):
+            return (
+                f"Play operators (hysteresis) leave {100 * error:.2g} % of the "
+                f"output, the best small model {100 * least:.2g} %: use a model of "
+                "hysteresis, such as that of Prandtl and Ishlinskii."
+            )
+    error = mirror(parts)
+    if error < MIRRORED:
+        return (
+            f"Inputs and outputs of a sample follow from each other, up to "
+            f"{100 * error:.2g} %: the plant has no dynamics, or nothing but a "
+            "controller moves it. Fit a curve, or move the reference while recording."
+        )
+    fixed, moving, spread = varying_delay(parts)
+    if moving <= min(MUCH * fixed, least / NEAR) and spread > WANDERS:
+        return (
+            f"The delay varies by {spread:.2g} samples rms: a linear response with a "
+            f"delay of its own in every window leaves {100 * moving:.2g} % of the "
+            f"output, the best small model {100 * least:.2g} %. Models here have a "
+            "fixed delay; make it constant, or measure what it depends on."
+        )
+    return ""
+
+
+def _is_fed_back(parts, fit, period):
+    """Tell whether noise of the outputs moves an input (eq. fedback)."""
+    runs = []
+    for u, y, _ in parts.pieces:
+        y_hat = fit.model.simulate_test(u, y)[1]
+        runs.append((u[-len(y_hat) :], y[-len(y_hat) :], y_hat))
+    if not all(np.isfinite(y_hat).all() for _, _, y_hat in runs):
+        return False
+    tests = feedback_tests(
+        runs,
+        simulated=[y_hat for _, _, y_hat in runs],
+        direct="feedthrough" not in fit.options,
+        period=period,
+    )
+    if tests is None:
+        return False
+    moved = tests.found(FED_BACK) & (tests.shares > FED_SHARE)
+    return bool((moved.any(axis=1) & (_surprise(parts) > FORESEEN)).any())
+
+
+def _surprise(parts):
+    """Return which share of the inputs their own past does not foretell."""
+    rows = [
+        np.hstack([u, lagged(u, range(1, OWN_LAGS + 1)), np.ones((len(u), 1))])
+        for u, _, _ in parts.pieces
+    ]
+    data = np.concatenate(list(complete(rows)))
+    nu = len(data.T) // (OWN_LAGS + 1)
+    u, X = data[:, :nu], data[:, nu:]
+    left = u - X @ np.linalg.lstsq(X, u)[0]
+    return left.var(axis=0) / np.maximum(u.var(axis=0), 1e-300)

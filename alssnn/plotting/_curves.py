@@ -1,0 +1,124 @@
+"""The curves of a figure as text, for a script that draws them again to zoom into."""
+
+import json
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_hex
+
+MOST_POINTS = 6_000  # of a curve; a screen has fewer
+
+
+def figure_curves(drawn):
+    """Return the curves of a figure of lines as text for the script of the page.
+
+    Parameters
+    ----------
+    drawn : matplotlib.figure.Figure
+        Figure whose axes hold lines, points and bands against one abscissa.
+
+    Returns
+    -------
+    text : str
+        JSON without any character that HTML would take for its own. A long curve
+        keeps the extremes of short stretches, which look the same.
+    """
+    panels = [_panel(axes) for axes in drawn.axes]
+    text = json.dumps(panels, allow_nan=False, separators=(",", ":"))
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+def _panel(axes):
+    """Return what the script draws of one axes."""
+    lines = [line for line in axes.get_lines() if len(line.get_xdata()) > 1]
+    ends = [z for line in lines if _is_data(axes, line) for z in line.get_xdata()]
+    series = [
+        {
+            "kind": "band",
+            "name": _name(band),
+            "color": to_hex(tuple(np.ravel(band.get_facecolor())[:3])),
+            **_band(path.vertices),
+        }
+        for band in axes.collections
+        if isinstance(band, PolyCollection)
+        for path in band.get_paths()
+    ]
+    for line in lines:
+        x, y = (np.asarray(z, dtype=float) for z in line.get_data())
+        if not _is_data(axes, line):  # a level, from edge to edge
+            x = np.array([min(ends), max(ends)], dtype=float)
+        is_points = line.get_linestyle() == "None"
+        style = line.get_linestyle()
+        series.append(
+            {
+                "kind": "stem" if is_points else "line",
+                "name": _name(line),
+                "color": to_hex(str(line.get_color())),
+                "width": round(float(line.get_linewidth()), 2),
+                "dashed": not is_points and style != "-",
+                "step": line.get_drawstyle() == "steps-post",
+                **_points(x, y),
+            }
+        )
+    spec = axes.get_subplotspec()
+    return {
+        "column": 0 if spec is None else spec.colspan.start,
+        "xlabel": _abscissa(axes),
+        "ylabel": _plain(axes.get_ylabel()),
+        "title": _plain(axes.get_title(loc="left") or axes.get_title()),
+        "series": series,
+    }
+
+
+def _is_data(axes, line):
+    """Return whether both coordinates are data; the abscissa of a level is not."""
+    return line.get_transform() == axes.transData
+
+
+def _abscissa(axes):
+    """Return the label of the abscissa with the unit that its ticks carry."""
+    label = _plain(axes.get_xlabel())
+    unit = getattr(axes.xaxis.get_major_formatter(), "unit", "")
+    return f"{label}, {unit}" if label and unit else label
+
+
+def _plain(label):
+    return " ".join(label.split())
+
+
+def _name(artist):
+    """Return the name in the legend; empty if it has none."""
+    label = str(artist.get_label())
+    return "" if label.startswith("_") else label
+
+
+def _band(vertices):
+    """Return the lower and the upper edge of a band around zero."""
+    x = np.unique(vertices[:, 0])
+    at = [vertices[vertices[:, 0] == value, 1] for value in x]
+    low, high = ([f(z) for z in at] for f in (np.min, np.max))
+    return {"x": _rounded(x, 7), "y": _rounded(low, 5), "high": _rounded(high, 5)}
+
+
+def _points(x, y):
+    """Return a curve, of a long one the extremes of every stretch."""
+    if len(x) > MOST_POINTS:
+        parts = np.array_split(np.arange(len(x)), MOST_POINTS // 2)
+        filled = np.where(np.isfinite(y), y, np.nan_to_num(np.nanmean(y)))
+        ends = [
+            sorted({int(part[f(filled[part])]) for f in (np.argmin, np.argmax)})
+            for part in parts
+        ]
+        kept = np.concatenate(ends)
+        x, y = x[kept], y[kept]
+    return {"x": _rounded(x, 7), "y": _rounded(y, 5)}
+
+
+def _rounded(values, digits):
+    """Return numbers with few digits; None where there is none."""
+    return [
+        float(f"{value:.{digits}g}") if np.isfinite(value) else None
+        for value in np.asarray(values, dtype=float)
+    ]

@@ -1,0 +1,377 @@
+"""Local certificates: proved from above, tried from below."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from structures import STRUCTURES, declare
+
+from alssnn.activations import ACTIVATIONS, Activation
+from alssnn.certificates import (
+    certify_local,
+    linearized_loop,
+    local_certificate,
+    peaks,
+    worst_input,
+)
+from alssnn.certificates._cells import Network, Strips, reaching, remainder
+from alssnn.certificates._covers import ByCells, ByNeurons
+from alssnn.certificates._lines import lines
+from alssnn.certificates._local import _scaled
+from alssnn.certificates._peaks import TooSlow
+from alssnn.lure import Lure
+from alssnn.simulation import channels, simulate
+from helpers import linear_plant, plant_of_structure, random_theta
+
+
+def stable(rng, n, radius):
+    A = rng.standard_normal((n, n))
+    return A * radius / np.abs(np.linalg.eigvals(A)).max()
+
+
+def small_loop(rng, nx=2, nu=1, nw=4, size=0.1, radius=0.8, activation="tanh"):
+    """Return a loop with two layers of neurons, and the design that ignores them."""
+    ny = 1
+    Theta = 0.5 * rng.standard_normal((nx + ny + nw, nx + nu + nw + 1))
+    A, B = stable(rng, nx, radius), rng.standard_normal((nx, nu))
+    Theta[:nx, : nx + nu] = np.hstack([A, B])
+    Theta[: nx + ny, nx + nu :] *= size
+    Theta[: nx + ny, -1] = 0.01
+    layer = np.arange(nw) >= nw // 2
+    Theta[nx + ny :, nx + nu : -1] *= layer[:, None] & ~layer[None, :]
+    loop = Lure(Theta, nx, nu, nw, (ACTIVATIONS[activation],) * nw)
+    M = loop.M
+    return loop, (A, B, M[nx:, :nx], M[nx:, nx:])
+
+
+def distances(loop, design, r):
+    """Return |y - y_lin| of every sample, by the plainest loops."""
+    A, B, C, D = design
+    y = channels(loop, simulate(loop, r, np.zeros(loop.nx))[:-1], r)[:, : len(C)]
+    x = np.zeros(len(A))
+    for k, r_k in enumerate(r):
+        y[k] -= C @ x + D @ r_k
+        x = A @ x + B @ r_k
+    return np.abs(y)
+
+
+def some_inputs(rng, amplitude, n=300):
+    """Yield inputs of many kinds within an amplitude."""
+    nr = len(amplitude)
+    yield amplitude * np.ones((n, nr))
+    yield amplitude * rng.uniform(-1, 1, (n, nr))
+    for hold in (1, 3, 12, 50):
+        levels = rng.choice([-1.0, 1.0], (n // hold + 1, nr))
+        yield amplitude * np.repeat(levels, hold, axis=0)[:n]
+    t = np.arange(n)[:, None]
+    yield amplitude * np.sin(rng.uniform(0.01, 3) * t + rng.uniform(0, 6, nr))
+
+
+# -- peak gains ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.9, 0.999])
+def test_a_peak_gain_is_attained_by_the_sign_of_the_response(rng, radius):
+    A, B = stable(rng, 3, radius), rng.standard_normal((3, 2))
+    C, D = rng.standard_normal((2, 3)), rng.standard_normal((2, 2))
+    found = peaks(A, B, C, D)
+    for i in range(2):
+        h = [D[i]]
+        X = B
+        for _ in range(30_000):
+            h.append(C[i] @ X)
+            X = A @ X
+        exact = np.abs(h).sum(axis=0)
+        assert np.all(found.gain[i] >= exact * (1 - 1e-12))
+        np.testing.assert_allclose(found.gain[i], exact, rtol=1e-4)
+
+
+def test_the_response_to_constants_stays_in_its_range(rng):
+    A, C = stable(rng, 3, 0.97), rng.standard_normal((2, 3))
+    c, d = rng.standard_normal(3), rng.standard_normal(2)
+    found = peaks(A, np.zeros((3, 0)), C, np.zeros((2, 0)), c, d)
+    x, seen = np.zeros(3), []
+    for _ in range(3_000):
+        seen.append(C @ x + d)
+        x = A @ x + c
+    np.testing.assert_allclose(found.low, np.min(seen, axis=0), rtol=1e-5)
+    np.testing.assert_allclose(found.high, np.max(seen, axis=0), rtol=1e-5)
+    assert np.all(found.low <= np.min(seen, axis=0))
+    assert np.all(found.high >= np.max(seen, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("radius", "match"), [(1.0, "not below one"), (1 - 1e-9, "modulus")]
+)
+def test_poles_at_the_circle_have_no_sum(radius, match):
+    A = np.array([[radius]])
+    with pytest.raises(TooSlow, match=match):
+        peaks(A, np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
+
+
+# -- lines -----------------------------------------------------------------------------
+
+SOFTSIGN = Activation(
+    "softsign",
+    lambda v: v / (1 + abs(v)),
+    lambda v, w: (1 - abs(w)) ** 2,
+    slope=(0, 1),
+    bound=1,
+)
+
+
+@pytest.mark.parametrize("activation", [*ACTIVATIONS.values(), SOFTSIGN])
+@settings(max_examples=40, deadline=None)
+@given(
+    low=st.floats(-8, 8),
+    width=st.floats(0, 10),
+    pieces=st.integers(1, 70),
+    slopes=st.sampled_from([1, 9]),
+)
+def test_a_line_holds_on_its_interval(activation, low, width, pieces, slopes):
+    a, b = np.array([low]), np.array([low + width])
+    s, m, d = lines(activation, a, b, pieces, slopes)
+    nu = np.linspace(low, low + width, 1_001)
+    error = np.abs(activation.value(nu) - s * nu - m)
+    assert error.max() <= d[0] * (1 + 1e-12) + 1e-15
+    least, largest = activation.slopes(a, b)
+    derivative = activation.derivative(nu, activation.value(nu))
+    inner = derivative[1:-1] if activation.name == "relu" else derivative
+    assert np.all(inner >= least - 1e-12) and np.all(inner <= largest + 1e-12)
+
+
+@pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
+def test_pieces_make_a_line_tight(name):
+    activation = ACTIVATIONS[name]
+    low, high = np.array([-2.0, 0.1, -0.5]), np.array([1.0, 0.4, 3.0])
+    s, m, d = lines(activation, low, high, 400, 1)
+    for i in range(3):
+        nu = np.linspace(low[i], high[i], 5_001)
+        error = np.abs(activation.value(nu) - s[i] * nu - m[i]).max()
+        assert d[i] <= 1.02 * error + 1e-12
+
+
+# -- cells -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu", "sin"])
+@pytest.mark.parametrize("budget", [100, 20_000])
+def test_no_point_of_a_region_exceeds_its_remainder(rng, activation, budget):
+    loop, _ = small_loop(rng, size=1.0, activation=activation)
+    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
+    box = np.array([[-1.0, -0.5, -1.0], [0.7, 2.0, 1.0]])
+    rows = np.array([[1.0, 1.0]])
+    seen = np.full((2, network.lure.nw), np.inf) * [[-1], [1]]
+    region = Strips(box, rows, np.array([-0.6]), np.array([1.2]), seen)
+    z = region.samples(20_000, rng)
+    fit = np.linalg.lstsq(
+        np.column_stack([z, np.ones(len(z))]), network.values(z), rcond=None
+    )[0].T
+    true = network.values(z) - z @ fit[:, :-1].T - fit[:, -1]
+    low, high = remainder(network, region, np.eye(3), fit, true[:500], budget)
+    assert np.all(true >= low - 1e-12) and np.all(true <= high + 1e-12)
+    if budget > 100:  # and hardly more
+        assert np.all(high - low <= 1.4 * np.ptp(true, axis=0) + 1e-9)
+
+
+def test_a_network_is_its_loop_in_other_coordinates(rng):
+    loop, _ = small_loop(rng)
+    T, unit, scale = rng.standard_normal((2, 2)), np.array([3.0]), np.array([0.2])
+    network = Network.of(loop, 1, T, unit, scale)
+    z = rng.standard_normal((20, 3))
+    x, r = z[:, :2] @ T.T, z[:, 2:] * unit
+    for k in range(20):
+        after = simulate(loop, r[k : k + 1], x[k])[1]
+        y = channels(loop, x[k : k + 1], r[k : k + 1])[0]
+        expected = np.concatenate([np.linalg.solve(T, after), y / scale])
+        np.testing.assert_allclose(network.values(z[k : k + 1])[0], expected)
+
+
+def test_neurons_that_reach_nothing_are_left_out(rng):
+    loop, _ = small_loop(rng)
+    Theta = loop.Theta.copy()
+    Theta[:3, 3 + np.array([1, 3])] = 0.0  # one is still seen by another
+    assert list(reaching(replace(loop, Theta=Theta), 1)) == [0, 1, 2]
+
+
+# -- certificates ----------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    nx=st.integers(1, 4),
+    nu=st.integers(1, 2),
+    size=st.sampled_from([0.02, 0.1, 0.3]),
+    activation=st.sampled_from(["tanh", "sigmoid", "relu", "sin"]),
+)
+def test_no_input_violates_a_certificate(seed, nx, nu, size, activation):
+    rng = np.random.default_rng(seed)
+    loop, design = small_loop(rng, nx, nu, size=size, activation=activation)
+    amplitude = rng.uniform(0.2, 2.0, nu)
+    c = local_certificate(loop, design, amplitude)
+    if not c.holds:
+        assert c.reason and not c.verify() >= 0
+        return
+    assert c.verify() >= 0
+    assert np.all(c.lower_bounds <= c.output_bounds)
+    for r in [*some_inputs(rng, amplitude), c.worst_input]:
+        assert np.all(distances(loop, design, r) <= c.output_bounds)
+        X = simulate(loop, r, np.zeros(nx))
+        assert np.all(X >= c.x_low - 1e-9) and np.all(X <= c.x_high + 1e-9)
+
+
+def test_the_worst_input_is_worse_than_random_ones_and_as_bad_as_said(rng):
+    loop, design = small_loop(rng, size=0.2)
+    amplitude = np.array([1.0])
+    c = local_certificate(loop, design, amplitude)
+    assert np.all(np.abs(c.worst_input) <= amplitude)
+    e = distances(loop, design, c.worst_input)
+    assert e.max() == pytest.approx(c.lower_bound, rel=1e-6)
+    others = max(distances(loop, design, r).max() for r in some_inputs(rng, amplitude))
+    assert others <= c.lower_bound * (1 + 1e-9)
+
+
+def test_a_linear_difference_is_bounded_exactly(rng):
+    """Without neurons: the bound is the peak gain, and the worst input attains it."""
+    A, B = stable(rng, 3, 0.9), rng.standard_normal((3, 1))
+    C = rng.standard_normal((1, 3))
+    Theta = np.zeros((4, 5))
+    Theta[:3, :3], Theta[:3, 3:4], Theta[3:, :3] = A, B, C
+    design = A, 1.1 * B, C, np.zeros((1, 1))
+    c = local_certificate(Lure(Theta, 3, 1, 0), design, [2.0])
+    assert c.holds and c.ratio < 1 + 1e-6
+    assert c.output_bound == pytest.approx(0.1 * c.design_peak[0] / 1.1, rel=1e-6)
+
+
+def test_the_design_may_have_other_states(rng):
+    loop, (A, B, C, D) = small_loop(rng, size=0.05)
+    extra = np.zeros((3, 3))
+    extra[:2, :2], extra[2, 2] = A, 0.5
+    design = extra, np.vstack([B, [[1.0]]]), np.hstack([C, [[0.0]]]), D
+    c = local_certificate(loop, design, [1.0])
+    plain = local_certificate(loop, (A, B, C, D), [1.0])
+    assert c.holds and c.method == "neurons"
+    assert plain.lower_bound <= c.output_bound * (1 + 1e-9)
+
+
+def test_cells_know_what_neurons_forget():
+    """Two neurons that cancel each other add nothing over a region."""
+    Theta = np.zeros((2 + 2, 2 + 2 + 1))
+    Theta[0, :2] = 0.5, 1.0
+    Theta[1, 0] = 1.0
+    Theta[0, 2:4] = 2.0, -2.0
+    Theta[2:, 0] = 1.0, 1.0 + 1e-9
+    loop = Lure(Theta, 1, 1, 2)
+    design = np.array([[0.5]]), np.array([[1.0]]), np.array([[1.0]]), np.zeros((1, 1))
+    network, scaled, _ = _scaled(loop, design, np.ones(1), np.ones(1))
+    by_cells = ByCells(network, scaled)
+    apart = by_cells.system(by_cells.start)
+    by_neurons = ByNeurons(network)
+    lost = by_neurons.system(np.array([[-2.0, -2.0], [2.0, 2.0]]))
+    assert np.all(apart.radius < 0.2) and np.abs(lost.G) @ lost.radius > 0.5
+    c = local_certificate(loop, design, [1.0])
+    assert c.holds and c.method == "cells"
+
+
+def test_what_diverges_does_not_hold():
+    """x+ = x / 2 + tanh(x) + r has a slope of 1.5 at the origin."""
+    Theta = np.array([[0.5, 1.0, 1.0, 0.0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    loop = Lure(Theta, 1, 1, 1)
+    design = np.array([[0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    c = local_certificate(loop, design, [0.1])
+    # it does not diverge, for tanh saturates: the bound is that of the whole range
+    assert c.lower_bound > 1.5 and (not c.holds or c.output_bound >= c.lower_bound)
+    Theta[0, 2] = 1e4
+    grows = Lure(Theta, 1, 1, 1, (ACTIVATIONS["relu"],))
+    c = local_certificate(grows, design, [0.1])
+    assert not c.holds and c.verdict == "does not hold"
+    assert "diverges" in c.reason and "diverges" in repr(c)
+    unstable = np.array([[1.2]]), *design[1:]
+    c = local_certificate(loop, unstable, [0.1])
+    assert not c.holds and "spectral radius" in c.reason
+
+
+def test_tampering_is_detected(rng):
+    loop, design = small_loop(rng, size=0.1)
+    c = local_certificate(loop, design, [1.0])
+    assert c.verify() >= 0
+    smaller = replace(c, output_bounds=0.9 * c.output_bounds)
+    assert not smaller.verify() >= 0
+    tight = replace(c.proof, region=0.8 * c.proof.region)
+    assert not replace(c, proof=tight).verify() >= 0
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_every_structure(name):
+    rng = np.random.default_rng(5)
+    structure = declare(name, rng)
+    plant = plant_of_structure(structure, random_theta(structure, rng, 0.5), rng)
+    if plant.no_law:
+        with pytest.raises(ValueError, match="law"):
+            certify_local(plant, 0.2)
+        return
+    if plant.nd:  # the range of disturbances comes from the record
+        with pytest.raises(ValueError, match="amplitude"):
+            certify_local(plant, 0.2)
+        return
+    c = certify_local(plant, 0.2)
+    loop = linearized_loop(plant)
+    A, B, C, D = plant.linear()
+    if c.holds:
+        assert c.verify() >= 0
+        for r in some_inputs(rng, np.full(plant.nv, 0.2), 150):
+            e = distances(loop, (A, B, C, D), r)
+            assert np.all(e <= c.output_bounds)
+    else:
+        assert c.reason
+
+
+def test_amplitude_and_messages(rng):
+    plant = linear_plant(stable(rng, 2, 0.5), np.ones((2, 1)), np.ones((1, 2)))
+    assert certify_local(plant, 0.5).holds
+    for wrong in (0.0, -1.0, np.nan, [1.0, 2.0]):
+        with pytest.raises(ValueError, match="`amplitude` must be positive"):
+            certify_local(plant, wrong)
+    with pytest.raises(ValueError, match="`amplitude` must be given"):
+        certify_local(plant)
+
+
+def test_the_worst_input_alone(rng):
+    loop, design = small_loop(rng, nu=2)
+    found, r = worst_input(loop, design, np.array([0.5, 0.0]), 60)
+    assert found.shape == (1,) and np.all(r[:, 1] == 0)
+    assert np.abs(r[:, 0]).max() <= 0.5
+
+
+def test_the_scorer_is_the_proved_share():
+    from alssnn import LinearStateSpace
+    from alssnn.datasets import make_wiener_hammerstein
+    from alssnn.scorers import neg_certified_distance
+
+    record = make_wiener_hammerstein(600, random_state=0)
+    model = LinearStateSpace(nx=3, dt=record.dt).fit(*record)
+    score = neg_certified_distance(model, *record)
+    assert -1e-6 < score <= 0  # a linear model is its design
+
+
+def test_an_activation_without_a_bounded_slope_is_said():
+    root = Activation("root", np.cbrt, lambda v, w: 1 / (3 * w**2), slope=(0, np.inf))
+    Theta = np.array([[0.5, 1.0, 0.1, 0.0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    design = np.array([[0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    c = local_certificate(Lure(Theta, 1, 1, 1, (root,)), design, [0.1], search=False)
+    assert not c.holds and "'root' has no bounded slope" in c.reason
+
+
+@pytest.mark.parametrize("unit", [1e-14, 1e14])
+def test_units_change_no_bound(rng, unit):
+    loop, (A, B, C, D) = small_loop(rng, size=0.1)
+    Theta = loop.Theta.copy()
+    Theta[:, 2:3] /= unit
+    scaled = replace(loop, Theta=Theta)
+    c = local_certificate(loop, (A, B, C, D), [0.5], search=False)
+    design = A, B / unit, C, D / unit
+    same = local_certificate(scaled, design, [0.5 * unit], search=False)
+    np.testing.assert_allclose(same.output_bounds, c.output_bounds, rtol=1e-6)

@@ -1,0 +1,333 @@
+"""Tubes of the plant around the model: the level is kept, what is missing is said."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from alssnn import LinearStateSpace
+from alssnn.certificates import iss_certificate
+from alssnn.certificates._units import (
+    Run,
+    conformal_quantile,
+    fit_scale,
+    least_units,
+    lengths,
+    measure,
+    rank,
+    simulated_runs,
+    units_of,
+)
+from alssnn.datasets import make_duffing, make_pendulum, make_valve_tank
+from helpers import simulate_linear
+
+PLANTS = {
+    "pendulum": make_pendulum,
+    "Duffing": make_duffing,
+    "tank": make_valve_tank,
+}
+
+
+def records(make, seeds, n=120):
+    pairs = [make(n, noise=0.01, random_state=seed) for seed in seeds]
+    return [pair.u for pair in pairs], [pair.y for pair in pairs]
+
+
+def wrong_model(make):
+    """Return a linear model, which no such plant is."""
+    train = make(1000, noise=0.01, random_state=0)
+    return LinearStateSpace(nx=2, dt=train.dt).fit(*train)
+
+
+# -- the level -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_200_fresh_records_keep_the_level(plant):
+    """On average over calibrations: that of one has a standard deviation of 5 %.
+
+    One calibration and 200 fresh records alone would leave that of the average at 5 %
+    and 2 %. So both are drawn 200 times from a pool.
+    """
+    make, level, n = PLANTS[plant], 0.9, 39
+    model = wrong_model(make)
+    u, y = records(make, range(1, 261))
+    tube = model.tube(u[:52], y[:52], level=level)  # 13 of which fit the scale
+    assert tube.finite and tube.n_blocks.tolist() == [n] and tube.block is None
+    # scores of the rest by the scale of the first: what `contains` compares
+    inside = tube.contains(u[52:], y[52:])
+    assert inside.shape == (208,)
+    low, high = tube.coverage_range[0]
+    assert low - 0.06 < inside.mean() < high + 0.06
+    fresh = model.tube(u[52:], y[52:], level=level)
+    pool = np.concatenate([tube.scores[:, 0], rescored(fresh, tube, u[52:], y[52:])])
+    kept, rng = [], np.random.default_rng(0)
+    for _ in range(200):
+        drawn = rng.permutation(pool)
+        kept.append(np.mean(drawn[n : n + 200] <= conformal_quantile(drawn[:n], level)))
+    assert abs(np.mean(kept) - level) < 0.02
+    # what is promised of one calibration
+    assert 0.03 < np.std(kept) < 0.07
+
+
+def rescored(fresh, tube, u, y):
+    runs = simulated_runs(fresh.model, u, y, None, None)
+    centers = fresh.model.u_offset_, fresh.model.y_offset_
+    errors, sizes = measure(units_of(runs, None, 0), *centers)
+    return (errors / (sizes @ tube.coefficients.T)[:, :, 0])[:, 0]
+
+
+def test_blocks_of_fresh_records_keep_the_level():
+    """Where blocks are no experiments, and exchangeable only nearly."""
+    model, kept = wrong_model(make_duffing), []
+    fresh = records(make_duffing, range(100, 110), 4000)
+    for seed in range(1, 21):
+        record = make_duffing(4000, noise=0.01, random_state=seed)
+        tube = model.tube(*record, block=40, gap=20)
+        assert tube.n_blocks.tolist() == [49]
+        kept.append(tube.contains(*fresh).mean())
+    assert abs(np.mean(kept) - 45 / 50) < 0.02
+
+
+@pytest.mark.parametrize("n", [8, 9, 10, 39, 40])
+def test_the_quantile_is_exact(n):
+    """A fresh score of n + 1 different ones is kept r times of n + 1."""
+    scores, level = np.random.default_rng(n).standard_normal(n + 1), 0.9
+    kept = [conformal_quantile(np.delete(scores, i), level) for i in range(n + 1)]
+    expected = int(np.ceil(np.round((n + 1) * level, 6)))
+    assert rank(n, level) == expected
+    assert np.sum(scores <= kept) == min(expected, n + 1)
+    assert np.isinf(kept).all() == (n < 9)
+    assert least_units(level) == 9 and least_units(0.95) == 19
+
+
+def test_missing_scores_do_not_count():
+    scores = np.r_[np.arange(9.0), np.nan]
+    assert conformal_quantile(scores, 0.9) == 8.0
+    assert conformal_quantile(scores[1:], 0.9) == np.inf
+
+
+# -- widths ----------------------------------------------------------------------------
+
+
+def test_widths_follow_the_size_of_the_signals():
+    """Without that, records with large inputs would leave the tube more often."""
+    sizes = np.random.default_rng(0).uniform(0.05, 0.6, 120)
+
+    def of(a, seed):
+        record = make_duffing(120, noise=0.0, amplitude=a, random_state=seed)
+        return record.u, record.y
+
+    model = wrong_model(make_duffing)
+    pairs = [of(a, seed) for seed, a in enumerate(sizes)]
+    u, y = [p[0] for p in pairs], [p[1] for p in pairs]
+    tube = model.tube(u[:60], y[:60])
+    assert tube.n_blocks.tolist() == [45]
+    widths = np.array([tube.half_width(z)[0, 0] for z in u[60:]])
+    small, large = sizes[60:] < 0.2, sizes[60:] > 0.45
+    assert widths[large].mean() > 2 * widths[small].mean()
+    inside = tube.contains(u[60:], y[60:])
+    assert inside[large].mean() > 0.6 and inside.mean() > 0.8
+
+
+def test_the_scale_of_known_errors(rng):
+    sizes = np.ones((400, 1, 3))
+    sizes[:, 0, 1:] = rng.uniform(0.5, 2, (400, 2))
+    errors = (sizes @ np.array([0.1, 0.5, 0.2])) * rng.uniform(0.99, 1.01, (400, 1))
+    fits, coefficients = fit_scale(errors, sizes, 0.9)
+    assert fits.sum() == 100
+    np.testing.assert_allclose(coefficients[0], [0.1, 0.5, 0.2], atol=0.01)
+    # too few, or no error at all: the same width for all
+    for e, s in ((errors[:12], sizes[:12]), (0 * errors, sizes)):
+        np.testing.assert_array_equal(fit_scale(e, s, 0.9)[1], [[1, 0, 0]])
+    assert not fit_scale(errors[:12], sizes[:12], 0.9)[0].any()
+
+
+# -- many outputs, gaps, shapes --------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_outputs():
+    rng = np.random.default_rng(0)
+    A, B, C = np.array([[0.8, 0.1], [-0.2, 0.7]]), np.eye(2), np.eye(2)
+    us = [rng.standard_normal((60, 2)) for _ in range(81)]
+    ys = [simulate_linear(A, B, C, u) for u in us]
+    ys = [y + 0.1 * rng.standard_t(3, y.shape) * [1, 5] for y in ys]
+    return LinearStateSpace(nx=2, dt=1.0).fit(us[0], ys[0]), us[1:], ys[1:]
+
+
+def test_every_output_has_its_level(two_outputs):
+    model, u, y = two_outputs
+    each = model.tube(u[:40], y[:40])
+    joint = model.tube(u[:40], y[:40], joint=True)
+    assert each.n_blocks.tolist() == joint.n_blocks.tolist() == [30, 30]
+    assert (joint.quantile >= each.quantile).all() and each.typical[1] > each.typical[0]
+    assert joint.quantile[0] == joint.quantile[1]
+    assert each.contains(u[40:], y[40:]).shape == (40, 2)
+    assert joint.contains(u[40:], y[40:]).shape == (40,)
+    band = each.around(u[40], y[40])
+    assert band.y.shape == band.lower.shape == (60, 2)
+    assert "of all outputs together" in repr(joint)
+    assert "of all outputs together" not in repr(each)
+
+
+def test_missing_outputs_do_not_count(two_outputs):
+    model, u, y = two_outputs
+    whole = model.tube(u[:40], y[:40])
+    holes = [z.copy() for z in y[:40]]
+    holes[3][:, 0] = np.nan  # never measured
+    tube = model.tube(u[:40], holes)
+    assert tube.n_blocks.tolist() == [29, 30]
+    assert tube.quantile[1] == pytest.approx(whole.quantile[1])
+    # what was not measured was not outside
+    wild = y[41].copy()
+    wild[30] = 1e6
+    assert not whole.contains(u[41], wild).any()
+    wild[30] = np.nan
+    kept = whole.contains([u[41]], [y[41]])
+    np.testing.assert_array_equal(whole.contains([u[41]], [wild]), kept)
+
+
+def test_a_band_is_what_contains_compares(two_outputs):
+    model, u, y = two_outputs
+    for tube in (
+        model.tube(u[:40], y[:40]),
+        model.tube(u[:40], y[:40], horizon=2),
+        model.tube(u[:40], y[:40], block=20, gap=0),
+    ):
+        for u_i, y_i in zip(u[40:50], y[40:50], strict=True):
+            band = tube.around(u_i, y_i)
+            inside = (band.lower <= y_i) & (y_i <= band.upper)
+            width = tube.half_width(u_i, y_i)
+            np.testing.assert_allclose(band.upper - band.y, width)
+            if tube.block is None:  # blocks of `around` begin with the record
+                counted = inside[15:]  # a quarter of it estimates the initial state
+                np.testing.assert_array_equal(
+                    tube.contains(u_i, y_i), [counted.all(axis=0)]
+                )
+
+
+def test_shapes_and_containers():
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(900)
+    y = simulate_linear(np.eye(1) / 2, np.eye(1), np.eye(1), u[:, None])[:, 0]
+    y += 0.1 * rng.standard_normal(900)
+    model = LinearStateSpace(nx=1, dt=1.0).fit(u[:200], y[:200])
+    tube = model.tube(u[200:], y[200:])
+    assert tube.block >= 10 and tube.finite
+    band = tube.around(u[200:])
+    assert band.y.shape == band.upper.shape == (700,)
+    np.testing.assert_allclose(band.y, model.predict(u[200:]))
+    frame = LinearStateSpace(nx=1, dt=1.0).fit(
+        pd.DataFrame({"u": u[:200]}), pd.DataFrame({"y": y[:200]})
+    )
+    same = frame.tube(pd.DataFrame({"u": u[200:]}), pd.DataFrame({"y": y[200:]}))
+    np.testing.assert_allclose(same.quantile, tube.quantile, rtol=1e-6)
+    x0 = np.ones(1)
+    np.testing.assert_allclose(
+        tube.around(u[200:], x0=x0).y, model.predict(u[200:], x0=x0)
+    )
+    ahead = model.tube(u[200:], y[200:], horizon=1)
+    assert ahead.around(u, y).y.shape == (900,) and "1 samples ahead" in repr(ahead)
+
+
+def test_slow_errors_make_long_blocks():
+    rng, spans = np.random.default_rng(0), []
+    for pole in (0.0, 0.95):
+        e = np.zeros((20000, 1))
+        for k in range(1, len(e)):
+            e[k] = pole * e[k - 1] + rng.standard_normal()
+        run = Run(np.zeros_like(e), e, np.zeros_like(e), 0)
+        block, gap = lengths([run], 0.9, "auto", None)
+        spans.append(block)
+        assert gap == pytest.approx(block / 2, abs=4)
+    assert spans[0] == 10
+    assert spans[1] == pytest.approx(4 * 1.95 / 0.05, rel=0.4)
+
+
+# -- what is missing is said -----------------------------------------------------------
+
+
+def test_too_few_units_make_no_tube(two_outputs):
+    model, u, y = two_outputs
+    tube = model.tube(u[:8], y[:8], block="experiment")
+    assert not tube.finite and np.isinf(tube.half_width(u[0])).all()
+    assert "8 experiments are too few for the level 0.9, which takes 9" in tube.reason
+    assert repr(tube).startswith("Tube: infinite, free run. 8 experiments are too few")
+    assert tube.contains(u[10:], y[10:]).all()
+    assert tube.coverage_range.tolist() == [[1, 1], [1, 1]]
+    assert "infinite" in repr(tube.with_bound(0.1))
+    none = model.tube(u[:8], y[:8], block=1000)
+    assert none.n_blocks.tolist() == [0, 0] and "0 blocks" in none.reason
+    # blocks instead of experiments, of themselves
+    assert model.tube(u[:8], y[:8]).block is not None
+
+
+def test_a_simulation_that_diverges_is_outside(two_outputs, monkeypatch):
+    model, u, y = two_outputs
+    runs = simulated_runs(model, u[:40], y[:40], None, None)
+    runs[:12] = [run._replace(y_hat=run.y_hat * np.inf) for run in runs[:12]]
+    monkeypatch.setattr(
+        "alssnn.certificates._tube.simulated_runs", lambda *_, **__: runs
+    )
+    tube = model.tube(u, y)
+    assert tube.n_blocks.tolist() == [30, 30] and np.isinf(tube.scores[:9]).all()
+    assert "diverges in more than 0.1 of 30 experiments" in tube.reason
+    # nine of 30 are fewer than four of ten
+    tube = model.tube(u, y, level=0.6)
+    assert tube.finite and tube.contains(u, y)[12:].mean() > 0.6
+    assert not tube.contains(u, y)[:12].any()
+    assert np.isinf(tube.half_width(u[0]).reshape(40, -1)[:12]).any()
+
+
+def test_a_tube_says_what_it_rests_on(two_outputs):
+    model, u, y = two_outputs
+    tube = model.tube(u[:40], y[:40])
+    text = repr(tube)
+    assert "0.9 of future experiments" in text and "calibrated on 30" in text
+    assert "if the experiments of the calibration" in text
+    blocks = model.tube(u[:40], y[:40], block=20, gap=5)
+    assert "not of a whole record" in blocks.assumption and "gaps of 5" in repr(blocks)
+
+
+def test_a_tube_with_a_bound(two_outputs):
+    model, u, y = two_outputs
+    tube = model.tube(u[:40], y[:40])
+    certificate = iss_certificate(model.A_, model.C_, eps=0.1)
+    both = tube.with_bound(certificate)
+    np.testing.assert_array_equal(both.bound, certificate.output_bounds)
+    np.testing.assert_allclose(
+        both.half_width(u[50]), tube.half_width(u[50]) + certificate.output_bounds
+    )
+    assert "within the number that was given" in repr(both)
+    assert "of them the tube says nothing until" in both.statement
+    assert "plus 0.2.\n" in repr(tube.with_bound(0.2))
+    assert "infinite" in repr(tube.with_bound(np.inf))
+    for wrong in (-1.0, [1, 2, 3], "much"):
+        with pytest.raises(ValueError, match="`bound` must be at least 0"):
+            tube.with_bound(wrong)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"level": 1.0}, "`level` must be between 0 and 1, got 1.0"),
+        ({"level": "high"}, "`level` must be between 0 and 1, got 'high'"),
+        ({"block": 0}, "`block` must be 'auto', 'experiment' or a positive"),
+        ({"block": "day"}, "`block` must be 'auto'"),
+        ({"horizon": 0}, "`horizon` must be an integer of at least 1 or None"),
+        ({"gap": -1}, "`gap` must be an integer of at least 0 or None"),
+    ],
+)
+def test_wrong_arguments(two_outputs, options, said):
+    model, u, y = two_outputs
+    with pytest.raises(ValueError, match=said):
+        model.tube(u, y, **options)
+
+
+def test_a_horizon_needs_outputs(two_outputs):
+    model, u, y = two_outputs
+    tube = model.tube(u[:40], y[:40], horizon=3)
+    with pytest.raises(ValueError, match="`y` must be given for a tube 3 samples"):
+        tube.around(u[50])
+    with pytest.raises(ValueError, match=r"`x0` must be finite, of shape \(2,\)"):
+        model.tube(u[:40], y[:40]).around(u[50], x0=np.zeros(3))
