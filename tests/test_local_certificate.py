@@ -18,7 +18,8 @@ from alssnn.certificates import (
 )
 from alssnn.certificates._cells import Network, Strips, reaching, remainder
 from alssnn.certificates._covers import ByCells, ByNeurons
-from alssnn.certificates._lines import lines
+from alssnn.certificates._grid import Grid
+from alssnn.certificates._lines import chords, lines
 from alssnn.certificates._local import _scaled
 from alssnn.certificates._peaks import TooSlow
 from alssnn.lure import Lure
@@ -211,7 +212,7 @@ def test_no_input_violates_a_certificate(seed, nx, nu, size, activation):
     rng = np.random.default_rng(seed)
     loop, design = small_loop(rng, nx, nu, size=size, activation=activation)
     amplitude = rng.uniform(0.2, 2.0, nu)
-    c = local_certificate(loop, design, amplitude)
+    c = local_certificate(loop, design, amplitude, cells=5_000)
     if not c.holds:
         assert c.reason and not c.verify() >= 0
         return
@@ -292,6 +293,76 @@ def test_what_diverges_does_not_hold():
     unstable = np.array([[1.2]]), *design[1:]
     c = local_certificate(loop, unstable, [0.1])
     assert not c.holds and "spectral radius" in c.reason
+
+
+def spring_loop(radius=0.9):
+    """Return an oscillator with a spring that hardens, and its linear part."""
+    A = radius * np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]])
+    Theta = np.zeros((4, 5))
+    Theta[:2, :2], Theta[1, 2], Theta[2, 0] = A, 0.2, 1.0
+    Theta[1, 0] += 0.3
+    Theta[1, 3], Theta[3, 0] = -0.3, 1.0  # x1 - tanh(x1): cubic
+    design = A, Theta[:2, 2:3], Theta[2:3, :2], np.zeros((1, 1))
+    return Lure(Theta, 2, 1, 1, (ACTIVATIONS["tanh"],)), design
+
+
+def test_a_grid_knows_the_phase_that_peak_gains_forget():
+    loop, design = spring_loop()
+    rough = local_certificate(loop, design, [0.1], cells=0)
+    fine = local_certificate(loop, design, [0.1])
+    assert rough.holds and fine.holds and fine.verify() >= 0
+    assert fine.lower_bound == rough.lower_bound
+    assert fine.ratio < 1.3 < 1.38 < rough.ratio
+    finer = local_certificate(loop, design, [0.1], cells=1_000_000, search=False)
+    assert fine.lower_bound <= finer.output_bound < 0.97 * fine.output_bound
+    # the number of cells is part of what is recomputed
+    coarse = replace(fine.proof, cells=2_000)
+    assert not replace(fine, proof=coarse).verify() >= 0
+
+
+@pytest.mark.parametrize(("nx", "nu"), [(1, 1), (1, 2), (2, 2), (3, 1)])
+def test_no_input_violates_a_grid(nx, nu):
+    rng = np.random.default_rng(10 * nx + nu)
+    loop, design = small_loop(rng, nx, nu, size=0.3)
+    amplitude = rng.uniform(0.2, 2.0, nu)
+    network, scaled, _ = _scaled(loop, design, amplitude, np.ones(1))
+    proof = local_certificate(loop, design, amplitude, cells=0).proof
+    bound = Grid(network, scaled, proof.states(), 30_000).bounds()
+    inputs = list(some_inputs(rng, amplitude))
+    inputs.append(worst_input(loop, design, amplitude, 150)[1])
+    for r in inputs:
+        assert np.all(distances(loop, design, r) <= bound)
+
+
+def test_a_grid_knows_the_first_samples_after_a_rest_that_does_not_last():
+    """x+ = x / 2 + 1 - 1.2 tanh(3 x): at once y - y_lin = 1, then 0.3 and less."""
+    Theta = np.zeros((3, 4))
+    Theta[0] = [0.5, 0.01, -1.2, 1.0]
+    Theta[1, 0], Theta[2, 0] = 1.0, 3.0
+    loop = Lure(Theta, 1, 1, 1, (ACTIVATIONS["tanh"],))
+    design = np.array([[0.5]]), np.array([[0.01]]), np.ones((1, 1)), np.zeros((1, 1))
+    network, scaled, T = _scaled(loop, design, np.ones(1), np.ones(1))
+    half = 2.0 / abs(T[0, 0])
+    bound = Grid(network, scaled, np.array([[-half], [half]])).bounds()
+    found, r = worst_input(loop, design, np.ones(1), 100)
+    assert 1.0 <= found[0] <= bound[0] <= 1.1
+    assert distances(loop, design, r).max() == pytest.approx(found[0])
+
+
+@pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
+def test_chords_lie_in_their_range(name, rng):
+    activation = ACTIVATIONS[name]
+    about = rng.normal(0, 2, 20)
+    low, high = about - rng.exponential(2, 20), about + rng.exponential(2, 20)
+    least, largest = chords(activation, about, low, high)
+    nu = low + (high - low) * rng.random((500, 20))
+    w = activation.value(nu) - activation.value(about)
+    chord = w / (nu - about)
+    assert np.all(chord >= least - 1e-9) and np.all(chord <= largest + 1e-9)
+    # and are tighter than slopes, and nearly attained
+    slopes = activation.slopes(low, high)
+    assert np.all(least >= slopes[0] - 1e-9) and np.all(largest <= slopes[1] + 1e-9)
+    assert np.all(largest - least <= np.ptp(chord, axis=0) + 0.1)
 
 
 def test_tampering_is_detected(rng):

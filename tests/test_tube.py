@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from alssnn import LinearStateSpace
-from alssnn.certificates import iss_certificate
+from alssnn.certificates import error_gain, iss_certificate
 from alssnn.certificates._units import (
     Run,
     conformal_quantile,
@@ -17,7 +17,12 @@ from alssnn.certificates._units import (
     simulated_runs,
     units_of,
 )
-from alssnn.datasets import make_duffing, make_pendulum, make_valve_tank
+from alssnn.datasets import (
+    make_duffing,
+    make_pendulum,
+    make_valve_tank,
+    make_wiener_hammerstein,
+)
 from helpers import simulate_linear
 
 PLANTS = {
@@ -331,3 +336,31 @@ def test_a_horizon_needs_outputs(two_outputs):
         tube.around(u[50])
     with pytest.raises(ValueError, match=r"`x0` must be finite, of shape \(2,\)"):
         model.tube(u[:40], y[:40]).around(u[50], x0=np.zeros(3))
+
+
+def test_the_gain_of_a_known_error(rng):
+    """The plant adds a tenth of the input: every block has that gain."""
+    u, plant = rng.standard_normal((3_000, 1)), make_wiener_hammerstein(800)
+    model = LinearStateSpace(nx=4, dt=plant.dt).fit(*plant)
+    y = model.simulate(u, x0=np.zeros(4)) + 0.1 * u
+    y[100:130] = np.nan
+    error = error_gain(model, u, y, block=100)
+    assert error.gain.shape == (1, 1) and error.n_blocks >= 9
+    assert error.gain[0, 0] == pytest.approx(0.1, rel=0.1)
+    assert f"{error.n_blocks} that were used" in repr(error)
+    few = error_gain(model, u[:300], y[:300], block=100)
+    assert np.isinf(few.gain).all() and "too few" in repr(few)
+    with pytest.raises(ValueError, match="`level` must be between 0 and 1"):
+        error_gain(model, u, y, level=2.0)
+
+
+def test_fresh_records_keep_the_gain_of_the_error():
+    model = wrong_model(make_pendulum)
+    u, y = records(make_pendulum, range(600, 640))
+    error = error_gain(model, u, y)
+    fresh = records(make_pendulum, range(700, 800))
+    kept = []
+    for u_k, y_k in zip(*fresh, strict=True):
+        one = error_gain(model, [u_k], [y_k], level=0.5, block="experiment")
+        kept.append(one.gain[0, 0] <= error.gain[0, 0])
+    assert 0.8 <= np.mean(kept) <= 0.98

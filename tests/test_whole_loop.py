@@ -15,6 +15,7 @@ from alssnn.simulation import channels, simulate
 from helpers import plant_of_structure, random_theta
 
 NAMES = ["fl", "fl-state", "al", "al-siso", "al-state-output", "al-split"]
+SOLVED = ["monotone", "monotone-state"]  # laws that are solved at every sample
 
 
 def controlled(name, seed=0, *, integrates=True, limits=None, scale=1.0, size=0.3):
@@ -62,6 +63,7 @@ def name(request):
     return request.param
 
 
+@pytest.mark.parametrize("name", NAMES + SOLVED)
 @pytest.mark.parametrize("integrates", [True, False])
 @pytest.mark.parametrize("limits", [None, 0.2])
 def test_the_form_is_the_loop(name, integrates, limits, rng):
@@ -110,10 +112,7 @@ def test_no_run_violates_a_certificate(name, limits):
     trials += [rng.choice([-1.0, 1.0], (120, len(sizes))) * sizes, c.local.worst_input]
     for inputs in trials:
         Y, U = run(controller, inputs[:, : own.ny], inputs[:, own.ny :])
-        x, linear = np.zeros(len(A)), []
-        for e in inputs:
-            linear.append(C @ x + D @ e)
-            x = A @ x + B @ e
+        linear = forced(A, B, C, D, inputs)
         assert np.all(np.abs(Y - linear) <= c.local.output_bounds)
         assert np.all(U + own.v_offset >= c.u_low - 1e-9)
         assert np.all(U + own.v_offset <= c.u_high + 1e-9)
@@ -121,19 +120,98 @@ def test_no_run_violates_a_certificate(name, limits):
         assert np.all(c.u_low >= own.v_offset - limits)
 
 
-def test_trajectories_approach_each_other_at_the_proved_rate(rng):
-    controller = controlled("al", size=0.1)
-    c = certify_loop(controller, 0.1, noise=0.01)
-    assert c.gain.holds and c.decay < 1
-    loop = whole_loop(controller)
-    r = rng.uniform(-1, 1, (2, 300, loop.lure.nu)) * c.local.amplitude
-    Y = [
-        channels(loop.lure, simulate(loop.lure, one, np.zeros(loop.lure.nx))[:-1], one)
-        for one in r
-    ]
-    ny = controller.own.ny
-    difference = np.linalg.norm(Y[0][:, :ny] - Y[1][:, :ny])
-    assert difference <= c.gain.gamma * np.linalg.norm(r[0] - r[1])
+@pytest.mark.parametrize("name", SOLVED)
+@pytest.mark.parametrize("limits", [None, 1.0])
+def test_no_run_of_a_solved_law_violates_a_certificate(name, limits):
+    rng = np.random.default_rng(2)
+    controller = controlled(name, limits=limits, size=0.1)
+    own = controller.own
+    c = certify_loop(controller, 0.02, noise=0.002, search=False)
+    assert c.holds and c.verify() >= 0, c
+    sizes = c.local.amplitude
+    A, B, C, D = whole_loop(controller).design
+    for inputs in (
+        rng.uniform(-1, 1, (100, len(sizes))) * sizes,
+        rng.choice([-1.0, 1.0], (100, len(sizes))) * sizes,
+    ):
+        Y, U = run(controller, inputs[:, : own.ny], inputs[:, own.ny :])
+        linear = forced(A, B, C, D, inputs)
+        assert np.all(np.abs(Y - linear) <= c.local.output_bounds)
+        assert np.all(U + own.v_offset >= c.u_low - 1e-9)
+        assert np.all(U + own.v_offset <= c.u_high + 1e-9)
+
+
+def forced(A, B, C, D, inputs):
+    """Return the response of a linear system from rest."""
+    x, y = np.zeros(len(A)), []
+    for e in inputs:
+        y.append(C @ x + D @ e)
+        x = A @ x + B @ e
+    return np.array(y)
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("fl", None), ("monotone-state", None), ("al-siso", 0.8), ("fl-state", -0.8)],
+)
+def test_the_gain_bounds_the_distance_of_every_plant_near_the_model(name, share):
+    rng = np.random.default_rng(3)
+    controller = controlled(name, size=0.1)
+    own, plant = controller.own, controller.own
+    error = None if share is None else 0.05
+    c = certify_loop(controller, 0.1, noise=0.05, error=error, search=False)
+    assert c.holds and c.gain.holds and c.verify() >= 0, c
+    rest = own.y_offset if controller.tracks else own.v_offset
+    A, B, C, D = whole_loop(controller).design
+    for _ in range(3):
+        # a part of the range, so that errors stay within what counts as noise
+        r = 0.1 * rng.choice([-1.0, 1.0], (25, own.ny)).repeat(8, axis=0)
+        controller.reset()
+        x, Y, late = np.zeros(plant.nx), [], np.zeros(own.nv)
+        for r_k in r:
+            added = 0.0 if share is None else share * 0.05 * late.sum()
+            y = plant.output(x) + added
+            u = controller.step(rest + r_k, y)
+            x, late = plant.step(x, u), u - own.v_offset
+            Y.append(y - own.y_offset)
+            assert np.all(np.abs(added) <= 0.05)
+        inputs = np.hstack([r, np.zeros((len(r), own.ny))])
+        distance = np.linalg.norm(np.array(Y) - forced(A, B, C, D, inputs))
+        assert distance <= c.gain.gamma * np.linalg.norm(r)
+    if share is not None:
+        assert c.largest_error >= 1.0
+        beyond = certify_loop(controller, 0.1, noise=0.05, error=60.0, search=False)
+        assert not beyond.gain.holds and beyond.largest_error < 1
+
+
+@pytest.mark.parametrize("name", ["fl-state", "al", "monotone-state"])
+def test_the_loop_rests_from_every_state_of_the_basin(name):
+    rng = np.random.default_rng(4)
+    controller = controlled(name, size=0.1)
+    own = controller.own
+    c = certify_loop(controller, 0.2, noise=0.01, search=False)
+    assert c.rate.holds and np.linalg.eigvalsh(c.basin)[0] > 0
+    lure, n = whole_loop(controller).lure, own.nx
+    root = np.linalg.inv(np.linalg.cholesky(c.basin)).T
+    for direction in rng.standard_normal((8, n)):
+        x = root @ direction / np.linalg.norm(direction)
+        assert x @ c.basin @ x == pytest.approx(1.0)
+        start = np.concatenate([x, x, np.zeros(lure.nx - 2 * n)])
+        still = np.zeros((400, lure.nu))
+        X = simulate(lure, still, start)
+        X = X - simulate(lure, np.zeros((4000, lure.nu)), np.zeros(lure.nx))[-1]
+        V = np.einsum("ki,ij,kj->k", X, c.rate.P, X)
+        fall = c.decay ** (2 * np.arange(len(V)))
+        assert np.all(V <= V[0] * fall * (1 + 1e-6) + 1e-12)
+
+
+def test_a_larger_basin_is_detected():
+    c = certify_loop(controlled("al", size=0.1), 0.1, noise=0.01, search=False)
+    assert c.verify() >= 0
+    assert replace(c, basin=0.5 * c.basin).verify() == -np.inf
+    assert replace(c, gain=replace(c.gain, gamma=0.9 * c.gain.gamma)).verify() < 0
+    other = certify_loop(controlled("al", size=0.15), 0.1, noise=0.01, search=False)
+    assert replace(c, gain=other.gain).verify() == -np.inf
 
 
 def test_a_gain_that_is_too_high_is_refused():
@@ -164,6 +242,11 @@ def test_messages():
                 certify_loop(controller, 0.1, noise=wrong)
     with pytest.raises(ValueError, match="`amplitude` must be given"):
         certify_loop(controller)
+    for wrong in (-1.0, np.nan, [1.0, 2.0, 3.0], "much"):
+        with pytest.raises(ValueError, match="`error` must be at least 0"):
+            certify_loop(controller, 0.1, noise=0.1, error=wrong)
+    with pytest.raises(ValueError, match="`noise` must be positive"):
+        certify_loop(controller, 0.1, noise=0.0, error=0.1)
     own = controller.own
     ekf = LinearizingController(
         own, controller.gain, observer=Observer(own, kind="ekf")

@@ -16,10 +16,13 @@ _peaks           what bounded inputs do to linear systems
 _worst           the input that takes a loop farthest from its design
 _whole           the whole loop: plant, observer, law, integrators, limits
 _whole_certificate  what is proved of it
+_rest            that loop as deviations from rest, and from its design
+_error_gain      the gain of what the plant adds to the model, by held-out records
 _tube            how far the plant is from the model, by held-out records
 """
 
 from ._disturbance import data_bound, global_bound
+from ._error_gain import ErrorGain, error_gain
 from ._gain import GainCertificate, gain_certificate, hinf_norm
 from ._iss import IssCertificate, iss_certificate, iss_margin
 from ._local import LocalCertificate, local_certificate
@@ -32,6 +35,7 @@ from ._worst import worst_input
 
 __all__ = [
     "Band",
+    "ErrorGain",
     "GainCertificate",
     "IssCertificate",
     "LocalCertificate",
@@ -44,6 +48,7 @@ __all__ = [
     "certify_local",
     "certify_loop",
     "data_bound",
+    "error_gain",
     "full_gain",
     "gain_certificate",
     "global_bound",

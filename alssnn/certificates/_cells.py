@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..lure import Lure
+from ..simulation import regressors
 from ._lines import lines
 
 FIRST = 500  # cells of the first grid, about
@@ -36,11 +37,14 @@ class Network:
         number j; -1 for plain ones. Empty without differences.
     live : ndarray of int or None, default=None
         Numbers of the neurons in the whole form.
+    rest : ndarray of shape (nw,) or None, default=None
+        What the neurons see at the origin, where some of them are solved together.
     """
 
     lure: Lure
     twins: tuple = ()
     live: np.ndarray | None = None
+    rest: np.ndarray | None = None
 
     @classmethod
     def of(cls, lure, ny, T, units, scale, twins=()):
@@ -68,7 +72,8 @@ class Network:
             The network.
         """
         nx, nu, nz = lure.nx, lure.nu, lure.nz
-        Theta = _differences(lure, twins).Theta
+        twins_of = np.asarray(twins, dtype=int)
+        Theta = differences(lure, twins).Theta
         Theta[:, :nx] = Theta[:, :nx] @ T
         Theta[:, nx : nx + nu] *= units
         Theta[:nx] = np.linalg.solve(T, Theta[:nx])
@@ -82,7 +87,8 @@ class Network:
         sigma = tuple(lure.sigma[i] for i in live)
         paired = np.max(twins, initial=-1) >= 0
         twins = tuple(place[twins[i]] for i in live) if paired else ()
-        return cls(Lure(Theta, nx, nu, len(live), sigma), twins, live)
+        rest = seen_at_origin(lure, twins_of)[live]
+        return cls(Lure(Theta, nx, nu, len(live), sigma), twins, live, rest)
 
     def values(self, z):
         """Return q at points z.
@@ -245,14 +251,48 @@ class Strips:
         return ~beyond.any(axis=1)
 
 
-def _differences(lure, twins):
-    """Return the form in which neurons with twins are what they differ by."""
+def differences(lure, twins):
+    """Return the form in which neurons with twins are what they differ by.
+
+    Parameters
+    ----------
+    lure : Lure
+        Form of a loop.
+    twins : sequence of int
+        For every neuron the one that it is the difference to, or -1.
+
+    Returns
+    -------
+    form : Lure
+        Form of the same loop with other neurons.
+    """
     Theta, first, column = lure.Theta.copy(), lure.nx + lure.nz, lure.nx + lure.nu
     for i, twin in enumerate(twins):
         if twin >= 0:  # w_i = w_twin + difference
             Theta[:, column + twin] += Theta[:, column + i]
             Theta[first + i] -= Theta[first + twin]
     return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+
+
+def seen_at_origin(lure, twins):
+    """Return what neurons see at the origin.
+
+    Parameters
+    ----------
+    lure : Lure
+        Form of a loop.
+    twins : ndarray of int
+        For every neuron the one that it is the difference to, or -1; may be empty.
+
+    Returns
+    -------
+    seen : ndarray of shape (nw,)
+        Of neurons with twins the difference.
+    """
+    Phi = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))[0]
+    seen, paired = lure.rows_v @ Phi, np.flatnonzero(twins >= 0)
+    seen[paired] -= seen[twins[paired]]
+    return seen
 
 
 def reaching(lure, ny, twins=()):

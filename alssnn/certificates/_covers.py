@@ -102,7 +102,7 @@ class ByNeurons:
     def __init__(self, network):
         self.network = network
         lure = network.lure
-        self.start = np.stack([lure.b, lure.b])
+        self.start = np.stack([network.rest, network.rest])
         self.plain: dict = {}
         twins = network.twins or [-1] * lure.nw
         for i, (activation, twin) in enumerate(zip(lure.sigma, twins, strict=True)):
@@ -162,6 +162,21 @@ class ByNeurons:
         found = [z.slopes(*ends) for z, *ends in zip(sigma, low, high, strict=True)]
         return np.array(found, dtype=float).reshape(-1, 2).T
 
+    def seen(self, region):
+        """Return the range of what every neuron sees: the region itself.
+
+        Parameters
+        ----------
+        region : ndarray of shape (2, nw)
+            The region.
+
+        Returns
+        -------
+        seen : ndarray of shape (2, nw)
+            Of a neuron with a twin that of the difference.
+        """
+        return region
+
     def _lines(self, region):
         """Return slope, offset and remainder of every neuron."""
         s, m, d = np.zeros((3, region.shape[1]))
@@ -218,7 +233,7 @@ class ByCells:
         ones = np.ones((2, nu)) * [[-1], [1]]
         low, high = region[:, : self.n_strips]
         box = np.hstack([region[:, :nx], ones])
-        seen = self._seen(region)
+        seen = self.seen(region)
         strips = Strips(box, self.rows[: self.n_strips], low, high, seen)
         z = strips.samples(POINTS, np.random.default_rng(0))
         q = self.network.values(z)
@@ -258,15 +273,26 @@ class ByCells:
         slopes : ndarray of shape (2, nw)
             Slopes; those that they have anywhere for neurons behind others.
         """
-        sigma, seen = self.network.lure.sigma, self._seen(region)
+        sigma, seen = self.network.lure.sigma, self.seen(region)
         found = [
             z.slopes(*ends) if first else z.slope
             for z, ends, first in zip(sigma, seen.T, self.first, strict=True)
         ]
         return np.array(found, dtype=float).reshape(-1, 2).T
 
-    def _seen(self, region):
-        """Return the range of what neurons see, infinite behind other neurons."""
+    def seen(self, region):
+        """Return the range of what every neuron sees.
+
+        Parameters
+        ----------
+        region : ndarray of shape (2, k)
+            Range along the directions.
+
+        Returns
+        -------
+        seen : ndarray of shape (2, nw)
+            Infinite behind other neurons.
+        """
         lure = self.network.lure
         by_r = np.abs(lure.V[:, lure.nx :]).sum(axis=1)
         seen = region[:, self.n_strips :] + lure.b + np.outer([-1, 1], by_r)

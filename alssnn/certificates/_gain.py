@@ -29,6 +29,7 @@ from ._interior import n_unknowns, smallest_gain
 TOLERANCES = (1e-5, 1e-3)  # of gamma^2: the second where rounding takes the first
 LARGEST = 2000  # unknowns of a program, which then takes minutes
 DEAD = 1e-13  # of the entries of a row: what is less is left over by a cancellation
+NEARLY_ZERO = 1e-3  # of what inputs of all states make: a gain that counts as zero
 GRID = 512  # first frequencies of the H-infinity norm
 ON_CIRCLE = 1e-7  # distance from the unit circle that counts as on it
 MAX_STEPS = 50  # quadratic convergence: a handful is the rule
@@ -95,6 +96,43 @@ class GainCertificate:
             return "holds"
         decided = self.status == "not solved" or self.status.startswith("infeasible")
         return "does not hold" if decided else "undecided"
+
+    @classmethod
+    def none(cls, reason):
+        """Return the certificate of a loop for which nothing was tried.
+
+        Parameters
+        ----------
+        reason : str
+            Why.
+
+        Returns
+        -------
+        certificate : GainCertificate
+            One that does not hold.
+        """
+        lure = Lure(np.zeros((0, 1)), 0, 0, 0)
+        return _none(lure, 1.0, "not tried", reason)
+
+    def is_of(self, lure, slopes):
+        """Return whether this certificate is that of a form with given slopes.
+
+        Parameters
+        ----------
+        lure : Lure
+            Form.
+        slopes : pair of ndarray of shape (nw,)
+            Least and largest slope of every neuron.
+
+        Returns
+        -------
+        is_of : bool
+            Whether its loop is that form, with neurons of slopes between 0 and 1.
+        """
+        mine = _live(_unit_slopes(lure, *slopes)).Theta
+        return mine.shape == self.lure.Theta.shape and np.allclose(
+            mine, self.lure.Theta, rtol=1e-9, atol=1e-12
+        )
 
     def verify(self):
         """Recompute the margin from the loop, P, Lam and gamma, with NumPy alone.
@@ -193,15 +231,20 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
     # The linear part (all slopes 0) is one of the loops: its gain is the unit.
     A, B = lure.M[: lure.nx, : lure.nx], lure.M[: lure.nx, lure.nx :]
     C = lure.M[lure.nx :, : lure.nx]
-    unit = hinf_norm(A / decay, B / decay, C) or 1.0
+    unit = hinf_norm(A / decay, B / decay, C)
     # a basis in which A contracts, for the sake of the solver
     r = (decay + float(np.abs(np.linalg.eigvals(A)).max())) / 2
     T = cholesky(solve_discrete_lyapunov((A / r).T, np.eye(len(A))))
+    stirred, passed = lure, hinf_norm(A / decay, np.linalg.inv(T) / decay, C)
+    least = NEARLY_ZERO * np.linalg.norm(T @ B, 2) * passed
+    if unit <= least:  # the inputs do not reach the outputs: small ones of all states
+        unit = least or passed or 1.0
+        stirred = _stirred(lure, unit / (passed or 1.0) * np.linalg.inv(T))
     T *= max(np.linalg.norm(C @ np.linalg.inv(T), 2) / unit, 1e-6)
     start = time.perf_counter()
     for n_solves, tol in enumerate(TOLERANCES, 1):
         try:
-            blocks = _blocks(_change(lure, T), unit, decay)
+            blocks = _blocks(_change(stirred, T), unit, decay)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 P, Lam, status = smallest_gain(blocks, tol)
         except (
@@ -227,6 +270,17 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
             return GainCertificate(True, *numbers, "", lure, decay)
     reason = "The solver's multipliers fail the recomputation of the inequality."
     return _none(lure, decay, status, reason, seconds)
+
+
+def _stirred(lure, B):
+    """Return the form with an input for every state, at the end: gains of it are more.
+
+    A program whose inputs reach no output would have no unique solution.
+    """
+    end, nx = lure.nx + lure.nu, lure.nx
+    Theta = np.insert(lure.Theta, [end] * nx, 0.0, axis=1)
+    Theta[:nx, end : end + nx] = B
+    return Lure(Theta, nx, lure.nu + nx, lure.nw, lure.sigma)
 
 
 def _obstacle(lure, decay):
@@ -438,6 +492,6 @@ def _margin(lure, P, Lam, gamma, decay):
 def _none(lure, decay, status, reason, seconds=0.0):
     """Return the certificate that does not hold."""
     P, Lam = np.full((lure.nx, lure.nx), np.nan), np.full(lure.nw, np.nan)
-    n_solves = int(status not in ("not solved", "too large"))
+    n_solves = int(status not in ("not solved", "not tried", "too large"))
     numbers = -np.inf, np.inf, P, Lam, status, seconds, n_solves
     return GainCertificate(False, *numbers, reason, lure, decay)

@@ -27,7 +27,7 @@ SIZE = 4.0  # of the start, at which P and Lambda are bounded in search of a fir
 FAR = 1e4  # of the first point, at which they are: unreachable states bound no P
 FEASIBLE = 1e-9  # q above minus this, relative to Q, counts as none
 STEPS = 400  # of Newton, after which the program counts as too ill-conditioned
-HALVINGS = 60
+STALLED = 1e-4  # of a Newton step, which rounding no longer lets through
 NOTHING = 1e-18  # gamma squared, of the linear part one, that is as good as zero
 
 
@@ -132,13 +132,14 @@ def smallest_gain(blocks, tol=1e-5):
         Lyapunov matrix.
     Lam : ndarray of shape (nw,)
         Diagonal of the multiplier.
-    status : {"optimal", "infeasible"}
-        Whether there is a solution; P and Lam are nan unless there is.
+    status : str
+        "optimal", "infeasible", or why it stopped early, at a point that is valid;
+        P and Lam are nan if there is none.
 
     Raises
     ------
     RuntimeError
-        If Newton's method does not come to an end.
+        If Newton's method neither finds a point nor shows that there is none.
     """
     now, plus, v, y, w, slack = blocks
     nx, nw = len(now), len(w)
@@ -173,11 +174,11 @@ def smallest_gain(blocks, tol=1e-5):
     z = form.pack(P, lam, 2 * max(most, 1e-12))
     limit = FAR * (size @ z)
     t = len(F) / z[-1]
-    z, _ = _follow(
+    z, why = _follow(
         form, z, t, size, limit, lambda z, gap: gap < tol * z[-1] or z[-1] < NOTHING
     )
-    P, lam, _ = form.unpack(z)
-    return P, lam, "optimal"
+    P, lam, _ = form.unpack(z)  # inside, whether or not it is the best
+    return P, lam, f"stopped early: {why}" if why else "optimal"
 
 
 def _first(inside, D, size):
@@ -191,19 +192,24 @@ def _first(inside, D, size):
     def ends(z, gap):
         return z[-1] < 0 or z[-1] - gap > 0 or gap < FEASIBLE
 
-    z, _ = _follow(form, z, 1.0, size, SIZE * (size @ z), ends)
+    z, why = _follow(form, z, 1.0, size, SIZE * (size @ z), ends)
     P, lam, q = form.unpack(z)
+    if why and q >= 0:
+        raise RuntimeError(_breakdown(why))
     return (P, lam) if q < 0 else None
 
 
 def _follow(form, z, t, size, limit, ends):
-    """Follow the central path of the smallest q until it `ends` at a center."""
+    """Follow the central path of the smallest q until it `ends` at a center.
+
+    Returns the last point, and why it ended before, if it did.
+    """
     n, steps = len(form.Q) + 1, 0
     factor = cho_factor(form(z), lower=True)
     while True:
         steps += 1
         if steps > STEPS:
-            raise RuntimeError(_breakdown("too many steps"))
+            return z, "too many steps"
         gradient, H = form.derivatives(factor)
         slack = limit - size @ z
         gradient += size / slack
@@ -216,17 +222,20 @@ def _follow(form, z, t, size, limit, ends):
             step = -d * np.linalg.lstsq(H * np.outer(d, d), d * gradient)[0]
         decrement = -gradient @ step
         if not np.isfinite(decrement):
-            raise RuntimeError(_breakdown("a step that is no number"))
+            return z, "a step that is no number"
         if decrement < CLOSE:
             if ends(z, n / t):
-                return z, t
+                return z, ""
             t *= FASTER
             continue
-        z, factor = _search(form, z, step, factor, t, size, limit, decrement)
+        found = _search(form, z, step, factor, t, size, limit, decrement)
+        if found is None:
+            return z, "no step that improves"
+        z, factor = found
 
 
 def _search(form, z, step, factor, t, size, limit, decrement):
-    """Return the point on a Newton step where the barrier has fallen enough."""
+    """Return a point on a Newton step where the barrier has fallen enough, or None."""
 
     def barrier(z, factor):
         return (
@@ -234,7 +243,7 @@ def _search(form, z, step, factor, t, size, limit, decrement):
         )
 
     before, length = barrier(z, factor), 1.0
-    for _ in range(HALVINGS):
+    while length > STALLED:
         trial = z + length * step
         if size @ trial < limit:
             try:
@@ -246,7 +255,7 @@ def _search(form, z, step, factor, t, size, limit, decrement):
                 if after <= before - 0.1 * length * decrement + 1e-9 * abs(before):
                     return trial, found
         length /= 2
-    raise RuntimeError(_breakdown("no step that improves"))
+    return None
 
 
 def _breakdown(why):

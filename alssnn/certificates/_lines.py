@@ -46,6 +46,44 @@ def lines(activation, low, high, pieces=2, slopes=1):
     return best
 
 
+def chords(activation, about, low, high, pieces=64):
+    """Return the least and the largest chord from a point to those of an interval.
+
+    The chord from c to nu is the mean of the derivative in between.
+
+    Parameters
+    ----------
+    activation : Activation
+        The activation.
+    about : ndarray
+        One end of the chords.
+    low, high : ndarray
+        Interval of the other end, of the same shape, which holds `about`.
+    pieces : int, default=64
+        Pieces on either side; more of them tighten the range.
+
+    Returns
+    -------
+    least, largest : ndarray
+        Range of ``(sigma(nu) - sigma(about)) / (nu - about)``.
+    """
+    ranges = []
+    for end in (low, high):
+        nu = about[..., None] + (end - about)[..., None] * np.linspace(0, 1, pieces + 1)
+        ends = np.sort([nu[..., :-1], nu[..., 1:]], axis=0)
+        ranges.append(
+            [
+                np.cumsum(slopes, axis=-1) / np.arange(1, pieces + 1)
+                for slopes in activation.slopes(*ends)
+            ]
+        )
+    (a, b), (c, d) = ranges
+    least = np.minimum(a.min(axis=-1), c.min(axis=-1))
+    largest = np.maximum(b.max(axis=-1), d.max(axis=-1))
+    rounding = 8 * pieces * np.finfo(float).eps
+    return least - rounding * np.abs(least), largest + rounding * np.abs(largest)
+
+
 def _remainder(nu, w, least, largest, s):
     """Return s, m and d of lines of given slopes."""
     s_ = s[..., None]

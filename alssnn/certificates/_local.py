@@ -12,7 +12,7 @@ The smallest region is searched by repetition, from that of the design outwards.
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_lyapunov
@@ -20,6 +20,8 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from ._amplitudes import peaks_of, sizes_in_words
 from ._cells import Network
 from ._covers import Affine, ByCells, ByNeurons, covers
+from ._grid import CELLS, Grid
+from ._lines import chords
 from ._peaks import TooSlow, peaks
 from ._worst import worst_input
 
@@ -163,12 +165,15 @@ class Proof:
         Linear design.
     scale : ndarray of shape (ny,)
         Units of the outputs.
+    cells : int, default=0
+        Cells of a grid that bounds the outputs, too; 0 for none.
     """
 
     cover: ByCells | ByNeurons
     region: np.ndarray
     design: Affine
     scale: np.ndarray
+    cells: int = 0
 
     def check(self):
         """Return the margin of the region and the bounds of the outputs.
@@ -187,7 +192,11 @@ class Proof:
             [(found[0] - self.region[0]) / width, (self.region[1] - found[1]) / width]
         )
         margin = float(np.min(inside)) if inside.size else 0.0
-        return margin, self.scale * distance(system, self.design)
+        bounds = distance(system, self.design)
+        if self.cells:
+            grid = Grid(self.cover.network, self.design, self.states(), self.cells)
+            bounds = np.minimum(bounds, grid.bounds())
+        return margin, self.scale * bounds
 
     def slopes(self, sigma):
         """Return the slopes of all neurons of the loop over the region.
@@ -206,6 +215,34 @@ class Proof:
         live = self.cover.network.live
         slopes[:, live] = self.cover.slopes(self.region)
         return slopes
+
+    def sectors(self, sigma, rest):
+        """Return the chords of all neurons of the loop from rest, over the region.
+
+        Parameters
+        ----------
+        sigma : tuple of Activation
+            Activations of the loop, dead neurons included.
+        rest : ndarray of shape (nw,)
+            What they see at rest.
+
+        Returns
+        -------
+        sectors : ndarray of shape (2, nw)
+            Least and largest ones; of neurons with twins the slopes.
+        reach : ndarray of shape (nw,)
+            How far from rest they hold; inf for neurons that reach nothing.
+        """
+        sectors, reach = self.slopes(sigma), np.full(len(sigma), np.inf)
+        network, seen = self.cover.network, self.cover.seen(self.region)
+        for place, i in enumerate(network.live):
+            low, high = min(seen[0, place], rest[i]), max(seen[1, place], rest[i])
+            if not np.isfinite([low, high]).all():
+                continue  # behind others: the sector holds everywhere
+            reach[i] = min(high - rest[i], rest[i] - low)
+            if not network.twins or network.twins[place] < 0:
+                sectors[:, i] = chords(sigma[i], *np.array([rest[i], low, high]))
+        return sectors, reach
 
     def channels(self):
         """Return the range of the channels behind y, (2, n_watched)."""
@@ -249,7 +286,15 @@ def distance(system, design):
 
 
 def local_certificate(
-    lure, design, amplitude, *, scale=None, search=True, twins=(), watched=0
+    lure,
+    design,
+    amplitude,
+    *,
+    scale=None,
+    search=True,
+    cells=CELLS,
+    twins=(),
+    watched=0,
 ):
     """Bound the distance of a loop from its linear design (eq. local).
 
@@ -266,6 +311,9 @@ def local_certificate(
         Sizes of the outputs, which make them comparable; None means ones.
     search : bool, default=True
         Whether the worst input is looked for.
+    cells : int, default=300_000
+        Cells of a grid of states and inputs, which bounds the distance of loops of up
+        to 3 states and 2 inputs more closely (eq. grid); 0 for none.
     twins : sequence of int, default=()
         For every neuron another one of equal weights at another point, from which it
         differs little, as that of an observer; -1 for none.
@@ -280,8 +328,9 @@ def local_certificate(
     Notes
     -----
     Seconds for a loop of up to 5 states and inputs, which is subdivided into up to
-    40,000 cells, a few times; less than a second without. The search of the input
-    costs some hundred simulations.
+    40,000 cells, a few times; less than a second without. Some seconds more for the
+    grid: its time grows with `cells`. The search of the input costs some hundred
+    simulations.
     """
     start = time.perf_counter()
     ny = len(design[2])
@@ -314,6 +363,9 @@ def local_certificate(
     if not proofs:
         return _none(lure, amplitude, lower, worst, peak, reasons[-1], start)
     bounds, proof = min(proofs, key=lambda found: np.max(found[0] / scale))
+    if cells and Grid.suits(network, scaled):
+        proof = replace(proof, cells=int(cells))
+        bounds = proof.check()[1]
     if np.any(lower > bounds * (1 + 1e-9) + NOTHING * peak):  # never seen
         reason = "Numbers contradict each other: units or weights are extreme."
         return _none(lure, amplitude, lower, worst, peak, reason, start)

@@ -117,7 +117,7 @@ def certify_gain(model, K=None):
     return gain_certificate(Lure(Theta, loop.nx, plant.nv, loop.nw, loop.sigma))
 
 
-def certify_local(model, amplitude=None, *, K=None, search=True):
+def certify_local(model, amplitude=None, *, K=None, **options):
     """Bound the distance of a model under its law from its linear design (eq. local).
 
     Parameters
@@ -130,8 +130,8 @@ def certify_local(model, amplitude=None, *, K=None, search=True):
         the worst linear response within the outputs of the record.
     K : array_like of shape (nu, nx) or None, default=None
         State feedback v = r - K x, see `full_gain`.
-    search : bool, default=True
-        Whether the worst input is looked for.
+    **options : dict
+        `search` and `cells` of `local_certificate`.
 
     Returns
     -------
@@ -150,4 +150,4 @@ def certify_local(model, amplitude=None, *, K=None, search=True):
     design = matrices(linear)
     sizes = record_box(plant)[: plant.nu]
     sizes = within_record(plant, design, sizes, amplitude, plant.moved)
-    return local_certificate(loop, design, sizes, scale=plant.y_scale, search=search)
+    return local_certificate(loop, design, sizes, scale=plant.y_scale, **options)

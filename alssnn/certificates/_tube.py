@@ -17,7 +17,6 @@ their units; it is fitted on a part of the units that does not count among the n
 """
 
 from dataclasses import dataclass, field
-from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,12 +24,13 @@ from scipy.stats import beta
 
 from ._tube_bound import TubeWithBound, plain
 from ._units import (
+    check_units,
     conformal_quantile,
     cut,
     fit_scale,
-    least_units,
     lengths,
     measure,
+    no_quantile,
     rank,
     scale,
     scores_of,
@@ -389,7 +389,7 @@ def tube(
     >>> model.tube(*test, block=300).reason
     '8 blocks of 300 samples are too few for the level 0.9, which takes 9. Lower ...'
     """
-    _check(level, horizon, block, gap)
+    check_units(level, horizon, block, gap)
     runs = simulated_runs(model, u, y, experiment, horizon)
     length, gap = lengths(runs, level, block, gap)
     units = units_of(runs, length, gap)
@@ -416,54 +416,10 @@ def tube(
         block=length,
         gap=gap,
         typical=typical,
-        reason=_reason(quantile, n, level, length),
+        reason=no_quantile(quantile, n, level, length),
         model=model,
     )
 
 
-def _check(level, horizon, block, gap):
-    """Say what is wrong with the arguments."""
-    if not isinstance(level, float | int) or not 0 < level < 1:
-        raise ValueError(
-            f"`level` must be between 0 and 1, got {level!r}. 0.9 is nine of ten."
-        )
-    if block not in ("auto", "experiment") and not _is_count(block, 1):
-        raise ValueError(
-            "`block` must be 'auto', 'experiment' or a positive number of samples, "
-            f"got {block!r}. Choose one."
-        )
-    for name, value, least in (("horizon", horizon, 1), ("gap", gap, 0)):
-        if value is not None and not _is_count(value, least):
-            raise ValueError(
-                f"`{name}` must be an integer of at least {least} or None, got "
-                f"{value!r}. It counts samples."
-            )
-
-
-def _is_count(value, least):
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    return whole and int(value) >= least
-
-
 def _centers(model):
     return np.asarray(model.u_offset_), np.asarray(model.y_offset_)
-
-
-def _reason(quantile, n, level, block):
-    """Return why a tube is infinite."""
-    if np.isfinite(quantile).all():
-        return ""
-    few, unit = (
-        n.min(),
-        "experiments" if block is None else f"blocks of {block} samples",
-    )
-    if few < least_units(level):
-        remedy = "or shorter `block`s" if block is not None else "or `block='auto'`"
-        return (
-            f"{few} {unit} are too few for the level {level:.4g}, which takes "
-            f"{least_units(level)}. Lower `level`, or give more records {remedy}."
-        )
-    return (
-        f"The simulation diverges in more than {1 - level:.4g} of {few} {unit}. "
-        "Stay where the model was trained, or take a `horizon`."
-    )

@@ -5,6 +5,7 @@ has to be, and how far from the next, to be nearly independent of it.
 """
 
 from math import ceil
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -362,3 +363,81 @@ def conformal_quantile(scores, level):
     scores = np.sort(scores[~np.isnan(scores)])
     k = rank(len(scores), level)  # (eq. tube)
     return float(scores[k - 1]) if k <= len(scores) else np.inf
+
+
+def no_quantile(quantile, n, level, block):
+    """Return why a quantile is infinite.
+
+    Parameters
+    ----------
+    quantile : ndarray of shape (ny,)
+        Quantiles.
+    n : ndarray of shape (ny,)
+        Units of each.
+    level : float
+        Share of units that keep it.
+    block : int or None
+        Samples of a unit; None means whole experiments.
+
+    Returns
+    -------
+    reason : str
+        The reason; empty if it is finite.
+    """
+    if np.isfinite(quantile).all():
+        return ""
+    few, unit = (
+        n.min(),
+        "experiments" if block is None else f"blocks of {block} samples",
+    )
+    if few < least_units(level):
+        remedy = "or shorter `block`s" if block is not None else "or `block='auto'`"
+        return (
+            f"{few} {unit} are too few for the level {level:.4g}, which takes "
+            f"{least_units(level)}. Lower `level`, or give more records {remedy}."
+        )
+    return (
+        f"The simulation diverges in more than {1 - level:.4g} of {few} {unit}. "
+        "Stay where the model was trained, or take a `horizon`."
+    )
+
+
+def check_units(level, horizon, block, gap):
+    """Say what is wrong with the arguments of a calibration.
+
+    Parameters
+    ----------
+    level : float
+        Share of units.
+    horizon : int or None
+        Samples ahead.
+    block : {"auto", "experiment"} or int
+        What a unit is.
+    gap : int or None
+        Samples between blocks.
+
+    Raises
+    ------
+    ValueError
+        If one is out of range.
+    """
+    if not isinstance(level, float | int) or not 0 < level < 1:
+        raise ValueError(
+            f"`level` must be between 0 and 1, got {level!r}. 0.9 is nine of ten."
+        )
+    if block not in ("auto", "experiment") and not _is_count(block, 1):
+        raise ValueError(
+            "`block` must be 'auto', 'experiment' or a positive number of samples, "
+            f"got {block!r}. Choose one."
+        )
+    for name, value, least in (("horizon", horizon, 1), ("gap", gap, 0)):
+        if value is not None and not _is_count(value, least):
+            raise ValueError(
+                f"`{name}` must be an integer of at least {least} or None, got "
+                f"{value!r}. It counts samples."
+            )
+
+
+def _is_count(value, least):
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    return whole and int(value) >= least

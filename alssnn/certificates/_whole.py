@@ -33,13 +33,16 @@ class WholeLoop:
         (A, B, C, D) of the same loop with the linear part of the model, without limits,
         from [r; d; n] to y.
     twins : ndarray of int, shape (nw,)
-        For every neuron of the plant the number of that of the observer with the same
-        weights; -1 for others.
+        For every neuron of the plant, or of a law before limits, the number of that of
+        the observer with the same weights; -1 for others.
+    watches : bool
+        Whether the observer is part of the loop.
     """
 
     lure: Lure
     design: tuple
     twins: np.ndarray
+    watches: bool
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def whole_loop(controller, *, observer=True):
     ------
     ValueError
         If the controller has no gain or no observer of constant gain, y depends on u
-        of the same sample, or the law is solved at every sample.
+        of the same sample, or the law looks ahead.
     """
     plant, law = controller.own, controller.law
     kind = getattr(controller.observer, "kind", None)
@@ -112,7 +115,7 @@ def whole_loop(controller, *, observer=True):
         (controller.gain is not None, "a gain in place of a linear system"),
         (kind == "kalman" or not observer, "an observer of kind 'kalman'"),
         (plant.has_linear_output, "a model with y = C x"),
-        (plant.is_explicit and not plant.looks_ahead, "a law u = v - h(s)"),
+        (not plant.looks_ahead, "a law that does not look ahead"),
         (_same(law.plant.late(), plant), "a law of its own model"),
         (
             not observer or kind is None or _same(controller.observer.plant, plant),
@@ -132,7 +135,7 @@ def whole_loop(controller, *, observer=True):
     free = np.full_like(limits, np.inf)
     design, _ = _Wires(linear_form(plant), controller, free, observer).lure()
     A, B, C, D = matrices(design)
-    return WholeLoop(lure, (A, B, C[: plant.ny], D[: plant.ny]), twins)
+    return WholeLoop(lure, (A, B, C[: plant.ny], D[: plant.ny]), twins, observer)
 
 
 def _same(plant, other):
@@ -151,9 +154,10 @@ class _Wires:
     def __init__(self, form, controller, limits, observer):
         self.own = own = controller.own
         self.form, self.controller, self.limits = form, controller, limits
-        self.law = own.law_form if form.nw or own.law_form.nw else None
-        if form is not own.form:  # the linear design
-            self.law = None
+        has_law = form is own.form and (
+            form.nw or own.law_form.nw
+        )  # the design has none
+        self.law: Lure | None = own.law_form if has_law else None
         self.limited = np.isfinite(limits).any(axis=0)
         self.gain = controller.observer.gain if observer else None
         nx, ny, nw = own.nx, own.ny, form.nw
@@ -167,6 +171,7 @@ class _Wires:
             "plant": nw,
             "observer": nw if observer else 0,
             "law": 0 if self.law is None else self.law.nw,
+            "reached": own.law_form.nw if self._cuts_solved() else 0,
             "limit": int(self.limited.sum()),
             "one": 1,
         }
@@ -174,6 +179,11 @@ class _Wires:
         parts = np.split(np.eye(ends[-1]), ends[:-1])
         self.at = dict(zip(sizes, parts, strict=True))
         self.nX, self.n_in = int(ends[2]), int(ends[5] - ends[2])
+
+    def _cuts_solved(self):
+        """Return whether what limits take off v is that of a law that is solved."""
+        is_solved = self.law is not None and self.own.is_solved
+        return is_solved and self.limited.any() and len(self.controller.linear.A) > 0
 
     def lure(self):
         """Return the form, and for every neuron of the plant its twin."""
@@ -188,10 +198,13 @@ class _Wires:
         cut = np.zeros((nv if len(linear.A) else 0, y.shape[1]))
         e = np.vstack([at["r"], seen, x_hat, cut])
         v = linear.C @ at["z"] + linear.D @ e
-        u, law_sees = self._law(v, seen, x_hat)
+        s = seen if own.feedback == "output" else x_hat
+        u, law_sees = self._law(v, s)
         sent = u.copy()
         sent[self.limited] = at["limit"]
-        if len(cut):
+        if self._cuts_solved():  # phi couples inputs
+            e[-nv:] = v - own.law_form.rows_z @ self._static(sent, s, "reached")
+        elif len(cut):
             e[-nv:] = u - sent
         x_next, plant_sees = self._model(at["x"], sent, at["plant"])
         rows, sees = [x_next], [plant_sees]
@@ -201,8 +214,13 @@ class _Wires:
         rows += [linear.A @ at["z"] + linear.B @ e, y, sent]
         if self.gain is not None:
             rows.append(seen - C @ at["x_p"])
-        sees += [law_sees, u[self.limited]]
-        return self._ordered(np.vstack(rows), np.vstack(sees))
+        sees.append(law_sees)
+        if self._cuts_solved():
+            sees.append(self._sees(sent, s, "reached"))
+        sees.append(u[self.limited])
+        estimated = C @ x_hat if own.feedback == "output" else x_hat
+        alike = [self._sees(sent, estimated)] * (1 + self._cuts_solved())
+        return self._ordered(np.vstack(rows), np.vstack(sees), np.vstack(alike))
 
     def _model(self, x, u, w):
         """Return x+ and what the neurons w of the model see, at x and u."""
@@ -212,40 +230,63 @@ class _Wires:
         Phi = np.vstack([x, every, w, at["one"]])
         return form.rows_x @ Phi, form.rows_v @ Phi
 
-    def _law(self, v, seen, x_hat):
-        """Return u = v - h(s) and what the neurons of h see."""
+    def _law(self, v, s):
+        """Return u, which solves v = phi(u, s), and what the neurons of h see."""
         if self.law is None:
-            return v, np.zeros((0, v.shape[1]))
-        law, own, at = self.law, self.own, self.at
-        s = x_hat[: law.nu - own.nd - own.nv] if own.feedback == "state" else seen
-        Phi = np.vstack([s, at["d"], np.zeros_like(v), at["law"], at["one"]])
-        return v - law.rows_z @ Phi, law.rows_v @ Phi
+            return v, self._sees(v, s)
+        law, own = self.law, self.own
+        first = law.nu - own.nv
+        by_u = law.rows_z[:, first : first + own.nv]
+        u = np.linalg.solve(by_u, v - law.rows_z @ self._static(np.zeros_like(v), s))
+        return u, self._sees(u, s)
 
-    def _ordered(self, rows, sees):
-        """Return the form with neurons in the order of their evaluation."""
+    def _sees(self, u, s, neurons="law"):
+        """Return what the neurons of h see at u and s."""
+        if self.law is None:
+            return np.zeros((0, u.shape[1]))
+        return self.law.rows_v @ self._static(u, s, neurons)
+
+    def _static(self, u, s, neurons="law"):
+        """Return what goes into the static map of the law."""
+        at, ns = self.at, self.own.law_form.nu - self.own.nd - self.own.nv
+        return np.vstack([s[:ns], at["d"], u, at[neurons], at["one"]])
+
+    def _ordered(self, rows, sees, estimated):
+        """Return the form with neurons in the order of their evaluation.
+
+        `estimated` is what the neurons of the law would see at the estimate, within
+        the limits: those of the observer do.
+        """
         nw, is_watched = self.form.nw, self.gain is not None
         sigma = list(self.form.sigma) * (1 + is_watched)
         n_model = len(sigma)
-        sigma += [] if self.law is None else list(self.law.sigma)
+        if self.law is not None:
+            sigma += list(self.law.sigma) * (1 + self._cuts_solved())
         n_known = len(sigma)
         sigma += [limit(low, high) for low, high in self.limits.T[self.limited]]
         n, first = len(sigma), self.nX + self.n_in
         Theta, k = np.vstack([rows, sees]), len(rows)
         keep, widest = np.ones(n, dtype=bool), np.abs(sees).max(axis=0, initial=0.0)
+        twins = np.where(np.arange(n) < nw * is_watched, np.arange(n) + nw, -1)
+
+        def is_same(row, j):
+            off, size = np.abs(row - Theta[k + j]), np.abs([row, Theta[k + j]])
+            return np.all(off <= SAME * size.max(axis=0) + ROUNDING * widest)
+
         for i in range(n_model, n_known):  # of the law: one of plant or observer
-            for j in range(n_model):
-                off = np.abs(Theta[k + i] - Theta[k + j])
-                size = np.maximum(np.abs(Theta[k + i]), np.abs(Theta[k + j]))
-                same = np.all(off <= SAME * size + ROUNDING * widest)
-                if same and sigma[i] is sigma[j]:
-                    Theta[:, first + j] += Theta[:, first + i]
-                    Theta[:, first + i] = 0.0
-                    keep[i] = False
-                    break
+            alike = [j for j in range(n_model) if sigma[i] is sigma[j]]
+            same = next((j for j in alike if is_same(Theta[k + i], j)), None)
+            if same is not None:
+                Theta[:, first + same] += Theta[:, first + i]
+                Theta[:, first + i] = 0.0
+                keep[i] = False
+                continue
+            row = estimated[i - n_model]
+            twins[i] = next((j for j in alike if twins[j] < 0 and is_same(row, j)), -1)
         order = _order(Theta[k:, first : first + n] != 0, keep, sigma)
         place = np.full(n, -1)
         place[order] = np.arange(len(order))
-        twins = np.where(np.arange(n) < nw * is_watched, np.arange(n) + nw, -1)[order]
+        twins = twins[order]
         columns = np.r_[:first, first + order, first + n]
         Theta = Theta[np.r_[:k, k + order]][:, columns]
         twins = np.where(twins >= 0, place[twins], -1)
@@ -253,12 +294,25 @@ class _Wires:
         return Lure(Theta, self.nX, self.n_in, len(order), ordered), twins
 
 
+def _reached(sees):
+    """Return what every neuron sees, by way of others, and itself."""
+    behind = sees | np.eye(len(sees), dtype=bool)
+    while True:
+        more = behind @ behind
+        if np.array_equal(more, behind):
+            return behind
+        behind = more
+
+
 def _order(sees, keep, sigma):
     """Return neurons in the order of evaluation, those of one activation together."""
     order, ready = [], ~keep
     while not ready.all():
         free = ~ready & ~(sees & ~ready).any(axis=1)
-        free = free if free.any() else ~ready  # these are solved together
+        if not free.any():  # the fewest that see each other are solved together
+            behind = _reached(sees & ~ready[:, None] & ~ready)
+            behind[ready] = True
+            free = behind[behind.sum(axis=1).argmin()] & ~ready
         order += sorted(np.flatnonzero(free), key=lambda i: sigma[i].name)
         ready = ready | free
     return np.array(order, dtype=int)

@@ -4,22 +4,29 @@ Two statements, of one region.  For every reference within an amplitude and ever
 of the sensors within another one, from rest: the distance from the linear design, and
 the range of u, have proved bounds (eq. local).  Over the region that this loop does not
 leave neurons have slopes within intervals, with which one linear matrix inequality (eq.
-slopes) proves a gain, and a rate at which two of its trajectories approach each other.
+slopes) proves a gain from the references to the distance from the design (eq.
+distance), for every plant near the model; the rate at which the loop comes to rest, and
+from which states it does (eq. basin).
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..lure import Lure
 from ._amplitudes import checked_sizes, record_box, sizes_in_words, within_record
+from ._error_gain import ErrorGain
 from ._gain import GainCertificate, gain_certificate
+from ._grid import CELLS
 from ._local import LocalCertificate, local_certificate
+from ._rest import LoopProof
+from ._tube_bound import plain
 from ._whole import whole_loop
 
 DEVIATIONS = 3.0  # of the residual of the fit, the noise that is allowed for
 HALVES = 6  # amplitudes that are tried, each half of the one before
 RATES = 6  # bisections of the rate
+FACTORS = 8  # bisections of the error, on a logarithmic scale
+FURTHEST = 64.0  # factor on the error that is tried
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,17 +39,26 @@ class LoopCertificate:
         Distance from the linear design, for all references and noises within
         ``local.amplitude``: references, measured disturbances, noise of each sensor.
     gain : GainCertificate
-        Incremental gain from these inputs to y over the region of `local`.
+        Gain in l2 from references and measured disturbances to y - y_design, from
+        rest, while the loop stays in the region of `local` and the plant differs from
+        the model by no more than `error`.
     rate : GainCertificate
-        Certificate of the rate ``rate.decay`` per sample at which two trajectories of
-        the region approach each other while their inputs are equal, in the norm of
-        ``rate.P``; `gain` itself if no rate below 1 was proved.
+        Certificate of the rate ``rate.decay`` per sample at which the loop comes to
+        rest while its inputs are zero, in the norm of ``rate.P``.
+    basin : ndarray of shape (nx, nx)
+        The loop comes to rest from all states with ``x' basin x <= 1``, deviations in
+        the basis of `A_`, where observer and plant start alike and integrators are at
+        rest. Zeros where nothing limits them; nan if none is proved.
     u_low, u_high : ndarray of shape (nv,)
         Proved range of u, in its units.
     reaches_limits : ndarray of bool, shape (nv,)
         Whether u may be at a limit of the actuator.
     full : ndarray of shape (n,)
         Amplitude that was asked for, or that of the training record.
+    error : ndarray of shape (ny, nv) or None
+        Gain from every u to what the plant adds to every output of the model.
+    largest_error : float
+        Factor on `error` up to which a gain is proved; nan without an error.
 
     Examples
     --------
@@ -56,10 +72,14 @@ class LoopCertificate:
     local: LocalCertificate
     gain: GainCertificate
     rate: GainCertificate
+    basin: np.ndarray
     u_low: np.ndarray
     u_high: np.ndarray
     reaches_limits: np.ndarray
     full: np.ndarray
+    error: np.ndarray | None = None
+    largest_error: float = np.nan
+    proof: LoopProof | None = None
 
     @property
     def holds(self):
@@ -77,7 +97,7 @@ class LoopCertificate:
         return self.local.output_bound
 
     def verify(self):
-        """Recompute region, bounds and inequality, with NumPy alone.
+        """Recompute region, bounds, inequalities and basin, with NumPy alone.
 
         Returns
         -------
@@ -85,9 +105,21 @@ class LoopCertificate:
             The smallest of the margins; not negative if and only if all are valid.
         """
         margin = self.local.verify()
-        if not self.gain.holds:
+        if self.proof is None or not (self.gain.holds or self.rate.holds):
             return margin
-        return min(margin, self.gain.verify(), self.rate.verify())
+        found = [margin]
+        for certificate, form, sectors in (
+            (self.gain, *self.proof.distance(self.error)),
+            (self.rate, *self.proof.deviations()),
+        ):
+            if certificate.holds:
+                is_same = certificate.is_of(form, sectors)
+                found.append(certificate.verify() if is_same else -np.inf)
+        if self.rate.holds and not np.isnan(self.basin).any():
+            proved = self.proof.basin(self.rate.P)
+            is_inside = np.linalg.eigvalsh(self.basin - proved * (1 - 1e-9))[0]
+            found.append(0.0 if is_inside >= -1e-9 * np.abs(proved).max() else -np.inf)
+        return float(min(found))
 
     def __repr__(self):
         """Return the certificate as a few lines."""
@@ -102,19 +134,35 @@ class LoopCertificate:
                     self.u_low, self.u_high, self.reaches_limits, strict=True
                 )
             )
-            lines.append(f"  u stays within {u}")
-            rate = f", at {self.decay:.4g} per sample" if self.decay < 1 else ""
-            proved = (
-                f"two trajectories approach each other{rate}; l2 gain to y at most "
-                f"{self.gain.gamma:.4g}"
-                if self.gain.holds
-                else f"no gain was proved. {self.gain.reason}"
-            )
-            lines.append(f"  {proved}")
+            lines += [f"  u stays within {u}", f"  {self._of_gain()}"]
+            if self.rate.holds:
+                lines.append(f"  {self._of_rate()}")
         return "\n".join(lines)
 
+    def _of_gain(self):
+        near = ""
+        if not self.gain.holds:
+            if self.largest_error > 0:
+                near = f" It holds for {self.largest_error:.3g} times this `error`."
+            return f"no gain was proved. {self.gain.reason}{near}"
+        if self.error is not None:
+            near = (
+                f", for every plant with |y_plant - y_model| <= {plain(self.error)} |u|"
+                f" (proved up to {self.largest_error:.3g} times that)"
+            )
+        return f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2{near}"
 
-def certify_loop(controller, amplitude=None, *, noise=None, search=True):
+    def _of_rate(self):
+        at = f" at {self.decay:.4g} per sample" if self.decay < 1 else ""
+        if np.isnan(self.basin).any():
+            return f"comes to rest{at}, from states near rest"
+        if not self.basin.any():
+            return f"comes to rest{at}, from every state"
+        root = np.sqrt(np.diag(np.linalg.pinv(self.basin)))
+        return f"comes to rest{at}, from states in an ellipsoid of |x| <= {plain(root)}"
+
+
+def certify_loop(controller, amplitude=None, *, noise=None, error=None, search=True):
     """Certify the whole loop of a controller around its own model.
 
     Parameters
@@ -129,6 +177,10 @@ def certify_loop(controller, amplitude=None, *, noise=None, search=True):
         Largest modulus of the noise of every sensor, in the units of y. None takes
         three standard deviations of what the fit leaves. 0 leaves out the observer,
         whose estimate is then exact.
+    error : ErrorGain, float, array_like of shape (ny, nv) or None, default=None
+        Largest l2 gain from u to what the plant adds to the output of the model, units
+        of y per unit of u, see `error_gain`; None takes the model for the plant. It
+        enters the gain; the region takes what the plant adds as noise.
     search : bool, default=True
         Whether the worst input is looked for.
 
@@ -141,26 +193,30 @@ def certify_loop(controller, amplitude=None, *, noise=None, search=True):
     ------
     ValueError
         If an argument has the wrong shape, or the loop is none that can be certified:
-        the law is solved at every sample, y depends on u of the same sample, or there
-        is no gain.
+        the law looks ahead, y depends on u of the same sample, or there is no gain.
     """
     own = controller.own
-    noise = _noise(own, noise)
+    noise, error = _noise(own, noise), _error(own, error)
+    if error is not None and not np.any(noise):
+        raise ValueError(
+            "`noise` must be positive with an `error`, got 0. What the plant adds to "
+            "the output of the model counts as noise: give its largest modulus."
+        )
     loop = whole_loop(controller, observer=bool(np.any(noise)))
     sizes = _sizes(controller, loop.design, amplitude, noise)
     shares = [1.0] if amplitude is not None else 0.5 ** np.arange(HALVES)
     nr = own.ny if controller.tracks else own.nv
-    by_y = _channels(loop.lure, own.ny)
     tries = []
     for share in shares:
         tried = sizes.copy()
         tried[:nr] *= share
         local = _gated(_local(loop, tried, own, search=False), controller)
-        gain = _gain(by_y, local)
-        tries.append((local, gain, tried))
+        proof = _proof(loop, local, controller)
+        gain = _gain(proof, error)
+        tries.append((local, proof, gain, tried))
         if gain.holds and local.holds:
             break
-    local, gain, tried = max(tries, key=lambda one: (one[0].holds, one[1].holds))
+    local, proof, gain, tried = max(tries, key=lambda one: (one[0].holds, one[2].holds))
     if search:
         local = _gated(_local(loop, tried, own, search=True), controller)
     references = (
@@ -170,9 +226,28 @@ def certify_loop(controller, amplitude=None, *, noise=None, search=True):
     labels += [own.inputs[i] for i in own.given]
     labels += [f"noise of {name}" for name in own.outputs] if np.any(noise) else []
     local = replace(local, labels=tuple(labels))
-    low, high, reaches = _inputs(local, controller.law, own)
-    rate = _rate(by_y, local, gain)
-    return LoopCertificate(local, gain, rate, low, high, reaches, sizes)
+    rate, nowhere = _rate(proof), np.full((own.nx, own.nx), np.nan)
+    u_low, u_high, reaches_limits = _inputs(local, controller.law, own)
+    return LoopCertificate(
+        local=local,
+        gain=gain,
+        rate=rate,
+        basin=proof.basin(rate.P) if rate.holds else nowhere,
+        u_low=u_low,
+        u_high=u_high,
+        reaches_limits=reaches_limits,
+        full=sizes,
+        error=error,
+        largest_error=np.nan if error is None else _largest_error(proof, error, gain),
+        proof=proof if isinstance(proof, LoopProof) else None,
+    )
+
+
+def _proof(loop, local, controller):
+    """Return what the inequalities are made of, or why there is nothing."""
+    if not local.holds:
+        return "No region was proved."
+    return LoopProof.of(loop, local, controller)
 
 
 def _local(loop, sizes, own, search):
@@ -183,6 +258,7 @@ def _local(loop, sizes, own, search):
         sizes,
         scale=own.y_scale,
         search=search,
+        cells=CELLS if search else 0,
         twins=loop.twins,
         watched=loop.lure.nz - own.ny,
     )
@@ -204,23 +280,26 @@ def _gated(local, controller):
     return replace(local, holds=False, output_bounds=nowhere, reason=reason, proof=None)
 
 
-def _gain(lure, local, decay=1.0):
-    """Return the certificate of the gain over a region."""
-    if not local.holds:  # what holds everywhere may not know of a gate
-        found = gain_certificate(lure)
-        return replace(found, holds=False, reason="No region was proved.")
-    return gain_certificate(lure, local.proof.slopes(lure.sigma), decay=decay)
+def _gain(proof, error):
+    """Return the certificate of the gain to the distance from the design."""
+    if isinstance(proof, str):
+        return GainCertificate.none(proof)
+    return gain_certificate(*proof.distance(error))
 
 
-def _rate(lure, local, gain):
+def _rate(proof):
     """Return the certificate of the smallest rate, by bisection."""
-    if not gain.holds:
-        return gain
-    radius = float(np.abs(np.linalg.eigvals(lure.M[: lure.nx, : lure.nx])).max())
-    best, fast = gain, min(radius, 1.0)
+    if isinstance(proof, str):
+        return GainCertificate.none(proof)
+    form, sectors = proof.deviations()
+    best = gain_certificate(form, sectors)
+    if not best.holds:
+        return best
+    radius = float(np.abs(np.linalg.eigvals(form.M[: form.nx, : form.nx])).max())
+    fast = min(radius, 1.0)
     for _ in range(RATES):
         tried = (best.decay + fast) / 2
-        found = _gain(lure, local, tried)
+        found = gain_certificate(form, sectors, decay=tried)
         if found.holds:
             best = found
         else:
@@ -228,10 +307,35 @@ def _rate(lure, local, gain):
     return best
 
 
-def _channels(lure, n):
-    """Return a form with its first n channels."""
-    Theta = np.delete(lure.Theta, np.arange(lure.nx + n, lure.nx + lure.nz), axis=0)
-    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+def _largest_error(proof, error, gain):
+    """Return the factor on the error up to which a gain is proved, by bisection."""
+    if isinstance(proof, str):
+        return np.nan
+    low, high = (1.0, FURTHEST) if gain.holds else (1 / FURTHEST, 1.0)
+    if not gain.holds and not _gain(proof, low * error).holds:
+        return 0.0
+    for _ in range(FACTORS):
+        tried = float(np.sqrt(low * high))
+        low, high = (tried, high) if _gain(proof, tried * error).holds else (low, tried)
+    return low
+
+
+def _error(own, error):
+    """Return the gain of the error of the model, or None."""
+    if error is None:
+        return None
+    shape = own.ny, own.nv
+    given = error.gain if isinstance(error, ErrorGain) else error
+    try:
+        gain = np.broadcast_to(np.asarray(given, dtype=float), shape)
+    except (TypeError, ValueError):
+        gain = np.full(shape, np.nan)
+    if not np.isfinite(gain).all() or np.any(gain < 0):
+        raise ValueError(
+            f"`error` must be at least 0 and finite, one number or of shape {shape}, "
+            f"got {error!r}. Take `certificates.error_gain`, or None."
+        )
+    return gain.copy() if np.any(gain) else None
 
 
 def _noise(own, noise):

@@ -124,8 +124,15 @@ class _Pair:
 
     def improve(self, r, last, output, steps):
         """Return a local maximum of the distance at the last sample, and its input."""
-        # from rest until its farthest sample
-        r = np.vstack([np.zeros((len(r) - 1 - last, r.shape[1])), r[: last + 1]])
+        until = r[: last + 1]  # its farthest sample is the last one
+        long = np.vstack([np.zeros((len(r) - 1 - last, r.shape[1])), until])
+        ways = [self._ascent(long, output, steps)]
+        if self.distance(until)[-1, output] > ways[0][0]:  # a rest that does not last
+            ways.append(self._ascent(until, output, steps))
+        return max(ways, key=_first)
+
+    def _ascent(self, r, output, steps):
+        """Return what steps along the gradient reach, and the input."""
         value = self.distance(r)[-1, output]
         for _ in range(steps):
             gradient = self._gradient(r, output)

@@ -181,7 +181,7 @@ def gain_certificate(model, K=None):
     return certify_gain(model.plant_, K)
 
 
-def local_certificate(model, amplitude=None, *, K=None, search=True):
+def local_certificate(model, amplitude=None, *, K=None, **options):
     """Bound the distance from the linear design for all bounded inputs (eq. local).
 
     The loop is u = v - h, with v = r - K x if `K` is given, from rest at the operating
@@ -198,8 +198,10 @@ def local_certificate(model, amplitude=None, *, K=None, search=True):
     K : array_like of shape (nu, nx) or None, default=None
         State feedback, in the basis of `A_` and the units of u; with late inputs
         also of shape (nu, nx + n_late), else it does not act on past inputs.
-    search : bool, default=True
-        Whether the worst input is looked for, a lower bound of any bound.
+    **options : dict
+        `search`, whether the worst input is looked for, a lower bound of any bound
+        (default True), and `cells`, of the grid that bounds loops of up to 3 states
+        and 2 inputs more closely (default 300,000; 0 for none).
 
     Returns
     -------
@@ -214,4 +216,4 @@ def local_certificate(model, amplitude=None, *, K=None, search=True):
     """
     from ..certificates import certify_local
 
-    return certify_local(model.plant_, amplitude, K=K, search=search)
+    return certify_local(model.plant_, amplitude, K=K, **options)

@@ -270,7 +270,7 @@ class LinearizingController(Controller):
         self._last = y
         return u.copy()
 
-    def certificate(self, amplitude=None, *, noise=None, search=True):
+    def certificate(self, amplitude=None, *, noise=None, error=None, search=True):
         """Certify the loop of this controller around its own model (eq. local).
 
         Parameters
@@ -282,6 +282,9 @@ class LinearizingController(Controller):
         noise : float, array_like of shape (ny,) or None, default=None
             Largest modulus of the noise of every sensor, in the units of y. None
             takes three standard deviations of what the fit leaves.
+        error : ErrorGain, float, array_like of shape (ny, nv) or None, default=None
+            Largest l2 gain from u to what the plant adds to the output of the model,
+            see `certificates.error_gain`; None takes the model for the plant.
         search : bool, default=True
             Whether the worst input is looked for.
 
@@ -297,7 +300,8 @@ class LinearizingController(Controller):
             certified.
         """
         certificates = import_module("alssnn.certificates")  # by name: beside this
-        return certificates.certify_loop(self, amplitude, noise=noise, search=search)
+        options = {"noise": noise, "error": error, "search": search}
+        return certificates.certify_loop(self, amplitude, **options)
 
     def to_c(self, directory, *, dtype="double", prefix="plant", layout="flat"):
         """Write this controller as C sources.
