@@ -108,6 +108,7 @@ class StateSpaceModel(
     # not annotated: no options
     _container = Container()  # of the y of `fit`: that of the y of `predict`
 
+    _phi = _radius = property(lambda _: None)  # A is free
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
     nx: Any = take(Records, "nx", kw_only=False)
@@ -412,6 +413,18 @@ class StateSpaceModel(
             contractive=contractive,
         )
         return with_integrators(self, bounds, structure)
+
+    def _training(self, structure):
+        """Return the options that all trainings of a structure have in common."""
+        return {
+            "phi": self._phi,
+            "radius": self._radius,
+            "bounds": self._scaled_bounds(structure, contractive=self._phi is not None),
+            "at_rest": self._at_rest,
+            "periodic": is_periodic(self),
+            "max_iter": self.max_iter,
+            "tol": self.tol,
+        }
 
     def _refinement(self):
         """Return the options of the search for the linear model."""

@@ -277,7 +277,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     structure, terms = model._criterion_terms(predictor(model._structure))
-    phi, radius = getattr(model, "_phi", None), getattr(model, "_radius", None)
+    options = {**model._training(structure), "periodic": False, **options}
     random_state = check_random_state(random_state)
     for _ in range(n_models):
         noisy = []
@@ -288,10 +288,6 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             noisy,
             [model._theta],
             **terms,
-            phi=phi,
-            radius=radius,
-            bounds=model._scaled_bounds(structure, contractive=phi is not None),
-            at_rest=model._at_rest,
             **options,
         )
         whole = simulated_experiments(model, u, y, parts)
