@@ -212,7 +212,21 @@ class Linearizability:
                 for of, gain in zip(self._suffixes(), self.h2_gain, strict=True)
             ),
         ]
-        bands = self.bands
+        rows += [*self._band_rows(), (), *((line,) for line in self._closed_words())]
+        if self.outside is not None and self.outside > OUTSIDE:
+            rows += [
+                (),
+                (f"{_percent(self.outside)} of the record lies outside the training",),
+                ("region: there the model is a guess, and so are these numbers.",),
+                ("Train on records that go there, or keep the plant inside.",),
+            ]
+        if self.large_law:
+            rows += [(), *((line,) for line in self.large_law_lines())]
+        return "\n".join(_line(row) for row in rows)
+
+    def _band_rows(self):
+        """Return the rows of frequency bands."""
+        bands, rows = self.bands, []
         limits = [
             f"{low:g} to {high:g} Hz"
             for low, high in zip(bands.edges[:-1], bands.edges[1:], strict=True)
@@ -225,17 +239,7 @@ class Linearizability:
                     limits, bands.error[:, i], bands.output[:, i], strict=True
                 )
             ]
-        rows += [(), *((line,) for line in self._closed_words())]
-        if self.outside is not None and self.outside > OUTSIDE:
-            rows += [
-                (),
-                (f"{_percent(self.outside)} of the record lies outside the training",),
-                ("region: there the model is a guess, and so are these numbers.",),
-                ("Train on records that go there, or keep the plant inside.",),
-            ]
-        if self.large_law:
-            rows += [(), *((line,) for line in self.large_law_lines())]
-        return "\n".join(_line(row) for row in rows)
+        return rows
 
     @property
     def large_law(self):

@@ -18,6 +18,7 @@ from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import (
     column_names,
+    count_estimated,
     moved_names,
     scored_experiments,
     surely_outside,
@@ -154,22 +155,10 @@ def validate(
     inputs, outputs = column_names(model)
     floor = noise_levels(noise_floor, len(outputs))
     linear = model.linearizability(u, y, experiment, law_dt=law_dt, ahead=ahead)
-    residuals, feedback, doubt = None, None, ""
-    try:
-        tested, options = judged_experiments(model, u, y, experiment, exact=exact)
-    except ValueError as error:  # no stable predictor
-        tested, doubt = [], str(error)
-    if tested and all(np.isfinite(y_hat).all() for _, _, y_hat in tested):
-        residuals, doubt = _tested(
-            tested,
-            n_lags=n_lags,
-            level=level,
-            dt=model.dt,
-            input_names=inputs,
-            output_names=outputs,
-            **options,
-        )
-        feedback = _fed_back(model, u, y, experiment, tested)
+    named = {"input_names": inputs, "output_names": outputs, "dt": model.dt}
+    tested, residuals, feedback, doubt = _tests(
+        model, u, y, experiment, exact, n_lags=n_lags, level=level, **named
+    )
     ahead, problem = None, ""
     try:
         ahead = ahead_fit(model, u, y, experiment, horizons=horizons)
@@ -207,13 +196,23 @@ def validate(
     return Validation(checks, residuals, ahead, linear, type(model).__name__, feedback)
 
 
+def _tests(model, u, y, experiment, exact, **named):
+    """Return what is tested, both kinds of tests, and what a record leaves open."""
+    try:
+        tested, options = judged_experiments(model, u, y, experiment, exact=exact)
+    except ValueError as error:  # no stable predictor
+        return [], None, None, str(error)
+    if not all(np.isfinite(y_hat).all() for _, _, y_hat in tested):
+        return tested, None, None, ""
+    residuals, doubt = _tested(tested, **named, **options)
+    return tested, residuals, _fed_back(model, u, y, experiment, tested), doubt
+
+
 def _tested(experiments, sensitivities, n_lags, ahead, **options):
     """Return the tests of residuals, and what a short record leaves open."""
     doubt = ""
     if n_lags == AUTO:
-        n_free = 0
-        if sensitivities is not None:
-            n_free = next(sensitivities[0]())[0].shape[2]
+        n_free = count_estimated(sensitivities)
         n_lags = choose_lags(experiments, n_free, ahead)
         if n_lags == 0 and n_free:
             n_lags, sensitivities = choose_lags(experiments, 0, ahead), None
