@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..rows import data_frame
 from ..shown import short_repr
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
@@ -299,13 +300,6 @@ class Linearizability:
         ImportError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError(
-                "`to_frame` needs pandas, which could not be imported. Install it by "
-                "pip install pandas, or print the record."
-            ) from error
         names, edges = self._names(), self.bands.edges
         rows = [
             (quantity, name, np.nan, np.nan, value)
@@ -322,9 +316,8 @@ class Linearizability:
             for k, values in enumerate(getattr(self.bands, kind))
             for name, value in zip(names, values, strict=True)
         ]
-        frame = pandas.DataFrame(
-            rows, columns=["quantity", "output", "f_min", "f_max", "value"]
-        )
+        columns = ["quantity", "output", "f_min", "f_max", "value"]
+        frame = data_frame(rows, columns=columns)
         return frame.astype({"f_min": float, "f_max": float, "value": float})
 
     def _names(self):

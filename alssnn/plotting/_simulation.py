@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..metrics import fit_percent
+from ..metrics import free_run_errors
 from ..validation import check_names, column_names, scored_experiments
 from ._axes import (
     MEASURED,
@@ -186,10 +186,7 @@ class SimulationDisplay(Display):
         options = {"sharex": "col", "height_ratios": (2, 1)}
         size = (6.0 if ny == 1 else 4.5, 2.2)
         axes = grid_of_axes(ax, (2, ny), size=size, **options)
-        fit = np.full(ny, -np.inf)
-        if np.isfinite(self.y_pred).all():
-            fit = fit_percent(self.y_true, self.y_pred, multioutput="raw_values")
-        self.fit_percent_ = fit
+        self.fit_percent_ = fit = free_run_errors(self.y_true, self.y_pred)[1]
         style = {"color": color(0), "linewidth": 1.2, **kwargs}
         for i, (top, bottom) in enumerate(axes.T):
             label = f"{self.name}, fit {fit[i]:.3g} %"

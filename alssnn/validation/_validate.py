@@ -7,7 +7,7 @@ import numpy as np
 
 from ..checks import noise_levels
 from ..linearizability import OUTSIDE, judge, percent, worst_error
-from ..metrics import fit_percent
+from ..metrics import free_run_errors
 from ..plants import as_plant
 from ._ahead import ahead_fit
 from ._closed_loop import feedback_check, in_closed_loop
@@ -399,11 +399,7 @@ def _floor(experiments, outputs, floor):
     if floor is None:
         return ()
     y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    if np.isfinite(y_hat).all():
-        error = np.sqrt(np.nanmean((y - y_hat) ** 2, axis=0))
-    else:
-        error = np.full(len(floor), np.inf)
-    ratio = error / floor
+    ratio = free_run_errors(y, y_hat)[0] / floor
     worst = int(ratio.argmax())
     value, name = float(ratio[worst]), outputs[worst]
     sentence = f"The error of the free run is {value:.3g} times the noise of {name}"
@@ -439,9 +435,7 @@ def _noisy_run(model, check, missed):
 def _fits(experiments):
     """Return the fit of every output in percent, -inf where the run diverges."""
     y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    if not np.isfinite(y_hat).all():
-        return np.full(y.shape[1], -np.inf)
-    return np.asarray(fit_percent(y, y_hat, multioutput="raw_values"))
+    return free_run_errors(y, y_hat)[1]
 
 
 def _missed(fit):
