@@ -139,6 +139,22 @@ def fit_percent(y_true, y_pred, *, multioutput="uniform_average"):
     return _aggregate(100 * (1 - _relative_error(y_true, y_pred)), multioutput)
 
 
+def missed_percent(r2):
+    """Return what a simulation misses of its output.
+
+    Parameters
+    ----------
+    r2 : float
+        Coefficient of determination; nan if unknown.
+
+    Returns
+    -------
+    missed : float
+        100 nrmse, in percent; nan if unknown.
+    """
+    return float(100 * np.sqrt(max(1 - r2, 0.0)))
+
+
 def free_run_errors(y_true, y_pred):
     """Return RMSE and fit of every output, infinite where the simulation diverges.
 

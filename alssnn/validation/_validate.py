@@ -7,7 +7,7 @@ import numpy as np
 
 from ..checks import noise_levels
 from ..linearizability import OUTSIDE, judge, percent, worst_error
-from ..metrics import free_run_errors
+from ..metrics import free_run_errors, missed_percent
 from ..plants import as_plant
 from ._ahead import ahead_fit
 from ._closed_loop import feedback_check, in_closed_loop
@@ -360,7 +360,7 @@ def _free_run(model, experiments, outputs, baseline):
     fit = _fits(experiments)
     worst = int(fit.argmin())
     name, value = outputs[worst], float(fit[worst])
-    trained = 100 * (1 - np.sqrt(max(1 - model.train_score_, 0.0)))  # nan: unknown
+    trained = 100 - missed_percent(model.train_score_)  # nan: unknown
     passed, sentence = False, f"The free run misses {_missed(value)} of {name}"
     if baseline is None:
         linear = np.full_like(fit, np.nan)
