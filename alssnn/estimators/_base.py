@@ -488,9 +488,4 @@ class StateSpaceModel(
             progress = Bar(name, self.max_iter)
         else:
             progress = Progress(name, every_step=self.verbose > 1)
-        return Watch(
-            max_time=self.max_time,
-            report=progress.step,
-            report_end=progress.end,
-            report_search=progress.search,
-        )
+        return Watch(max_time=self.max_time, report=progress)

@@ -162,19 +162,17 @@ class _MinorHertz(LogFormatter):
         return EngFormatter(unit="Hz")(x) if super().__call__(x, pos) else ""
 
 
-def frequency_axis(ax, label="frequency"):
+def frequency_axis(ax):
     """Label the abscissa as frequency.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
         Axes.
-    label : str, default="frequency"
-        Label; the ticks carry the unit.
     """
     ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
     ax.xaxis.set_minor_formatter(_MinorHertz())
-    ax.set_xlabel(label)
+    ax.set_xlabel("frequency")
 
 
 def finish(ax, legend=True):
