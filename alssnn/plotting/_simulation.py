@@ -7,6 +7,7 @@ from ..validation import check_names, column_names, scored_experiments
 from ._axes import (
     MEASURED,
     Display,
+    check_which,
     color,
     columns,
     finish,
@@ -91,11 +92,7 @@ class SimulationDisplay(Display):
             If there is no such experiment or the number of axes is wrong.
         """
         experiments, starts = scored_experiments(model, u, y, experiment)
-        if not 0 <= which < len(experiments):
-            raise ValueError(
-                f"`which` must be between 0 and {len(experiments) - 1}, got {which}. "
-                "Experiments count from 0."
-            )
+        check_which(which, len(experiments))
         _, y_true, y_pred = experiments[which]
         return cls.from_predictions(
             y_true,
@@ -198,5 +195,4 @@ class SimulationDisplay(Display):
             time_axis(bottom)
             finish(top, legend="above")
             finish(bottom, legend=False)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)
