@@ -11,7 +11,6 @@ from ..validation import (
 from ._axes import Display, color, finish, frequency_axis, grid_of_axes
 
 N_FREQUENCIES = 300  # of the linear response
-LONGEST = 20  # characters of a label beside an axis
 
 
 class BodeDisplay(Display):
@@ -217,7 +216,7 @@ class BodeDisplay(Display):
         return band
 
 
-def finish_responses(axes, outputs, inputs, decibel):
+def finish_responses(axes, outputs, inputs, decibel, longest=np.inf):
     """Label and scale the axes of frequency responses.
 
     Parameters
@@ -228,12 +227,14 @@ def finish_responses(axes, outputs, inputs, decibel):
         Names of the signals.
     decibel : bool
         Whether magnitudes are in dB.
+    longest : int, default=inf
+        Characters of a label, beyond which it takes two lines.
     """
     for i, output in enumerate(outputs):
         for j, name in enumerate(inputs):
             magnitude, phase = axes[2 * i : 2 * i + 2, j]
             what = f"|{output} / {name}|"
-            if len(what) > LONGEST:
+            if len(what) > longest:
                 what = what.replace(" / ", " /\n", 1)
             magnitude.set_ylabel(f"{what}, dB" if decibel else what)
             magnitude.set_yscale("linear" if decibel else "log")

@@ -15,6 +15,7 @@ from ._axes import (
 from ._bode import N_FREQUENCIES, degrees, finish_responses, magnitudes
 from ._ladder import limits_of, out_of_view
 
+LONGEST = 20  # characters of a label beside an axis
 SLOWEST = 1024  # samples of the slowest sine of a frequency response
 
 
@@ -193,7 +194,7 @@ class BodeComparisonDisplay(Display):
                     size = magnitudes(G[:, i, j], self.decibel)
                     magnitude.plot(f, size, **{"label": name, **style, **kwargs})
                     phase.plot(f, degrees(G[:, i, j]), **{**style, **kwargs})
-        finish_responses(axes, outputs, inputs, self.decibel)
+        finish_responses(axes, outputs, inputs, self.decibel, LONGEST)
         return self._drawn(axes)
 
     def _fill(self, ax, band, i, j, shade):
