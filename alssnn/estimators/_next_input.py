@@ -1,9 +1,8 @@
 """Which experiment comes next: the one that tells most about the law of a model."""
 
-from numbers import Integral
-
 import numpy as np
 
+from ..checks import is_count
 from ..excitation import Excitation, menu
 from ..informative import (
     LAW,
@@ -181,18 +180,16 @@ def _check(model):
 def _inputs(model, u, candidates, n_samples, limits):
     """Return pairs of every candidate and its inputs, disturbances included."""
     moved = np.setdiff1d(np.arange(u.shape[1]), model.disturbances_)
-    counts = isinstance(candidates, Integral) and not isinstance(candidates, bool)
+    counts = is_count(candidates, -np.inf)  # `menu` says which are too small
     if not counts and (not isinstance(candidates, list | tuple) or not candidates):
         raise ValueError(
             "`candidates` must be a positive integer or a list of signals, got "
             f"{candidates!r}."
         )
-    if n_samples is not None and (
-        not isinstance(n_samples, Integral) or isinstance(n_samples, bool)
-    ):
-        raise ValueError(f"`n_samples` must be an integer or None, got {n_samples!r}.")
-    if n_samples is not None and n_samples < 1:
-        raise ValueError(f"`n_samples` must be at least 1, got {n_samples}.")
+    if n_samples is not None and not is_count(n_samples):
+        raise ValueError(
+            f"`n_samples` must be an integer of at least 1 or None, got {n_samples!r}."
+        )
     if counts:
         for name, end in (("low", np.min), ("high", np.max)):
             if limits[name] is None:
