@@ -96,6 +96,29 @@ def sampling_time(dt):
     return float(dt)
 
 
+def probability(level):
+    """Return a probability that is neither 0 nor 1.
+
+    Parameters
+    ----------
+    level : float
+        Value of the argument `level`.
+
+    Returns
+    -------
+    level : float
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If it is not between them.
+    """
+    if isinstance(level, bool) or not 0 < level < 1:
+        raise ValueError(f"`level` must be between 0 and 1, got {level!r}.")
+    return level
+
+
 def noise_levels(known, ny):
     """Return the errors that no model goes below.
 
