@@ -373,13 +373,11 @@ def _simulation(model, test):
     return figure(drawn, f"{caption}.", curves)
 
 
-def checks(model, validation, reason):
+def checks(validation, reason):
     """Return the verdicts of validation and the correlations of the residual.
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
     validation : Validation or None
         Checks on the record; None if there are none.
     reason : str
