@@ -5,6 +5,42 @@ from numbers import Integral, Real
 import numpy as np
 
 
+def is_count(value, smallest=1):
+    """Tell whether something is an integer that is not too small.
+
+    Parameters
+    ----------
+    value : object
+        Anything.
+    smallest : int, default=1
+        Smallest integer that counts.
+
+    Returns
+    -------
+    is_count : bool
+        Whether it is one; booleans are none.
+    """
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    return whole and int(value) >= smallest
+
+
+def is_positive(value):
+    """Tell whether something is a positive and finite number.
+
+    Parameters
+    ----------
+    value : object
+        Anything.
+
+    Returns
+    -------
+    is_positive : bool
+        Whether it is one; booleans are none.
+    """
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    return number and 0 < float(value) < np.inf
+
+
 def count(name, value, smallest=1):
     """Return an integer that is not too small.
 
@@ -27,11 +63,7 @@ def count(name, value, smallest=1):
     ValueError
         If it is no integer, or too small.
     """
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, Integral)
-        or int(value) < smallest
-    ):
+    if not is_count(value, smallest):
         raise ValueError(
             f"`{name}` must be an integer of at least {smallest}, got {value!r}."
         )
@@ -56,13 +88,35 @@ def sampling_time(dt):
     ValueError
         If it is not positive and finite.
     """
-    number = isinstance(dt, Real) and not isinstance(dt, bool)
-    if not number or not 0 < float(dt) < np.inf:
+    if not is_positive(dt):
         raise ValueError(
             f"`dt` must be a positive number, got {dt!r}. Give the sampling time in "
             "seconds."
         )
     return float(dt)
+
+
+def probability(level):
+    """Return a probability that is neither 0 nor 1.
+
+    Parameters
+    ----------
+    level : float
+        Value of the argument `level`.
+
+    Returns
+    -------
+    level : float
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If it is not between them.
+    """
+    if isinstance(level, bool) or not 0 < level < 1:
+        raise ValueError(f"`level` must be between 0 and 1, got {level!r}.")
+    return level
 
 
 def noise_levels(known, ny):

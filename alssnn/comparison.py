@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from .metrics import fit_percent, rmse
+from .metrics import free_run_errors
+from .rows import Rows, aligned
 from .validation import column_names, scored_experiments
 
 
@@ -48,7 +49,7 @@ class ComparedModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Rows):
     """Hold models side by side; ``str`` is the table, ``plot`` draws the figure.
 
     Parameters
@@ -81,22 +82,6 @@ class Comparison:
     dt: float
     output_names: list
 
-    def __iter__(self):
-        """Yield the rows."""
-        return iter(self.rows)
-
-    def __len__(self):
-        """Return the number of models."""
-        return len(self.rows)
-
-    def __getitem__(self, name):
-        """Return the row of a name."""
-        for row in self.rows:
-            if row.name == name:
-                return row
-        names = ", ".join(row.name for row in self.rows)
-        raise KeyError(f"`name` must be one of {names}, got {name!r}.")
-
     def __repr__(self):
         """Return the table as aligned plain text."""
         cells = [["model", "states", "parameters"]]
@@ -106,14 +91,7 @@ class Comparison:
             cells.append([row.name, str(row.nx), str(row.n_params)])
             for error, fit in zip(row.rmse, row.fit_percent, strict=True):
                 cells[-1] += [f"{error:.4g}", f"{fit:.2f}"]
-        widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-        return "\n".join(
-            "  ".join(
-                text.rjust(width) if i else text.ljust(width)
-                for i, (text, width) in enumerate(zip(line, widths, strict=True))
-            )
-            for line in cells
-        )
+        return "\n".join(aligned(cells))
 
     def to_frame(self):
         """Return the table as a pandas DataFrame.
@@ -129,8 +107,6 @@ class Comparison:
         ImportError
             If pandas is not installed.
         """
-        import pandas
-
         several = len(self.output_names) > 1
         table = []
         for row in self.rows:
@@ -140,8 +116,7 @@ class Comparison:
                 record[f"rmse{where}"] = row.rmse[i]
                 record[f"fit_percent{where}"] = row.fit_percent[i]
             table.append(record)
-        index = pandas.Index([row.name for row in self.rows], name="model")
-        return pandas.DataFrame(table, index=index)
+        return self.frame(table)
 
     def plot(self, *, which=0, ax=None, **kwargs):
         """Draw outputs and residuals of all models on shared axes.
@@ -291,11 +266,6 @@ def _named(models):
 
 def _row(name, model, y_true, y_hat):
     """Return the figures of one model."""
-    measured, simulated = np.concatenate(y_true), np.concatenate(y_hat)
-    ny = measured.shape[1]
-    error, fit = np.full(ny, np.inf), np.full(ny, -np.inf)
-    if np.isfinite(simulated).all():
-        error = rmse(measured, simulated, multioutput="raw_values")
-        fit = fit_percent(measured, simulated, multioutput="raw_values")
+    error, fit = free_run_errors(np.concatenate(y_true), np.concatenate(y_hat))
     n_params = int(model.fitted_.free.sum())
     return ComparedModel(name, model, model.nx_, n_params, error, fit, y_hat)

@@ -29,6 +29,7 @@ DEFECTIVE = 1e8  # condition of eigenvectors from which they are of no use
 ALTERNATING = 0.8  # rate of a mode in place of one that has none
 APART = 1e-6  # by which eigenvalues are parted then, relative to A
 ROUNDING = 1e-9  # relative imaginary part of a real eigenvalue
+LEAST_DECAY = 1e-3  # of a state per sample, of what is `damped`
 STAGES = (0.0, 0.5, 0.5, 1.0)  # of a step, where the derivative is evaluated
 WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
@@ -429,7 +430,7 @@ def converted(structure, p, hold="zoh"):
     return {**p, **changed, "A": A}
 
 
-def damped(A, substeps=1, slowest=1e-3):
+def damped(A, substeps=1):
     """Return a state matrix of derivatives whose states decay, step by step.
 
     Parameters
@@ -438,17 +439,15 @@ def damped(A, substeps=1, slowest=1e-3):
         State matrix, time in samples.
     substeps : int, default=1
         Steps of Runge and Kutta per sample.
-    slowest : float, default=1e-3
-        Least rate of decay.
 
     Returns
     -------
     A : ndarray of shape (nx, nx)
-        The matrix itself if its states decay at that rate and not faster than steps
+        The matrix itself if its states decay at a least rate and not faster than steps
         can follow; else one shifted to that rate, and scaled down.
     """
     rate = np.linalg.eigvals(A).real.max(initial=-np.inf)
-    A = A - max(rate + slowest, 0.0) * np.eye(len(A))
+    A = A - max(rate + LEAST_DECAY, 0.0) * np.eye(len(A))
     modulus = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
     return A / max(modulus / (FASTEST * substeps), 1.0)
 

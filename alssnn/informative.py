@@ -231,25 +231,23 @@ def told(H):
     return Q[:, seen] / size[:, None], LEAST * size**2
 
 
-def spread(X, u, y, n_points=POINTS):
+def spread(X, u, y):
     """Return samples that lie spread over what all simulations visit.
 
     Parameters
     ----------
     X, u, y : ndarray of shape (N, nx), (N, nu), (N, ny)
         States, inputs and outputs.
-    n_points : int, default=300
-        Largest number of samples.
 
     Returns
     -------
-    X, u : ndarray of shape (n_points, nx), (n_points, nu)
+    X, u : ndarray of shape (n, nx), (n, nu)
         Samples at even levels of every output: rare ones count as much as others.
     """
     order = []
     for one in y.T:
         by_size = np.argsort(one)
-        levels = np.linspace(one.min(), one.max(), max(2, n_points // y.shape[1]))
+        levels = np.linspace(one.min(), one.max(), max(2, POINTS // y.shape[1]))
         place = np.searchsorted(one[by_size], levels)
         order.append(by_size[np.minimum(place, len(one) - 1)])
     chosen = np.unique(np.concatenate(order))

@@ -139,6 +139,45 @@ def fit_percent(y_true, y_pred, *, multioutput="uniform_average"):
     return _aggregate(100 * (1 - _relative_error(y_true, y_pred)), multioutput)
 
 
+def missed_percent(r2):
+    """Return what a simulation misses of its output.
+
+    Parameters
+    ----------
+    r2 : float
+        Coefficient of determination; nan if unknown.
+
+    Returns
+    -------
+    missed : float
+        100 nrmse, in percent; nan if unknown.
+    """
+    return float(100 * np.sqrt(max(1 - r2, 0.0)))
+
+
+def free_run_errors(y_true, y_pred):
+    """Return RMSE and fit of every output, infinite where the simulation diverges.
+
+    Parameters
+    ----------
+    y_true : ndarray of shape (N, ny)
+        Measured outputs; nan where not measured.
+    y_pred : ndarray of shape (N, ny)
+        Simulated outputs.
+
+    Returns
+    -------
+    rmse, fit : ndarray of shape (ny,)
+        As `rmse` and `fit_percent`; inf and -inf if not all of them are finite.
+    """
+    if not np.isfinite(y_pred).all():
+        ny = y_true.shape[1]
+        return np.full(ny, np.inf), np.full(ny, -np.inf)
+    y_true, y_pred = _check_outputs(y_true, y_pred)
+    relative = _relative_error(y_true, y_pred)
+    return _rms(y_true - y_pred), 100 * (1 - relative)
+
+
 def _check_outputs(y_true, y_pred):
     """Return both outputs as float arrays of the same shape (N, ny)."""
     checked = []

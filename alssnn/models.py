@@ -15,6 +15,7 @@ to the output or to the inputs that are moved (eq. drift).
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -107,37 +108,14 @@ def state_space(
     if C is None and any(n.values()):
         raise ValueError("`C` must be given for a model with networks, got None.")
     sigma = _activations(activation, odd)
-    sizes, (moved, given) = {}, split_inputs(nu, disturbances)
-    if len(given):
-        sizes = {"moved": len(moved), "d": len(given)}
-    if drift is not None:
-        sizes[LEVEL] = ny if drift == "output" else len(moved)
-    e = Equations(x=nx, u=nu, y=ny, zeta=nx, **sizes)
-    x, u = e.state("x"), e.input("u")
-    m, of_m, of_d = u, "u", {}
-    if len(given):  # of u, what a controller moves and what it only sees
-        S = e.constant("S_m", np.eye(nu)[moved], "moved", "u")
-        m, of_m = S @ u, "moved"
-        of_d = {"d": e.constant("S_d", np.eye(nu)[given], "d", "u") @ u}
-    b = None
-    if drift is not None:
-        b = replace(e.state(LEVEL), axes=("y" if drift == "output" else of_m,))
-        b = e.signal(DRIFT, b)
-    if drift == "input":
-        u, m = u + (S.T @ b if len(given) else b), m + b
+    e, x, u, m, of_d, b = _signals(nx, nu, ny, disturbances, drift)
+    of_m, network = m.axis, partial(_network, e, n, sigma)
     A, B = e.parameter("A", "x", "x"), e.parameter("B", "x", of_m)
     C = e.parameter("C", "y", "x") if C is None else e.constant("C", C, "y", "x")
     y = C @ x
     if feedthrough:
         y += e.parameter("D", "y", of_m) @ m
         y = sum((e.parameter("H", "y", "d") @ d for d in of_d.values()), start=y)
-
-    def network(net, axis, biases, bias, **inputs):
-        value = e.mlp(
-            net, axis, n[net], inputs, bias=bias, biases=biases, activation=sigma[net]
-        )
-        return e.signal(net, value) if n[net] and net != "h" else value
-
     of_h, of_g = "none" if odd else "free", "tied" if tied_bias else "free"
     y += network("k", "y", "tied", "b_kx", W_kx=x, W_ku=u)
     y = e.signal("y", y + b if drift == "output" else y)
@@ -165,30 +143,61 @@ def state_space(
         updates["x"] += K @ eps
     if b is not None:  # (eq. drift)
         updates[LEVEL] = b + e.parameter("K_b", b.axis, "y") @ eps
-    if n["g"]:  # what g adds to the output (eq. penalty), or to what is predicted
-        zeta = e.state("zeta")
-        residual = e.signal("e", C @ zeta)
-        updates["zeta"] = A @ zeta + g
-        if K is not None:
-            updates["zeta"] -= K @ residual
-    structure = e.structure(
-        updates,
-        ["y"],
-        options={
-            **{f"n_{net}": n[net] for net in NETWORKS},
-            "feedthrough": feedthrough,
-            "feedback": feedback,
-            "tied_bias": tied_bias,
-            "odd": odd,
-            "activation": sigma,
-            "input_map": input_map,
-            **({"disturbances": tuple(map(int, given))} if len(given) else {}),
-            **({} if eps is None else {"noise": noise, "h_sees": h_sees}),
-            **({} if b is None else {"drift": drift}),
-        },
-    )
+    if n["g"]:
+        updates["zeta"] = _effect(e, g, A, C, K)
+    options = {
+        **{f"n_{net}": n[net] for net in NETWORKS},
+        "feedthrough": feedthrough,
+        "feedback": feedback,
+        "tied_bias": tied_bias,
+        "odd": odd,
+        "activation": sigma,
+        "input_map": input_map,
+        **({"disturbances": tuple(map(int, np.unique(disturbances)))} if of_d else {}),
+        **({} if eps is None else {"noise": noise, "h_sees": h_sees}),
+        **({} if b is None else {"drift": drift}),
+    }
+    structure = e.structure(updates, ["y"], options=options)
     # where a walk begins is as unknown as the state
     return free_run(replace(structure, free_starts=1 if b is None else 2))
+
+
+def _signals(nx, nu, ny, disturbances, drift):
+    """Return equations, x, u, what is moved of u, what is given, and a random walk."""
+    sizes, (moved, given) = {}, split_inputs(nu, disturbances)
+    if len(given):
+        sizes = {"moved": len(moved), "d": len(given)}
+    if drift is not None:
+        sizes[LEVEL] = ny if drift == "output" else len(moved)
+    e = Equations(x=nx, u=nu, y=ny, zeta=nx, **sizes)
+    x, u = e.state("x"), e.input("u")
+    m, of_d, b = u, {}, None
+    if len(given):  # of u, what a controller moves and what it only sees
+        S = e.constant("S_m", np.eye(nu)[moved], "moved", "u")
+        m = S @ u
+        of_d = {"d": e.constant("S_d", np.eye(nu)[given], "d", "u") @ u}
+    if drift is not None:
+        b = replace(e.state(LEVEL), axes=("y" if drift == "output" else m.axis,))
+        b = e.signal(DRIFT, b)
+    if drift == "input":
+        u, m = u + (S.T @ b if len(given) else b), m + b
+    return e, x, u, m, of_d, b
+
+
+def _network(e, n, sigma, net, axis, biases, bias, **inputs):
+    """Return the value of a network: a signal by its name, but for h."""
+    value = e.mlp(
+        net, axis, n[net], inputs, bias=bias, biases=biases, activation=sigma[net]
+    )
+    return e.signal(net, value) if n[net] and net != "h" else value
+
+
+def _effect(e, g, A, C, K):
+    """Return what g does to the states, whose output e is penalized (eq. penalty)."""
+    zeta = e.state("zeta")
+    residual = e.signal("e", C @ zeta)
+    effect = A @ zeta + g
+    return effect if K is None else effect - K @ residual  # of what is predicted
 
 
 def _activations(activation, odd):

@@ -1,9 +1,10 @@
 """Periods of a record: their mean, and the noise that it leaves out."""
 
-from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
+
+from .checks import is_count
 
 LEAST = 4  # samples of a period
 APERIODIC = 0.1  # share of the power of u by which periods may differ: noise
@@ -55,8 +56,7 @@ def mean_periods(u, y, parts, period):
     ValueError
         If an experiment has no whole periods, or its inputs do not repeat themselves.
     """
-    is_count = isinstance(period, Integral) and not isinstance(period, bool)
-    if period is not None and not (is_count and period >= LEAST):
+    if period is not None and not is_count(period, LEAST):
         raise ValueError(
             f"`period` must be the samples of a period, an integer of at least {LEAST},"
             f" or None, got {period!r}."

@@ -1,11 +1,11 @@
 """Equations in continuous time as a plant keeps them, for any sampling time."""
 
 from dataclasses import dataclass, replace
-from numbers import Real
 
 import numpy as np
 
 from . import forms
+from .checks import is_positive
 from .continuous import derivative, held, is_resolved, leading
 from .shown import short_repr
 from .structures import Structure
@@ -125,7 +125,7 @@ def checked_time(dt):
     ValueError
         If it is no positive number.
     """
-    if not isinstance(dt, Real) or isinstance(dt, bool) or not 0 < float(dt) < np.inf:
+    if not is_positive(dt):
         raise ValueError(f"`dt` must be a positive time in seconds, got {dt!r}.")
     return float(dt)
 

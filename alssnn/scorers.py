@@ -19,12 +19,13 @@ the operating point and knows no experiments.
 """
 
 from functools import partial
-from numbers import Integral, Real
+from numbers import Real
 
 import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
 
 from . import metrics
+from .checks import is_count
 
 __all__ = [
     "Scorer",
@@ -197,7 +198,7 @@ def k_step(steps, *, metric="nrmse"):
     >>> k_step(1)(model, *record) > k_step(10)(model, *record)
     True
     """
-    if isinstance(steps, bool) or not isinstance(steps, Integral) or steps < 1:
+    if not is_count(steps):
         raise ValueError(
             f"`steps` must be a positive integer, got {steps!r}. It counts samples; "
             "`neg_nrmse` scores the free run."

@@ -216,8 +216,19 @@ class _Path:
 
 
 def _descend(path, alphas, watch, options):
-    """Go down a path; in a process of its own, if need be."""
     return path.descend(alphas, watch, **options)
+
+
+def _walked(paths, alphas, watch, options, tally, n_jobs):
+    """Go down several paths, in processes of their own if asked for; return them."""
+    if n_jobs in (None, 1) or len(paths) == 1:
+        for path in paths:
+            path.descend(alphas, watch, tell=tally.plan(len(alphas)), **options)
+        return paths
+    calls = [(path, alphas, watch, options) for path in paths]
+    walked = dict(finished(_descend, calls, n_jobs))
+    tally.plan(len(calls) * len(alphas))
+    return [walked[i] for i in range(len(calls))]
 
 
 def search(
@@ -263,7 +274,7 @@ def search(
     found : Found
         The choice.
     """
-    folds = orders.folds
+    folds, (scale, nearly, gain) = orders.folds, _standards(orders, is_predictor)
     quiet = (Watch() if watch is None else watch).quiet()
     options = {
         "method": method,
@@ -272,13 +283,6 @@ def search(
         "xtol": LEAST_MOVE,
         "label": "search",
     }
-
-    scale, nearly, gain = 1.0, NEARLY, GAIN
-    if is_predictor:
-        n_hidden = sum(len(u) * SHARE for fold in folds for u, _ in fold.hidden)
-        nearly = min(nearly, 1.0 + CHANCE / n_hidden)
-        gain = max(gain, 1.0 - CHANCE / n_hidden)
-        scale = float(np.mean(orders.errors[orders.nx])) / NOISE
     descent = scale * ALPHAS
 
     def start(nx, seed):
@@ -305,14 +309,7 @@ def search(
     first, rest = np.split(descent, [np.count_nonzero(ALPHAS >= ENOUGH)])
     alphas = first if is_long else descent
     options["enough"] = scale * ENOUGH
-    if n_jobs in (None, 1) or len(paths) == 1:
-        for path in paths:
-            path.descend(alphas, quiet, tell=tally.plan(len(alphas)), **options)
-    else:
-        calls = [(path, alphas, quiet, options) for path in paths]
-        walked = dict(finished(_descend, calls, n_jobs))
-        paths = [walked[i] for i in range(len(calls))]
-        tally.plan(len(calls) * len(alphas))
+    paths = _walked(paths, alphas, quiet, options, tally, n_jobs)
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
         best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)
@@ -336,6 +333,16 @@ def search(
         curve,
         gain,
     )
+
+
+def _standards(orders, is_predictor):
+    """Return the scale of alpha, what is as good as the best, and what is a gain."""
+    if not is_predictor:
+        return 1.0, NEARLY, GAIN
+    n_hidden = sum(len(u) * SHARE for fold in orders.folds for u, _ in fold.hidden)
+    chance = CHANCE / n_hidden
+    scale = float(np.mean(orders.errors[orders.nx])) / NOISE
+    return scale, min(NEARLY, 1.0 + chance), max(GAIN, 1.0 - chance)
 
 
 def _choose(paths, nearly):

@@ -32,6 +32,7 @@ from .activations import OTHER
 from .kernels import advance, back_propagate, differentiate
 
 SIMULATION_CHUNK = 1024  # samples between two tests for divergence
+WHOLE_CHUNK = 8192  # samples whose neurons are kept at a time
 SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
 MANY_LAYERS = 8  # beyond: their weights as a list, most of them being zero
 GAINS_BYTES = 1_600_000  # gains of some samples then: more leave the caches
@@ -314,7 +315,7 @@ def neuron_gains(lure, W, Phi):
     return WR
 
 
-def channels(lure, X, u, chunk=8192):
+def channels(lure, X, u):
     """Return the channels z of simulated states.
 
     Parameters
@@ -325,19 +326,16 @@ def channels(lure, X, u, chunk=8192):
         States; a state after the last sample is ignored.
     u : ndarray of shape (N, nu)
         Inputs.
-    chunk : int, default=8192
-        Samples treated at a time, which bounds the memory for w.
 
     Returns
     -------
     Z : ndarray of shape (N, nz)
         Channels.
     """
-    Theta_z = lure.Theta[lure.nx : lure.nx + lure.nz]
     Z = np.empty((len(u), lure.nz), dtype=np.result_type(X, lure.Theta))
-    for start in range(0, len(u), chunk):
-        part = slice(start, min(start + chunk, len(u)))
-        Z[part] = regressors(lure, X[part], u[part]) @ Theta_z.T
+    for start in range(0, len(u), WHOLE_CHUNK):  # w of all samples may be large
+        part = slice(start, min(start + WHOLE_CHUNK, len(u)))
+        Z[part] = regressors(lure, X[part], u[part]) @ lure.rows_z.T
     return Z
 
 

@@ -54,60 +54,15 @@ def initial_theta(structure, linear, experiments, rng, bounds=None, roots=None):
     p = linear.by_name(structure.given)  # an input may be none of the records
     for name, missing in _squared(structure).items():  # before u is to act on x
         shape = structure.shapes[name]
-        is_free = missing is None
-        p[name] = (
-            rng.uniform(*(roots or INITIAL_ROOTS), shape)
-            if is_free
-            else np.full(shape, np.sqrt(missing))
-        )
+        if missing is None:
+            p[name] = rng.uniform(*(roots or INITIAL_ROOTS), shape)
+        else:
+            p[name] = np.full(shape, np.sqrt(missing))
     pick = rng.integers(len(experiments))
-    starts = linear.starts(structure.given)
     u, y = (signal[:START_SAMPLES] for signal in experiments[pick])
-    X = simulate(
-        structure.lure(structure.join(p)), u, structure.initial_state(starts[pick])
-    )
-    X = X[:-1]
-    if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
-        X = np.zeros_like(X)
-    states = {axis: X[:, structure.cols[axis]] for axis in structure.states}
-    y_hat = X[:, : len(linear.A)] @ linear.C.T + u @ linear.D.T
-    signals = {
-        ONE: np.ones((len(u), 1)),
-        **states,
-        structure.measured: np.where(np.isnan(y), y_hat, y),
-    }
-    first = structure.nx
-    for axis in structure.inputs:
-        where = structure.cols[axis]
-        signals[axis] = u[:, where.start - first : where.stop - first]
-
-    def behind(term, first, samples):
-        # what stands in a term behind its first factors
-        q = {**structure.constants, **structure.split(structure.join(p))}
-        value = columns(term.cols, samples).T
-        for factor in reversed(term.factors[first:]):
-            value = factor.value(q) @ value
-        return term.gain * value.T
-
-    def columns(axis, samples):
-        if axis in signals:
-            return signals[axis][samples]
-        is_layer = axis in structure.layers
-        terms = (structure.layers if is_layer else structure.signals)[axis].terms
-        v = sum(behind(term, 0, samples) for term in terms)
-        return structure.activation(axis).value(v) if is_layer else v
-
+    shown = _Shown(structure, p, linear, u, y, linear.starts(structure.given)[pick])
     for axis in structure.neurons:
-        inner: dict[str, list] = {}
-        biases = []
-        for term in structure.layers[axis].terms:
-            name = structure.leading(term)
-            if name is None or name in p:  # weights may be shared by several layers
-                continue
-            if len(structure.shapes[name]) == 2:
-                inner.setdefault(name, []).append(term)
-            else:
-                biases.append(name)
+        inner, biases = _first_layer(structure, axis, p)
         if not inner:
             continue
         size = structure.sizes[axis]
@@ -119,10 +74,62 @@ def initial_theta(structure, linear, experiments, rng, bounds=None, roots=None):
             shape = structure.shapes[name]
             scale = INITIAL_SLOPE / np.sqrt(max(width, 1))
             p[name] = rng.normal(scale=scale, size=shape) * free[name]
-            seen = sum(behind(term, 1, samples) for term in terms)
+            seen = sum(shown.behind(term, 1, samples) for term in terms)
             bias -= np.sum(p[name] * seen, axis=1)
         p |= dict.fromkeys(biases, bias)
     return structure.join(p)
+
+
+class _Shown:
+    """Show the values of every axis at samples of a simulation; p may still grow."""
+
+    def __init__(self, structure, p, linear, u, y, x0):
+        self.structure, self.p = structure, p
+        lure, first = structure.lure(structure.join(p)), structure.nx
+        X = simulate(lure, u, structure.initial_state(x0))[:-1]
+        if not np.isfinite(X).all():  # an unstable start still has to begin somewhere
+            X = np.zeros_like(X)
+        y_hat = X[:, : len(linear.A)] @ linear.C.T + u @ linear.D.T
+        self.signals = {
+            ONE: np.ones((len(u), 1)),
+            **{axis: X[:, structure.cols[axis]] for axis in structure.states},
+            structure.measured: np.where(np.isnan(y), y_hat, y),
+        }
+        for axis in structure.inputs:
+            where = structure.cols[axis]
+            self.signals[axis] = u[:, where.start - first : where.stop - first]
+
+    def behind(self, term, first, samples):
+        """Return what stands in a term behind its first factors."""
+        structure = self.structure
+        q = {**structure.constants, **structure.split(structure.join(self.p))}
+        value = self._columns(term.cols, samples).T
+        for factor in reversed(term.factors[first:]):
+            value = factor.value(q) @ value
+        return term.gain * value.T
+
+    def _columns(self, axis, samples):
+        if axis in self.signals:
+            return self.signals[axis][samples]
+        structure, is_layer = self.structure, axis in self.structure.layers
+        terms = (structure.layers if is_layer else structure.signals)[axis].terms
+        v = sum(self.behind(term, 0, samples) for term in terms)
+        return structure.activation(axis).value(v) if is_layer else v
+
+
+def _first_layer(structure, axis, p):
+    """Return the terms of weights of neurons that p has not yet, and their biases."""
+    inner: dict[str, list] = {}
+    biases = []
+    for term in structure.layers[axis].terms:
+        name = structure.leading(term)
+        if name is None or name in p:  # weights may be shared by several layers
+            continue
+        if len(structure.shapes[name]) == 2:
+            inner.setdefault(name, []).append(term)
+        else:
+            biases.append(name)
+    return inner, biases
 
 
 def _squared(structure):

@@ -37,6 +37,7 @@ from scipy.linalg import eig, eigh
 from scipy.special import chdtri, ndtri
 from sklearn.utils import check_random_state
 
+from .checks import probability
 from .noise import Noise
 from .shown import short_repr
 
@@ -81,9 +82,7 @@ class FrequencyBand:
     @property
     def magnitude_std(self):
         """Return the standard error of the magnitude, shape (n_frequencies, ny, nv)."""
-        size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
-        along = np.stack([self.response.real, self.response.imag], -1) / size[..., None]
-        return _spread(along, self.covariance)
+        return _modulus_std(self.response, self.covariance)
 
     @property
     def phase_std(self):
@@ -110,7 +109,7 @@ class FrequencyBand:
         ValueError
             If `level` is not between 0 and 1.
         """
-        half = ndtri((1 + _check_level(level)) / 2) * self.magnitude_std
+        half = ndtri((1 + probability(level)) / 2) * self.magnitude_std
         half = half if self.holds else np.full_like(half, np.nan)
         size = np.abs(self.response)
         return np.maximum(size - half, 0.0), size + half
@@ -141,7 +140,7 @@ class FrequencyBand:
         weighted = np.linalg.pinv(self.covariance, hermitian=True) @ d[..., None]
         # chi2 of two degrees of freedom
         square = (d[..., None, :] @ weighted)[..., 0, 0]
-        return self.holds & (square <= chdtri(2, 1 - _check_level(level)))
+        return self.holds & (square <= chdtri(2, 1 - probability(level)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +178,7 @@ class PoleRegions:
     @property
     def modulus_std(self):
         """Return the standard error of the modulus of every pole, shape (nx,)."""
-        size = np.maximum(np.abs(self.poles), np.finfo(float).tiny)
-        along = np.stack([self.poles.real, self.poles.imag], -1) / size[:, None]
-        return _spread(along, self.covariance)
+        return _modulus_std(self.poles, self.covariance)
 
     def ellipses(self, level=0.95, n_points=64):
         """Return the boundaries of the confidence regions.
@@ -209,7 +206,7 @@ class PoleRegions:
         values, Q = np.linalg.eigh(self.covariance)
         real = np.abs(self.poles.imag) <= 1e-12 * np.abs(self.poles)
         # one degree of freedom for a real pole, two for a complex one
-        radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - _check_level(level)))
+        radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - probability(level)))
         axes = Q * (np.sqrt(np.maximum(values, 0.0)) * radius[:, None])[:, None, :]
         points = (
             axes @ circle
@@ -411,13 +408,13 @@ class ParameterCovariance:
         return self.theta + draws * np.sqrt(np.maximum(values, 0.0)) @ Q.T
 
 
+def _modulus_std(z, covariance):
+    """Return the standard errors of the modulus of complex numbers."""
+    size = np.maximum(np.abs(z), np.finfo(float).tiny)
+    return _spread(np.stack([z.real, z.imag], -1) / size[..., None], covariance)
+
+
 def _spread(gradient, covariance):
     """Return the standard errors of functions of (Re, Im) with given gradients."""
     square = gradient[..., None, :] @ covariance @ gradient[..., None]
     return np.sqrt(np.maximum(square[..., 0, 0], 0.0))
-
-
-def _check_level(level):
-    if not 0 < level < 1:
-        raise ValueError(f"`level` must be between 0 and 1, got {level!r}.")
-    return level

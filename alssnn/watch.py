@@ -62,6 +62,47 @@ class Stop(Exception):
     """End a search from inside the functions that it evaluates."""
 
 
+class Silent:
+    """Hear of the progress of a fit, and show nothing of it."""
+
+    def step(self, label, iteration, cost):
+        """Hear of an accepted step.
+
+        Parameters
+        ----------
+        label : str
+            Stage of the fit.
+        iteration : int
+            Number of the step within its stage; 0 is the start.
+        cost : float
+            Cost that it reached.
+        """
+
+    def end(self, label, n_accepted, cost):
+        """Hear of the end of a search.
+
+        Parameters
+        ----------
+        label : str
+            Stage of the fit.
+        n_accepted : int
+            Points that the search accepted, its start among them.
+        cost : float
+            Cost that it ends with.
+        """
+
+    def search(self, done, of, share):
+        """Hear of the search for order, start and decay.
+
+        Parameters
+        ----------
+        done, of : int
+            Stages done, and how many there are at most.
+        share : float
+            Least error on hidden samples over that of the linear model.
+        """
+
+
 class Watch:
     """Keep the history of the searches of one fit, and end them.
 
@@ -69,15 +110,8 @@ class Watch:
     ----------
     max_time : float or None, default=None
         Seconds after which the fit ends, counted from now.
-    report : callable or None, default=None
-        Called as ``report(label, iteration, cost)`` at every accepted step.
-    report_end : callable or None, default=None
-        Called as ``report_end(label, n_accepted, cost)`` at the end of a search, with
-        the number of points it accepted, its start among them.
-    report_search : callable or None, default=None
-        Called as ``report_search(done, of, share)`` in the search for order, start and
-        decay: stages done, of how many at most, and the least error on hidden samples
-        over that of the linear model.
+    report : Silent or None, default=None
+        What shows the progress; None shows none.
     observe : callable or None, default=None
         Called as ``observe(step, point)`` with a `Step` and the free vector that the
         search has reached; the fit ends if it returns true. Stays in its process.
@@ -95,20 +129,11 @@ class Watch:
         What ended the fit, if the user did.
     """
 
-    def __init__(
-        self,
-        *,
-        max_time=None,
-        report=None,
-        report_end=None,
-        report_search=None,
-        observe=None,
-    ):
+    def __init__(self, *, max_time=None, report=None, observe=None):
         # not a monotonic clock: workers on other machines share this one
         self.start = time.time()
         self.max_time = max_time
-        self.report, self.report_end = report, report_end
-        self.report_search = report_search
+        self.report = report or Silent()
         self.observe = observe
         self.history = []
         self.floor = None
@@ -125,12 +150,7 @@ class Watch:
         watch : Watch
             Watch of one of several starts, in this process or another.
         """
-        fork = Watch(
-            max_time=self.max_time,
-            report=self.report,
-            report_end=self.report_end,
-            observe=self.observe,
-        )
+        fork = Watch(max_time=self.max_time, report=self.report, observe=self.observe)
         fork.start, fork.reason, fork.parent = self.start, self.reason, self
         fork.floor = self.floor
         return fork
@@ -144,7 +164,7 @@ class Watch:
             Watch of searches that prepare the fit: of no stage of it.
         """
         quiet = self.fork()
-        quiet.report = quiet.report_end = quiet.observe = quiet.floor = None
+        quiet.report, quiet.observe, quiet.floor = Silent(), None, None
         return quiet
 
     def __getstate__(self):
@@ -201,8 +221,7 @@ class Watch:
         seconds = time.time() - self.start
         step = Step(label, iteration, float(cost), seconds, float(rmse))
         self.history.append(step)
-        if self.report is not None:
-            self.report(label, iteration, cost)
+        self.report.step(label, iteration, cost)
         if self.observe is not None and self.observe(step, point):
             self.stop(BY_OBSERVER)
 
@@ -216,8 +235,7 @@ class Watch:
         share : float
             Least error on hidden samples over that of the linear model.
         """
-        if self.report_search is not None:
-            self.report_search(done, of, share)
+        self.report.search(done, of, share)
 
     def end(self, label, n_accepted, cost):
         """Tell that a search is over.
@@ -231,8 +249,8 @@ class Watch:
         cost : float
             Cost that it ends with.
         """
-        if self.report_end is not None and n_accepted:
-            self.report_end(label, n_accepted, cost)
+        if n_accepted:
+            self.report.end(label, n_accepted, cost)
 
 
 def late_fall(history):

@@ -9,8 +9,16 @@ from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
 from alssnn.simulation import neuron_gains, regressors
+from alssnn.watch import Silent
 
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
+
+
+class Heard(Silent):
+    """Pass on what a search reports of its steps."""
+
+    def __init__(self, step):
+        self.step = step
 
 
 def complex_step(function, x):

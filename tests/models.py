@@ -8,6 +8,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn
+from alssnn.estimators._fitted import publish_parameters
 
 # The training alone, for tests of its mechanics: no search by hidden samples or for
 # integrators, a free A and a tolerance that leaves the number of steps to `max_iter`.
@@ -80,7 +81,7 @@ def lively(model, size=0.1, radius=0.9):
     A = structure.split(theta)["A"]
     A *= min(1.0, radius / np.abs(np.linalg.eigvals(A)).max())
     model._theta = theta
-    model._publish_parameters()
+    publish_parameters(model)
     return model
 
 

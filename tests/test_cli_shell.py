@@ -260,6 +260,17 @@ def test_plot_draws_the_parts_that_a_model_has(folder, tmp_path, capsys):
     assert "must end in .png" in capsys.readouterr().err
 
 
+def test_info_of_a_fit_on_a_cluster_has_no_training_error(folder, tmp_path, capsys):
+    model = alssnn.load(folder / "large.npz")
+    model.train_score_ = np.nan  # what `fit_remote` leaves
+    model.save(tmp_path / "remote.npz")
+    assert run("info", folder / "large.npz") == 0
+    assert "training error" in capsys.readouterr().out
+    assert run("info", tmp_path / "remote.npz") == 0
+    out = capsys.readouterr().out
+    assert "training error" not in out and "nan" not in out
+
+
 def test_info_says_what_a_model_is(folder, capsys):
     assert run("info", folder / "large.npz") == 0
     rows = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines())

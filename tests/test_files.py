@@ -119,8 +119,9 @@ def test_nothing_of_a_fit_is_forgotten(model, path):
     assert activation[0] == activation[1]
     fit_state = set(vars(model)) - set(model.get_params())
     assert set(vars(loaded)) - set(loaded.get_params()) == fit_state
-    for name in fit_state - {"_structure"}:
+    for name in fit_state - {"_structure", "_options"}:
         assert_same(getattr(model, name), getattr(loaded, name))
+    assert_same(loaded._options, loaded.get_params(deep=False))
     # cached properties come and go
     for name in ("sizes", "parameters", "terms", "constants", "activations", "options"):
         assert_same(getattr(model._structure, name), getattr(loaded._structure, name))

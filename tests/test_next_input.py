@@ -164,7 +164,7 @@ def test_what_leads_the_output_too_far_is_left_out(record, model):
         ({"candidates": [5.0]}, "must be signals with samples"),
         (
             {"candidates": [np.ones(9)], "n_samples": 0},
-            "must be at least 1",
+            "must be an integer of at least 1",
         ),
         ({"candidates": [np.ones(9)], "n_samples": 1.5}, "`n_samples` must be an int"),
         ({"candidates": [np.ones((9, 3))]}, r"all 1, got shape \(9, 3\)"),

@@ -5,6 +5,7 @@ from alssnn.criterion import DIVERGED_NORM, Criterion, LeastSquares
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
 from alssnn.watch import Watch
+from helpers import Heard
 
 
 class Rosenbrock(LeastSquares):
@@ -86,7 +87,7 @@ def test_report_sees_falling_cost(method):
         Rosenbrock(),
         np.array([-1.2, 1.0]),
         method=method,
-        watch=Watch(report=lambda *args: calls.append(args)),
+        watch=Watch(report=Heard(lambda *args: calls.append(args))),
         label="here",
     )
     assert {label for label, _, _ in calls} == {"here"}

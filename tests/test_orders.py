@@ -11,7 +11,7 @@ from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.orders import Orders, compare_orders
 from alssnn.subspace import GAP, identify_linear, largest_order, without_gaps
 from alssnn.watch import Watch
-from helpers import simulate_linear
+from helpers import Heard, simulate_linear
 
 
 def singular_value_rule(s):
@@ -134,7 +134,7 @@ def test_a_comparison_ends_with_its_watch(rng):
 
 
 def test_a_comparison_is_no_part_of_the_history(rng):
-    watch = Watch(report=print, observe=pytest.fail)
+    watch = Watch(report=Heard(print), observe=pytest.fail)
     compare_orders([linear_record(rng, 1)], [1], watch=watch)
     assert watch.history == []
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import alssnn
+from benchmarks.code_lines import functions
 
 ROOT = Path(alssnn.__file__).parent
 MODULES = sorted(str(path.relative_to(ROOT)) for path in ROOT.rglob("*.py"))
@@ -97,3 +98,31 @@ def test_the_search_for_imports(code, found):
 @pytest.mark.parametrize("module", MODULES)
 def test_a_module_has_one_subject_and_no_more_than_500_lines(module):
     assert len((ROOT / module).read_text(encoding="utf-8").splitlines()) <= 500
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_function_fits_on_a_screen(module):
+    source = (ROOT / module).read_text(encoding="utf-8")
+    assert not [found for found in functions(source) if found[1] > 60]
+
+
+def test_lines_of_a_function_are_those_of_its_code():
+    """Signature, docstring, comments and blank lines are none; inner functions are."""
+    source = '''
+def outer(
+    a,
+    b,
+):
+    """Say
+    much."""
+    # why
+    x = (
+        a + b
+    )
+
+    def inner():
+        return x  # again
+
+    return inner
+'''
+    assert functions(source) == [("outer", 6), ("inner", 1)]

@@ -22,6 +22,7 @@ from sklearn.model_selection import (
 from alssnn import LinearStateSpace, metrics, scorers
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.estimators import _sklearn
+from alssnn.estimators._fitted import publish_parameters
 from alssnn.model_selection import (
     BlockedTimeSeriesSplit,
     ExperimentKFold,
@@ -213,7 +214,7 @@ def test_k_step_says_what_it_cannot_score(record):
     with pytest.raises(ValueError, match="Take fewer `steps` or a longer record"):
         scorers.k_step(300)(model, record.u[:300], record.y[:300])
     model._theta = model._theta * 1e3
-    model._publish_parameters()
+    publish_parameters(model)
     with np.errstate(all="ignore"):
         assert scorers.k_step(200)(model, record.u, record.y) == -np.inf
 

@@ -12,8 +12,8 @@ from alssnn.simulation import channels, simulate
 from alssnn.stability import contractive_basis
 from alssnn.starts import initial_theta
 from alssnn.training import _start_of_stage, train
-from alssnn.watch import Watch
-from helpers import random_theta
+from alssnn.watch import Silent, Watch
+from helpers import Heard, random_theta
 
 
 @pytest.fixture
@@ -194,7 +194,7 @@ def test_coarse_to_fine_ends_on_all_samples(problem, rng):
         polish_iter=50,
         max_iter=50,
         tol=1e-14,
-        watch=Watch(report=lambda label, *_: labels.append(label)),
+        watch=Watch(report=Heard(lambda label, *_: labels.append(label))),
     )
     assert sorted(set(labels)) == ["stage 1/2, train", "stage 2/2, all samples"]
     assert result.x0.shape == (2, 2)
@@ -253,7 +253,7 @@ def test_continuation_goes_down_in_half_decades(penalized, rng, monkeypatch):
         weights={"y": 1.0, "e": 0.1},
         continuation=2,
         max_iter=5,
-        watch=Watch(report=lambda *args: calls.append(args)),
+        watch=Watch(report=Heard(lambda *args: calls.append(args))),
     )
     np.testing.assert_allclose(gammas[:3], [1.0, 0.1 * np.sqrt(10), 0.1])
     assert [label for label, iteration, _ in calls if iteration == 0] == [
@@ -333,20 +333,20 @@ def test_workers_use_one_blas_thread(problem, rng, tmp_path):
     structure, _, experiments = problem
     starts = [random_theta(structure, rng) for _ in range(2)]
 
-    def report(label, iteration, cost):
-        import os
+    class Threads(Silent):
+        def step(self, label, iteration, cost):
+            import os
 
-        from threadpoolctl import threadpool_info
+            from threadpoolctl import threadpool_info
 
-        threads = [
-            p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"
-        ]
-        with open(tmp_path / str(os.getpid()), "a") as file:
-            print(*threads, sep="\n", file=file)
+            threads = [
+                p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"
+            ]
+            with open(tmp_path / str(os.getpid()), "a") as file:
+                print(*threads, sep="\n", file=file)
 
-    train(
-        structure, experiments, starts, max_iter=4, n_jobs=2, watch=Watch(report=report)
-    )
+    watch = Watch(report=Threads())
+    train(structure, experiments, starts, max_iter=4, n_jobs=2, watch=watch)
     lines = [int(n) for path in tmp_path.iterdir() for n in path.read_text().split()]
     assert lines and set(lines) == {1}
 

@@ -8,10 +8,13 @@ import pytest
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.signal import lfilter
 from scipy.stats import chi2
+from sklearn.exceptions import ConvergenceWarning
 
+import alssnn
 from alssnn import LinearStateSpace, stack_experiments
 from alssnn.datasets import make_pendulum
 from alssnn.delays import estimate_delays
+from alssnn.estimators import _uncertainty
 from alssnn.noise import Moments, Noise, _whittle, fit_noise
 from alssnn.plotting import BodeDisplay
 from alssnn.uncertainty import FrequencyBand, PoleRegions
@@ -463,6 +466,13 @@ def test_a_closed_loop_has_no_bands(rng):
     assert "no confidence band holds" in labels
 
 
+def test_what_is_no_number_has_no_bands(monkeypatch, fitted):
+    model, _, data = fitted
+    monkeypatch.setattr(_uncertainty, "weighting_p_value", lambda *_: np.nan)
+    with pytest.warns(UserWarning, match="No confidence band holds"):
+        assert not model.parameter_covariance(*data).holds
+
+
 @pytest.mark.parametrize("case", ["white, closed loop", "process"])
 def test_sound_records_have_bands(case):
     u, y = make_record(case, 4000, 0)
@@ -533,3 +543,34 @@ def test_auto_finds_the_delay_in_colored_noise():
         u, y = (u - u.mean()) / u.std(), (y - y.mean()) / y.std()
         found.append(int(estimate_delays([(u, y)], 2)[0]))
     assert found.count(3) >= 24
+
+
+def test_options_of_the_next_fit_change_nothing_that_this_one_found(tmp_path):
+    u, y = make_pendulum(300, noise=0.05, random_state=0)
+    options = {"alpha": 0.0, "dt": 0.05, "random_state": 0}
+    model = al_ssnn(nx=2, n_h=2, n_g=1, max_iter=5, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(u, y)
+
+    def found(model):
+        fitted, covariance = model.fitted_, model.parameter_covariance(u, y)
+        drawn = model.sample_models(covariance, 1, 0, data=(u, y), max_iter=1)[0]
+        return (
+            model.aic(u, y),
+            model.bic(u, y),
+            *covariance.covariance.ravel(),
+            *drawn.A_.ravel(),
+            *(fitted.free.sum(), fitted.at_rest, model.plant_.dt),
+        )
+
+    before = found(model)
+    rng = np.random.RandomState(1)  # no file holds it: a fit that is over needs none
+    model.set_params(random_state=rng, bounds={"D": (0.0, 0.0)}, dt=1.0)
+    model.set_params(initial_state="rest", horizon=3, stability=None, gamma=1e3)
+    model.set_params(gamma_h=2.0, penalty="state", output_weight=[9.0])
+    np.testing.assert_array_equal(found(model), before)
+    model.set_params(random_state=3, bounds=None).save(tmp_path / "model")
+    again = alssnn.load(tmp_path / "model")
+    assert again.gamma_h == 2.0 and again.random_state == 3
+    np.testing.assert_allclose(found(again), before, rtol=1e-9)

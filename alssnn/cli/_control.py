@@ -192,7 +192,9 @@ def _trusted(args, model):
 
 def _unknown(model):
     """Say what is known of a model that no record has judged."""
-    missed = 100 * np.sqrt(max(1 - model.train_score_, 0.0))
+    from ..metrics import missed_percent
+
+    missed = missed_percent(model.train_score_)
     known = ""
     if np.isfinite(missed):
         known = f" Of its training record the model misses {missed:.2g} %."

@@ -43,12 +43,13 @@ def run(args):
         Arguments of the command.
     """
     from ..estimators import load
+    from ..metrics import missed_percent
     from ..validation import column_names
 
     model = load(args.model)
     inputs, outputs = column_names(model)
     given = {int(i) for i in model.disturbances_}
-    missed = 100 * np.sqrt(max(1 - model.train_score_, 0.0))
+    missed = missed_percent(model.train_score_)
     poles = np.linalg.eigvals(model.A_)
     args.result = {
         "file": args.model,
@@ -86,7 +87,7 @@ def run(args):
         ("time", model.time),
         ("input delay", _delays(model, inputs)),
         ("parameters", f"{known['parameters']}, trained"),
-        ("training error", f"{missed:.3g} % of the output, simulated"),
+        ("training error", _error(missed)),
         ("training", f"{model.n_iter_} trial steps: {model.message_}"),
         ("poles", ", ".join(_pole(pole) for pole in poles)),
         ("operating point", _point(inputs, model.u_offset_, outputs, model.y_offset_)),
@@ -94,6 +95,11 @@ def run(args):
     rows = [(name, value) for name, value in rows if value]
     width = max(len(name) for name, _ in rows)
     print("\n".join(f"{name:{width}}  {value}" for name, value in rows))
+
+
+def _error(missed):
+    """Return the training error; nothing if no process had all of the record."""
+    return f"{missed:.3g} % of the output, simulated" if np.isfinite(missed) else ""
 
 
 def _delays(model, inputs):

@@ -193,7 +193,7 @@ def sampling_steps(source, column, experiment=None):
     return steps if labels is None else steps[labels[1:] == labels[:-1]]
 
 
-def sampling_time(args, source, default=1.0):
+def sampling_time(args, source):
     """Return the sampling time, given or that of the column of time.
 
     Parameters
@@ -202,13 +202,11 @@ def sampling_time(args, source, default=1.0):
         Arguments with `dt`, `time_column` and `experiment`.
     source : Path or StandardInput
         Record.
-    default : float, default=1.0
-        Value if neither was given.
 
     Returns
     -------
     dt : float
-        Sampling time, in seconds.
+        Sampling time, in seconds; 1 if neither was given.
 
     Raises
     ------
@@ -216,7 +214,7 @@ def sampling_time(args, source, default=1.0):
         If the steps of the column are not all alike.
     """
     if args.time_column is None:
-        return default if args.dt is None else args.dt
+        return 1.0 if args.dt is None else args.dt
     if args.dt is not None:
         args.parser.error("--dt and --time-column exclude each other")
     steps = sampling_steps(source, args.time_column, args.experiment)

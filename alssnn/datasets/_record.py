@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import is_count, is_positive
 from ._columns import as_list, as_names, as_signal, as_state
 
 
@@ -375,7 +376,7 @@ class Record:
         ValueError
             If `q` is no positive integer, or an output has gaps.
         """
-        if isinstance(q, bool) or not isinstance(q, Integral) or q < 1:
+        if not is_count(q):
             raise ValueError(f"`q` must be a positive integer, got {q!r}.")
         return self._at(1, int(q))
 
@@ -401,7 +402,7 @@ class Record:
         """
         from ._resampling import ratio
 
-        if isinstance(dt, bool) or not isinstance(dt, Real) or not 0 < dt < np.inf:
+        if not is_positive(dt):
             raise ValueError(f"`dt` must be positive and finite, got {dt!r}.")
         return self._at(*ratio(self.dt, float(dt)))
 

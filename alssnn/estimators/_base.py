@@ -26,7 +26,7 @@ from ._data import check_lengths, check_rows, check_u, check_y
 from ._deferred import deferred
 from ._disturbances import check_disturbances
 from ._doubts import warn_if_exchanged, warn_of_time
-from ._fitted import fitted_model, publish_parameters
+from ._fitted import as_fitted, fitted_model, publish_parameters
 from ._floor import floor_of, least_cost
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
@@ -108,6 +108,7 @@ class StateSpaceModel(
     # not annotated: no options
     _container = Container()  # of the y of `fit`: that of the y of `predict`
 
+    _phi = _radius = property(lambda _: None)  # A is free
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
     nx: Any = take(Records, "nx", kw_only=False)
@@ -200,13 +201,12 @@ class StateSpaceModel(
         """Return the fitted model as an immutable value, in the user's units."""
         check_is_fitted(self)
         if self._made is None:
-            self._made = make_plant(self)
+            self._made = make_plant(as_fitted(self))
         return self._made
 
     @property
     def fitted_(self):
         """Return what the fit found, an immutable value in scaled deviations."""
-        check_is_fitted(self)
         return fitted_model(self)
 
     @property
@@ -225,13 +225,7 @@ class StateSpaceModel(
 
     def __getstate__(self):
         """Return what is pickled: systems of python-control as their matrices."""
-        state = dict(super().__getstate__())
-        if "linear_start" in state:
-            state["linear_start"] = portable(state["linear_start"])
-        if "noise_floor" in state:
-            floor = state["noise_floor"]
-            state["noise_floor"] = getattr(floor, "noise_rms", floor)
-        return state
+        return portable(super().__getstate__())
 
     @_fit_context(prefer_skip_nested_validation=True)
     @with_callbacks
@@ -352,6 +346,7 @@ class StateSpaceModel(
     def _complete(self, experiments, watch, held_out, warm, lost=0.0):
         """Identify a model from scaled experiments and set what a fit sets."""
         previous = (predictor(self._structure), self._theta) if warm else None
+        self._options = portable(self.get_params(deep=False))
         seen, fitted, self._theta, result = trained(
             self, experiments, previous, watch, held_out
         )
@@ -419,6 +414,18 @@ class StateSpaceModel(
         )
         return with_integrators(self, bounds, structure)
 
+    def _training(self, structure):
+        """Return the options that all trainings of a structure have in common."""
+        return {
+            "phi": self._phi,
+            "radius": self._radius,
+            "bounds": self._scaled_bounds(structure, contractive=self._phi is not None),
+            "at_rest": self._at_rest,
+            "periodic": is_periodic(self),
+            "max_iter": self.max_iter,
+            "tol": self.tol,
+        }
+
     def _refinement(self):
         """Return the options of the search for the linear model."""
         return {}
@@ -434,7 +441,7 @@ class StateSpaceModel(
 
     def _publish(self, result, watch):
         """Set the fitted attributes, in the user's units."""
-        self._publish_parameters()
+        publish_parameters(self)
         self.x0_ = result.x0 * self._x_scale
         self.cost_ = float(result.cost)
         self.n_iter_ = int(result.nfev)
@@ -444,10 +451,6 @@ class StateSpaceModel(
         self.orders_ = {}
         if self._orders is not None:
             self.orders_["linear"] = self._orders.curve
-
-    def _publish_parameters(self):
-        """Set the attributes that follow from structure, theta and scales."""
-        publish_parameters(self)
 
     def _units(self):
         """Return the user's units over those of the fit, of u, y and x."""
@@ -485,9 +488,4 @@ class StateSpaceModel(
             progress = Bar(name, self.max_iter)
         else:
             progress = Progress(name, every_step=self.verbose > 1)
-        return Watch(
-            max_time=self.max_time,
-            report=progress.step,
-            report_end=progress.end,
-            report_search=progress.search,
-        )
+        return Watch(max_time=self.max_time, report=progress)

@@ -1,9 +1,11 @@
 """What a fit found, as a value."""
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
 from sklearn.utils import Bunch
+from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container
 from ..continuous import per_second
@@ -12,7 +14,6 @@ from ..region import Region
 from ..scaling import Scaling
 from ..shown import short_repr
 from ..structures import Structure
-from ._uncertainty import free_entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,8 @@ class FittedModel:
         Of networks with innovations, what their training goes on with: the least rate
         of decay of the predictor, `forgets`, and the cost of its linear model,
         `linear_cost`.
+    options : dict
+        Options of the fit, whatever was set since.
     """
 
     __repr__ = short_repr
@@ -74,6 +77,7 @@ class FittedModel:
     y_ndim: int
     decay: dict | None
     predictor: dict | None
+    options: dict
 
 
 def fitted_model(model):
@@ -89,7 +93,7 @@ def fitted_model(model):
     fitted : FittedModel
         Its result, in scaled deviations.
     """
-    model._validate_params()  # options may have changed since
+    model = as_fitted(model)
     structure = model._structure
     return FittedModel(
         structure=structure,
@@ -110,6 +114,7 @@ def fitted_model(model):
         y_ndim=model._y_ndim,
         decay=model._decay,
         predictor=_kept(model),
+        options=model._options,
     )
 
 
@@ -145,7 +150,7 @@ def restore(model, fitted, published):
     model._validate_params()
     model._structure, model._theta = fitted.structure, fitted.theta
     model._scaling, model._x_scale = fitted.scaling, fitted.x_scale
-    model._region = fitted.region
+    model._region, model._options = fitted.region, fitted.options
     if hasattr(model, "alpha"):
         model._decay = fitted.decay
     model._container, model._y_ndim = fitted.container, fitted.y_ndim
@@ -153,7 +158,8 @@ def restore(model, fitted, published):
         setattr(model, f"_{name}", value)
     for name, value in published.items():
         setattr(model, name, value)
-    model._publish_parameters()
+    publish_parameters(model)
+    as_fitted(model)._validate_params()
     return model
 
 
@@ -170,7 +176,7 @@ def publish_parameters(model):
     model.disturbances_ = structure.given
     p = {**structure.constants, **structure.split(model._theta)}
     p = per_second(structure, structure.rescale(p, model._units()))
-    for name, (low, high) in (model.bounds or {}).items():
+    for name, (low, high) in (model._options["bounds"] or {}).items():
         p[name] = np.clip(p[name], low, high)  # units round, bounds do not
     model.params_ = Bunch(**p)
     model.A_, model.B_, model.C_ = p["A"], p["B"], p["C"]
@@ -184,3 +190,50 @@ def publish_parameters(model):
     if "h_sees" in structure.options:
         model.h_sees_ = structure.options["h_sees"]
     model.u_offset_, model.y_offset_ = scaling.u_offset, scaling.y_offset
+
+
+def as_fitted(model):
+    """Return a model with the options of its fit, whatever was set since.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    model : estimator
+        The same results behind these options.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+    """
+    check_is_fitted(model)
+    fitted = copy.copy(model)
+    vars(fitted).update(model._options)
+    return fitted
+
+
+def free_entries(model, n):
+    """Return which entries of (theta, x0) nothing holds.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    n : int
+        Length of the free vector.
+
+    Returns
+    -------
+    free : ndarray of bool of shape (n,)
+        Whether an entry is free.
+    """
+    free = np.ones(n, dtype=bool)
+    free[model._structure.n_params :] = not model._at_rest
+    limits = model._scaled_bounds(model._structure)
+    for name, (low, high) in limits.items():
+        free[model._structure.slices[name]] = np.not_equal(low, high).ravel()
+    return free

@@ -246,7 +246,7 @@ def keeps_start(estimator):
     keeps : bool
         False where the training takes a basis of its own.
     """
-    return getattr(estimator, "_phi", None) is None
+    return estimator._phi is None
 
 
 def regular(estimator, A):

@@ -4,7 +4,6 @@ from ._base import StateSpaceModel
 from ._horizon import trained
 from ._networks import Networks
 from ._options import estimator, take
-from ._periodic import is_periodic
 
 
 @estimator
@@ -84,18 +83,14 @@ class LinearStateSpace(StateSpaceModel):
             return self._linear_start(near, watch).as_fit(self.disturbances_)
         linear = self._linear_start(near, watch)
         structure, theta, _ = linear.as_fit(self.disturbances_)
+        radius = linear.radius if self.horizon > 1 else None
         result = trained(
             self,
             structure,
             experiments,
             [theta],
             weights={"y": self._output_weight(len(linear.C))},
-            radius=linear.radius if self.horizon > 1 else None,
-            bounds=self._scaled_bounds(structure),
-            at_rest=self._at_rest,
-            periodic=is_periodic(self),
-            max_iter=self.max_iter,
-            tol=self.tol,
             watch=watch,
+            **self._training(structure) | {"radius": radius},
         )
         return structure, result.theta, result

@@ -1,10 +1,8 @@
 """Which experiment comes next: the one that tells most about the law of a model."""
 
-from numbers import Integral
-
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from ..checks import is_count
 from ..excitation import Excitation, menu
 from ..informative import (
     LAW,
@@ -21,6 +19,7 @@ from ..initial_states import estimate_x0
 from ..innovations import has_innovations
 from ..mapping import Held
 from ..optimizers import single_threaded
+from ._fitted import as_fitted
 from ._simulation import labeled_data
 
 
@@ -90,23 +89,18 @@ def next_input(
 
     Costs one pass of the sensitivities over the record and every candidate.
     """
-    check_is_fitted(model)
+    model = as_fitted(model)
     _check(model)
     u, y, parts, _ = labeled_data(model, u, y, experiment)
     structure, theta = model._structure, model._theta
-    inputs = _inputs(
-        model,
-        u,
-        candidates,
-        n_samples,
-        {
-            "low": low,
-            "high": high,
-            "rate": rate,
-            "operating_point": operating_point,
-            "random_state": random_state,
-        },
-    )
+    limits = {
+        "low": low,
+        "high": high,
+        "rate": rate,
+        "operating_point": operating_point,
+        "random_state": random_state,
+    }
+    inputs = _inputs(model, u, candidates, n_samples, limits)
     record = Held(model._experiments(u, y, parts))
     sent = [model._scaling.scale_u(one, model.input_delay_)[:] for _, one in inputs]
     ny = structure.sizes["y"]
@@ -119,49 +113,54 @@ def next_input(
                 "`candidates` must keep the outputs within `y_low` and `y_high`, none "
                 f"of {len(sent)} does by the model. Lower the amplitudes."
             )
-        longest = max(record.lengths)
-        x0 = estimate_x0(structure, theta, record, window=longest, noise=model.cost_)
-        known = [
-            H
-            for H in information(structure, theta, record, weight, x0)
-            if H is not None
-        ]
-        if not known:
-            raise ValueError(
-                "`u` and `y` must be data that the model can simulate, got a "
-                "simulation that diverges. Pass the training data."
-            )
-        H = sum(known)
+        H = _known(model, record, weight)
         targets = [(one, np.zeros((len(one), ny))) for one in sent]
-        gains = information(structure, theta, targets, weight)
-        allowed = [
-            ok and gain is not None for ok, gain in zip(allowed, gains, strict=True)
+        gains = [
+            gain if ok else None
+            for gain, ok in zip(
+                information(structure, theta, targets, weight), allowed, strict=True
+            )
         ]
-        everything = H + sum(g for g, ok in zip(gains, allowed, strict=True) if ok)
+        M = everything = H + sum(gain for gain in gains if gain is not None)
         basis, prior = told(everything)
         prior = prior + _decay(model, len(y))
         target = LAW if structure.law().parameters else OUTPUT
-        M = everything
         if target == LAW:
-            seen = simulated(structure, theta, [pair[0][:] for pair in record])
             visited = [
                 (*run, one)
-                for run, one, ok in zip(
-                    [*seen, *runs],
-                    [*(pair[0][:] for pair in record), *sent],
-                    [run is not None for run in seen] + allowed,
-                    strict=True,
-                )
-                if ok
+                for run, one, gain in zip(runs, sent, gains, strict=True)
+                if gain is not None
             ]
-            X, Y, U = (np.vstack(z) for z in zip(*visited, strict=True))
-            M = law_weight(structure, theta, *spread(X, U, Y))
+            M = law_weight(structure, theta, *_places(model, record, visited))
         now = error(M, H, basis, prior)
         expected = [
-            np.sqrt(error(M, H + gain, basis, prior) / now) if ok else np.nan
-            for gain, ok in zip(gains, allowed, strict=True)
+            np.nan if gain is None else np.sqrt(error(M, H + gain, basis, prior) / now)
+            for gain in gains
         ]
     return NextInput([one for one, _ in inputs], np.array(expected), target)
+
+
+def _known(model, record, weight):
+    """Return the information of the record."""
+    structure, theta, longest = model._structure, model._theta, max(record.lengths)
+    x0 = estimate_x0(structure, theta, record, window=longest, noise=model.cost_)
+    found = information(structure, theta, record, weight, x0)
+    known = [H for H in found if H is not None]
+    if not known:
+        raise ValueError(
+            "`u` and `y` must be data that the model can simulate, got a "
+            "simulation that diverges. Pass the training data."
+        )
+    return sum(known)
+
+
+def _places(model, record, visited):
+    """Return the states, inputs and outputs of the record and of other runs."""
+    inputs = [u[:] for u, _ in record]
+    runs = simulated(model._structure, model._theta, inputs)
+    seen = [(*run, u) for run, u in zip(runs, inputs, strict=True) if run is not None]
+    X, Y, U = (np.vstack(z) for z in zip(*seen, *visited, strict=True))
+    return spread(X, U, Y)
 
 
 def _check(model):
@@ -181,18 +180,16 @@ def _check(model):
 def _inputs(model, u, candidates, n_samples, limits):
     """Return pairs of every candidate and its inputs, disturbances included."""
     moved = np.setdiff1d(np.arange(u.shape[1]), model.disturbances_)
-    counts = isinstance(candidates, Integral) and not isinstance(candidates, bool)
+    counts = is_count(candidates, -np.inf)  # `menu` says which are too small
     if not counts and (not isinstance(candidates, list | tuple) or not candidates):
         raise ValueError(
             "`candidates` must be a positive integer or a list of signals, got "
             f"{candidates!r}."
         )
-    if n_samples is not None and (
-        not isinstance(n_samples, Integral) or isinstance(n_samples, bool)
-    ):
-        raise ValueError(f"`n_samples` must be an integer or None, got {n_samples!r}.")
-    if n_samples is not None and n_samples < 1:
-        raise ValueError(f"`n_samples` must be at least 1, got {n_samples}.")
+    if n_samples is not None and not is_count(n_samples):
+        raise ValueError(
+            f"`n_samples` must be an integer of at least 1 or None, got {n_samples!r}."
+        )
     if counts:
         for name, end in (("low", np.min), ("high", np.max)):
             if limits[name] is None:

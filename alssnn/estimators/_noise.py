@@ -10,7 +10,6 @@ from ._warn import warn_of_training
 
 INNOVATIONS = "innovations"
 SPLIT = 1e-3  # of the error of the linear model: least weight of h(y_m)
-HELD = 1e-5  # least weight of h of a law that is held for a sample
 MOST_LOST = 0.3  # share of an output that may be missing without a warning
 PREDICTED, MEASURED = "predicted", "measured"
 

@@ -2,10 +2,12 @@
 
 import time
 
+from ..watch import Silent
+
 PATIENCE = 10.0  # seconds without a line in a long stage
 
 
-class Progress:
+class Progress(Silent):
     """Print how far a fit has come, on the standard output.
 
     A line at the end of every search says what it reached; in a long one a line every
@@ -25,48 +27,17 @@ class Progress:
         self.first = float("nan")  # cost at the start of the search
 
     def step(self, label, iteration, cost):
-        """Hear of an accepted step.
-
-        Parameters
-        ----------
-        label : str
-            Stage of the fit.
-        iteration : int
-            Number of the step within its stage; 0 is the start.
-        cost : float
-            Cost that it reached.
-        """
         if iteration == 0:
             self.first = cost
         if self.every_step or time.time() - self.printed > PATIENCE:
             self._print(label, f"step {iteration}: cost {cost:.4g}")
 
     def end(self, label, n_accepted, cost):
-        """Hear of the end of a search.
-
-        Parameters
-        ----------
-        label : str
-            Stage of the fit.
-        n_accepted : int
-            Points that the search accepted, its start among them.
-        cost : float
-            Cost that it ends with.
-        """
         if not self.every_step:
             costs = f"cost {self.first:.4g} to {cost:.4g}"
             self._print(label, f"{costs} in {n_accepted - 1} steps")
 
     def search(self, done, of, share):
-        """Hear of the search for order, start and decay.
-
-        Parameters
-        ----------
-        done, of : int
-            Stages done, and how many there are at most.
-        share : float
-            Least error on hidden samples over that of the linear model.
-        """
         if self.every_step or time.time() - self.printed > PATIENCE:
             self._print("search", f"stage {done} of at most {of}, {hidden(share)}")
 
@@ -92,7 +63,7 @@ def hidden(share):
     return f"{100 * share:.3g} % of the error of the linear model"
 
 
-class Bar:
+class Bar(Silent):
     """Show how far a fit has come as a bar of tqdm, in a terminal or a notebook.
 
     It has one bar for the search and one for every stage of the training, each with the
@@ -128,29 +99,9 @@ class Bar:
         return {**vars(self), "make": None, "bar": None}
 
     def search(self, done, of, share):
-        """Hear of the search for order, start and decay.
-
-        Parameters
-        ----------
-        done, of : int
-            Stages done, and how many there are at most.
-        share : float
-            Least error on hidden samples over that of the linear model.
-        """
         self._show("search", done, of, hidden(share))
 
     def step(self, label, iteration, cost):
-        """Hear of an accepted step.
-
-        Parameters
-        ----------
-        label : str
-            Stage of the fit.
-        iteration : int
-            Number of the step within its stage; 0 is the start.
-        cost : float
-            Cost that it reached.
-        """
         if iteration == 0:
             self._close()
         said = f"cost {cost:.3g}"
@@ -159,17 +110,6 @@ class Bar:
         self._show(label, iteration, self.max_iter, said)
 
     def end(self, label, n_accepted, cost):
-        """Hear of the end of a search.
-
-        Parameters
-        ----------
-        label : str
-            Stage of the fit.
-        n_accepted : int
-            Points that the search accepted, its start among them.
-        cost : float
-            Cost that it ends with.
-        """
         if label == "linear":
             self.linear = cost
         self._close()

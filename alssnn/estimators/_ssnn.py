@@ -33,9 +33,8 @@ from ._integrators import regular
 from ._judge import as_found, not_worse, warn_left_linear
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
-from ._periodic import is_periodic
 from ._records import POSITIVE, WEIGHT
-from ._time import is_continuous
+from ._time import is_continuous, stages
 from ._warm_start import forms, goes_on
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -259,6 +258,23 @@ class Ssnn(StateSpaceModel):
         self._reset(after)
         return outcome
 
+    def _linear_start(self, experiments, watch):
+        linear = super()._linear_start(experiments, watch)
+        for name in ("_forgets", "_linear_cost"):
+            self.__dict__.pop(name, None)
+        if is_predicting(self):
+            # half as far from the circle as its poles, which then may stay
+            self._forgets = 1.0 - (0.5 + linear.radius / 2) ** 2
+            self._linear_cost = float(simulation_error(experiments, linear) ** 2)
+        if self._phi is not None:
+            self._x_scale = np.ones(1)  # a basis of its own
+        return linear
+
+    def _seeds(self):
+        """Return one seed per random start."""
+        largest = np.iinfo(np.int32).max
+        return check_random_state(self.random_state).randint(largest, size=self.n_init)
+
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
         max_iter = self.max_iter
@@ -271,22 +287,11 @@ class Ssnn(StateSpaceModel):
             decay = chosen if is_auto else {"alpha": self.alpha}
         else:
             near = self._near(experiments)
-            linear = self._linear_start(near, watch)
-            for name in ("_forgets", "_linear_cost"):
-                self.__dict__.pop(name, None)
-            if is_predicting(self):
-                # half as far from the circle as its poles, which then may stay
-                self._forgets = 1.0 - (0.5 + linear.radius / 2) ** 2
-                self._linear_cost = float(simulation_error(near, linear) ** 2)
-            if self._phi is not None:
-                self._x_scale = np.ones(1)  # a basis of its own
-            linear, plain = self._declared(linear)
+            linear, plain = self._declared(self._linear_start(near, watch))
             is_linear = plain.nw == 0 and not self._phi and not self._shapes_linear()
             if is_linear and held_out is None and experiments.is_here:
                 return linear.as_fit(self.disturbances_)  # nothing more to train
-            seeds = check_random_state(self.random_state).randint(
-                np.iinfo(np.int32).max, size=self.n_init
-            )
+            seeds = self._seeds()
             fallback = self._start(plain, linear, near, seeds[0])
             if is_auto and plain.nw > 0:
                 # a stretch of a stretch would not be that of the training
@@ -314,18 +319,9 @@ class Ssnn(StateSpaceModel):
             starts,
             **terms,
             **decay,
-            phi=self._phi,
-            radius=self._radius,
-            bounds=self._scaled_bounds(plain, contractive=self._phi is not None),
-            at_rest=self._at_rest,
-            periodic=is_periodic(self),
+            **self._training(plain) | {"max_iter": max_iter},
+            **stages(self),
             continuation=0 if is_auto else self.continuation,
-            coarse_samples=self.coarse_samples,
-            polish_iter=self.polish_iter,
-            n_jobs=self.n_jobs,
-            method=self.method,
-            max_iter=max_iter,
-            tol=self.tol,
             watch=watch,
             validation=held_out,
             fallback=fallback,
@@ -457,26 +453,10 @@ class Ssnn(StateSpaceModel):
 
     def _shaped(self, plain, theta, experiments, watch):
         """Return the linear model as the user shapes it, networks held at zero."""
-        p = plain.split(theta)
-        held = {name: (p[name], p[name]) for name in plain.network_parameters}
-        result = trained(
-            self,
-            plain,
-            experiments,
-            [theta],
-            weights={"y": self._output_weight(plain.sizes["y"])},
-            phi=self._phi,
-            radius=self._radius,
-            bounds={
-                **self._scaled_bounds(plain, contractive=self._phi is not None),
-                **held,
-            },
-            at_rest=self._at_rest,
-            periodic=is_periodic(self),
-            max_iter=self.max_iter,
-            tol=self.tol,
-            watch=watch,
-        )
+        p, options = plain.split(theta), self._training(plain)
+        options["bounds"] |= {n: (p[n], p[n]) for n in plain.network_parameters}
+        options["weights"] = {"y": self._output_weight(plain.sizes["y"])}
+        result = trained(self, plain, experiments, [theta], watch=watch, **options)
         if result.success:
             result.message = LEFT_LINEAR
         return plain, result.theta, result

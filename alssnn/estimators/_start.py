@@ -18,22 +18,27 @@ from ._noise import is_predicting
 BOUNDED = (*LINEAR, "G", "H")  # what the user may hold
 
 
-def portable(start):
-    """Return a linear start as what can be pickled.
+def portable(options):
+    """Return options as what can be pickled.
 
     Parameters
     ----------
-    start : object
-        The parameter `linear_start`.
+    options : dict
+        Options by name, or a state that has them.
 
     Returns
     -------
-    start : object
-        The same; a system of python-control, which cannot, as its matrices.
+    options : dict
+        The same; but a linear start of python-control, which cannot, as its matrices,
+        and of what tells a noise floor the numbers.
     """
-    if not all(hasattr(start, name) for name in (*LINEAR, "dt")):
-        return start
-    return GivenSystem.of(start)
+    options = dict(options)
+    start, floor = options.get("linear_start"), options.get("noise_floor")
+    if all(hasattr(start, name) for name in (*LINEAR, "dt")):
+        options["linear_start"] = GivenSystem.of(start)
+    if floor is not None:
+        options["noise_floor"] = getattr(floor, "noise_rms", floor)
+    return options
 
 
 def linear_start(estimator, experiments, watch):

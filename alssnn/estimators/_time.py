@@ -333,12 +333,7 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
     elif not decay:
         alpha = getattr(estimator, "alpha", 0.0)
         decay = {"alpha": 0.0 if isinstance(alpha, str) else alpha}
-    settings = {
-        name: getattr(estimator, name)
-        for name in ("coarse_samples", "polish_iter", "n_jobs", "method")
-        if hasattr(estimator, name)
-    }
-    result = train(
+    return train(
         penalized,
         experiments,
         [theta],
@@ -352,9 +347,25 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
         watch=watch,
         validation=judge,
         x0=x0,
-        **settings,
+        **stages(estimator),
     )
-    return result
+
+
+def stages(estimator):
+    """Return the options that say in which stages a training goes, and how.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+
+    Returns
+    -------
+    options : dict
+        Those of `training.train` that it has.
+    """
+    names = ("coarse_samples", "polish_iter", "n_jobs", "method")
+    return {k: getattr(estimator, k) for k in names if hasattr(estimator, k)}
 
 
 def _bounds(estimator, structure, theta):

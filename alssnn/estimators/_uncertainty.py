@@ -23,6 +23,7 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
+from ._fitted import as_fitted, free_entries, publish_parameters
 from ._plant import sampling_time
 from ._simulation import labeled_data, simulated_experiments
 
@@ -68,6 +69,7 @@ def parameter_covariance(model, u, y, experiment=None):
     bound; entries held by equal bounds are certain. Of a contractive model, A counts as
     free. Whether the model is right is for `validate` to say.
     """
+    model = as_fitted(model)
     fit = _gauss_newton(model, u, y, experiment)
     n_params = model._structure.n_params
     EE, count = fit.moments.products[0], fit.moments.pairs[0]
@@ -95,12 +97,12 @@ def parameter_covariance(model, u, y, experiment=None):
             f"The fit has weighed predictions over `horizon`={model.horizon} samples, "
             "whose errors are not independent. Fit with horizon=1."
         )
-        warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
-    elif p < WEIGHTING_LEVEL:
+    elif not (p >= WEIGHTING_LEVEL and np.isfinite(P).all()):  # nan is no likelihood
         reason = (
             "The fit moves more than noise allows when its color is weighed "
             f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."
         )
+    if reason:
         warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
     scale = model._scaling.y_scale
     return ParameterCovariance(
@@ -141,8 +143,7 @@ def aic(model, u, y, experiment=None):
         the residuals have (eq. criteria), n the effective number of parameters
         (eq. effective) and those of the color; the lower the better.
     """
-    fit = _gauss_newton(model, u, y, experiment)
-    return _criterion_value(model, fit, 2.0)
+    return _criterion_value(model, u, y, experiment)
 
 
 def bic(model, u, y, experiment=None):
@@ -165,8 +166,7 @@ def bic(model, u, y, experiment=None):
         ``-2 log L + n log N``, as `aic` but with a larger price of parameters;
         the lower the better.
     """
-    fit = _gauss_newton(model, u, y, experiment)
-    return _criterion_value(model, fit, np.log(fit.n_samples))
+    return _criterion_value(model, u, y, experiment, by_samples=True)
 
 
 def sample_models(
@@ -243,13 +243,19 @@ def sample_models(
         draws = ((z, model.x0_) for z in covariance.sample(n_models, random_state))
     else:
         draws = _refits(
-            model, covariance, n_models, random_state, data, max_iter=max_iter, tol=tol
+            as_fitted(model),
+            covariance,
+            n_models,
+            random_state,
+            data,
+            max_iter=max_iter,
+            tol=tol,
         )
     models = []
     for theta, x0 in draws:
         drawn = copy.deepcopy(model)
         drawn._theta, drawn.x0_ = theta, x0
-        drawn._publish_parameters()
+        publish_parameters(drawn)
         models.append(drawn)
     return models
 
@@ -271,7 +277,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     structure, terms = model._criterion_terms(predictor(model._structure))
-    phi, radius = getattr(model, "_phi", None), getattr(model, "_radius", None)
+    options = {**model._training(structure), "periodic": False, **options}
     random_state = check_random_state(random_state)
     for _ in range(n_models):
         noisy = []
@@ -282,10 +288,6 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             noisy,
             [model._theta],
             **terms,
-            phi=phi,
-            radius=radius,
-            bounds=model._scaled_bounds(structure, contractive=phi is not None),
-            at_rest=model._at_rest,
             **options,
         )
         whole = simulated_experiments(model, u, y, parts)
@@ -306,7 +308,6 @@ def _seen(model, u, y, parts):
 
 def _gauss_newton(model, u, y, experiment):
     """Return the Gauss-Newton matrices of the training and its residuals."""
-    check_is_fitted(model)
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
     experiments = _seen(model, u, y, parts)
     structure, theta = predictor(model._structure), model._theta
@@ -355,31 +356,9 @@ def _gauss_newton(model, u, y, experiment):
     )
 
 
-def free_entries(model, n):
-    """Return which entries of (theta, x0) nothing holds.
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model.
-    n : int
-        Length of the free vector.
-
-    Returns
-    -------
-    free : ndarray of bool of shape (n,)
-        Whether an entry is free.
-    """
-    free = np.ones(n, dtype=bool)
-    free[model._structure.n_params :] = not model._at_rest
-    limits = model._scaled_bounds(model._structure)
-    for name, (low, high) in limits.items():
-        free[model._structure.slices[name]] = np.not_equal(low, high).ravel()
-    return free
-
-
-def _criterion_value(model, fit, price):
+def _criterion_value(model, u, y, experiment, by_samples=False):
     """Return -2 log L + price n, in the units of y (eq. criteria)."""
+    fit = _gauss_newton(as_fitted(model), u, y, experiment)
     scale = model._scaling.y_scale
     EE, count = fit.moments.products[0], fit.moments.pairs[0]
     measured = np.diag(count)
@@ -393,4 +372,4 @@ def _criterion_value(model, fit, price):
         else:  # outputs that were measured apart: as if their noise were, too
             deviance = float(np.sum(measured * np.log(np.diag(Lambda))))
     deviance += measured.sum() * (1 + np.log(2 * np.pi))
-    return float(deviance + price * n)
+    return float(deviance + (np.log(fit.n_samples) if by_samples else 2.0) * n)

@@ -73,11 +73,8 @@ def steps(
     >>> excitation
     Excitation('steps', N=600, nu=1, dt=0.1 s, 1 experiments of 1 periods)
     """
-    n_samples, nu, dt = (
-        count("n_samples", n_samples),
-        count("nu", nu),
-        sampling_time(dt),
-    )
+    n_samples = count("n_samples", n_samples)
+    nu, dt = count("nu", nu), sampling_time(dt)
     limits = Limits.of(nu, low, high, operating_point, rate)
     names = input_names(names, nu)
     shortest, longest = _hold(hold, dt)
@@ -257,11 +254,8 @@ default="logarithmic"
     """
     from scipy.signal import chirp  # here: it takes a tenth of a second to load
 
-    n_samples, nu, dt = (
-        count("n_samples", n_samples, 8),
-        count("nu", nu),
-        sampling_time(dt),
-    )
+    n_samples = count("n_samples", n_samples, 8)
+    nu, dt = count("nu", nu), sampling_time(dt)
     limits = Limits.of(nu, low, high, operating_point, rate)
     names = input_names(names, nu)
     n_realizations = count("n_realizations", n_realizations)

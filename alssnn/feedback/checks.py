@@ -1,9 +1,10 @@
 """Arguments of designs, observers and loops: their sizes, signs and sampling times."""
 
 import reprlib
-from numbers import Real
 
 import numpy as np
+
+from ..checks import is_positive
 
 
 def as_numbers(name, value):
@@ -190,11 +191,7 @@ def check_gate(gate):
     """
     if gate is None:
         return None
-    if (
-        isinstance(gate, bool)
-        or not isinstance(gate, Real)
-        or not 0 < float(gate) < np.inf
-    ):
+    if not is_positive(gate):
         raise ValueError(
             f"`gate` must be a positive number or None, got {reprlib.repr(gate)}. It "
             "counts standard deviations; try 10."

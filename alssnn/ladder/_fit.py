@@ -12,7 +12,7 @@ from sklearn.exceptions import ConvergenceWarning
 from ..checks import noise_levels
 from ..estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from ..experiments import split_experiments
-from ..metrics import fit_percent, rmse
+from ..metrics import free_run_errors
 from ._records import Ladder, Rung
 
 # The models that one names, and what they change of the defaults of their estimators.
@@ -437,9 +437,9 @@ def _judge(name, model, train, test, seconds):
     """Return the row of one fitted model, and the test data as it judges them."""
     rmse_train = np.full(len(model.C_), np.nan)
     if train is not None:
-        rmse_train, _ = _errors(*_columns(model.simulate_test(*train)))
+        rmse_train, _ = free_run_errors(*_columns(model.simulate_test(*train)))
     y_test, y_hat = _columns(model.simulate_test(*test))
-    rmse_test, fit = _errors(y_test, y_hat)
+    rmse_test, fit = free_run_errors(y_test, y_hat)
     record = model.linearizability(*test)
     records = model.prepare_records(*test)
     row = Rung(
@@ -465,14 +465,3 @@ def _judge(name, model, train, test, seconds):
 def _columns(signals):
     """Return signals with one column per output."""
     return tuple(z.reshape(len(z), -1) for z in signals)
-
-
-def _errors(y_true, y_pred):
-    """Return RMSE and fit per output, infinite for a diverged simulation."""
-    if not np.isfinite(y_pred).all():
-        ny = y_true.shape[1]
-        return np.full(ny, np.inf), np.full(ny, -np.inf)
-    return (
-        rmse(y_true, y_pred, multioutput="raw_values"),
-        fit_percent(y_true, y_pred, multioutput="raw_values"),
-    )

@@ -7,12 +7,20 @@ from typing import Any
 import numpy as np
 
 from ..estimators import LEFT_LINEAR
+from ..rows import Rows, aligned
 from ..shown import short_repr
 from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain, fault
 
 SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
 ENOUGH_STEPS = 20  # if it took at least so many
+PER_OUTPUT = (  # figures of the table
+    "rmse_train",
+    "rmse_test",
+    "fit_percent",
+    "linearization_error",
+    "closed_linearization_error",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +99,7 @@ class Rung:
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder:
+class Ladder(Rows):
     """Compare models of the same data.
 
     ``str(ladder)`` is the table, ``ladder["AL-SSNN"]`` one row.
@@ -126,22 +134,6 @@ class Ladder:
     output_names: list[str] | None = None
     noise_floor: np.ndarray | None = None
 
-    def __iter__(self):
-        """Yield the rows."""
-        return iter(self.rows)
-
-    def __len__(self):
-        """Return the number of models."""
-        return len(self.rows)
-
-    def __getitem__(self, name):
-        """Return the row of a name."""
-        for row in self.rows:
-            if row.name == name:
-                return row
-        names = ", ".join(row.name for row in self.rows)
-        raise KeyError(f"`name` must be one of {names}, got {name!r}.")
-
     def __repr__(self):
         """Return the table."""
         return str(self)
@@ -167,15 +159,8 @@ class Ladder:
             ratios = [f"{self.over_floor(row).max():.3g}" for row in self.rows]
             column = ["test /", "floor", *ratios]
             cells = [(*c[:4], r, *c[4:]) for c, r in zip(cells, column, strict=True)]
-        widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-        lines = [
-            "  ".join(
-                text.ljust(width) if i == 0 else text.rjust(width)
-                for i, (text, width) in enumerate(zip(line, widths, strict=True))
-            ).rstrip()
-            for line in cells
-        ]
-        lines.insert(len(header), "-" * (sum(widths) + 2 * (len(widths) - 1)))
+        lines = aligned(cells)
+        lines.insert(len(header), "-" * max(map(len, lines)))
         return "\n".join([*lines, *self._notes()])
 
     def over_floor(self, row):
@@ -269,38 +254,21 @@ class Ladder:
         ImportError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError(
-                "`to_frame` needs pandas, which could not be imported. Install it by "
-                "pip install pandas, or print the ladder."
-            ) from error
-        ny = self.y_test.shape[1]
+        ny, table = self.y_test.shape[1], []
         names = self.output_names or [f"y{i}" for i in range(ny)]
-        table = []
         for row in self.rows:
-            record: dict[str, float] = {"n_params": row.n_params}
-            for figure in (
-                "rmse_train",
-                "rmse_test",
-                "fit_percent",
-                "linearization_error",
-                "closed_linearization_error",
-            ):
-                values = np.broadcast_to(getattr(row, figure), ny)
-                for name, value in zip(names, values, strict=True):
-                    record[figure if ny == 1 else f"{figure}[{name}]"] = float(value)
+            figures = {name: getattr(row, name) for name in PER_OUTPUT}
             if self.noise_floor is not None:
-                for name, value in zip(names, self.over_floor(row), strict=True):
-                    key = "rmse_over_floor"
-                    record[key if ny == 1 else f"{key}[{name}]"] = float(value)
+                figures["rmse_over_floor"] = self.over_floor(row)
+            record: dict[str, float] = {"n_params": row.n_params}
+            for figure, values in figures.items():
+                for name, value in zip(names, np.broadcast_to(values, ny), strict=True):
+                    record[figure if ny == 1 else f"{figure}[{name}]"] = float(value)
             record["spectral_radius"] = row.spectral_radius
             record["seconds"] = row.seconds
             record["converged"] = row.converged
             table.append(record)
-        index = pandas.Index([row.name for row in self.rows], name="model")
-        return pandas.DataFrame(table, index=index)
+        return self.frame(table)
 
     def explain(self):
         """Say in words what the figures mean for control.

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..rows import data_frame
 from ..shown import short_repr
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
@@ -212,7 +213,21 @@ class Linearizability:
                 for of, gain in zip(self._suffixes(), self.h2_gain, strict=True)
             ),
         ]
-        bands = self.bands
+        rows += [*self._band_rows(), (), *((line,) for line in self._closed_words())]
+        if self.outside is not None and self.outside > OUTSIDE:
+            rows += [
+                (),
+                (f"{_percent(self.outside)} of the record lies outside the training",),
+                ("region: there the model is a guess, and so are these numbers.",),
+                ("Train on records that go there, or keep the plant inside.",),
+            ]
+        if self.large_law:
+            rows += [(), *((line,) for line in self.large_law_lines())]
+        return "\n".join(_line(row) for row in rows)
+
+    def _band_rows(self):
+        """Return the rows of frequency bands."""
+        bands, rows = self.bands, []
         limits = [
             f"{low:g} to {high:g} Hz"
             for low, high in zip(bands.edges[:-1], bands.edges[1:], strict=True)
@@ -225,17 +240,7 @@ class Linearizability:
                     limits, bands.error[:, i], bands.output[:, i], strict=True
                 )
             ]
-        rows += [(), *((line,) for line in self._closed_words())]
-        if self.outside is not None and self.outside > OUTSIDE:
-            rows += [
-                (),
-                (f"{_percent(self.outside)} of the record lies outside the training",),
-                ("region: there the model is a guess, and so are these numbers.",),
-                ("Train on records that go there, or keep the plant inside.",),
-            ]
-        if self.large_law:
-            rows += [(), *((line,) for line in self.large_law_lines())]
-        return "\n".join(_line(row) for row in rows)
+        return rows
 
     @property
     def large_law(self):
@@ -295,13 +300,6 @@ class Linearizability:
         ImportError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError(
-                "`to_frame` needs pandas, which could not be imported. Install it by "
-                "pip install pandas, or print the record."
-            ) from error
         names, edges = self._names(), self.bands.edges
         rows = [
             (quantity, name, np.nan, np.nan, value)
@@ -318,9 +316,8 @@ class Linearizability:
             for k, values in enumerate(getattr(self.bands, kind))
             for name, value in zip(names, values, strict=True)
         ]
-        frame = pandas.DataFrame(
-            rows, columns=["quantity", "output", "f_min", "f_max", "value"]
-        )
+        columns = ["quantity", "output", "f_min", "f_max", "value"]
+        frame = data_frame(rows, columns=columns)
         return frame.astype({"f_min": float, "f_max": float, "value": float})
 
     def _names(self):

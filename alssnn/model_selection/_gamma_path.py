@@ -22,6 +22,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from ..metrics import rmse
 from ..optimizers import single_threaded
+from ..rows import data_frame
 from ..workers import finished
 
 DEFAULT_GAMMAS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
@@ -131,11 +132,9 @@ class GammaPath:
         frame : pandas.DataFrame
             One row per weight.
         """
-        import pandas
-
         names = ("rmse_train", "rmse_test", "linearization_error", "spectral_radius")
         columns = {name: getattr(self, name) for name in (*names, "seconds")}
-        return pandas.DataFrame(columns, index=pandas.Index(self.gammas, name="gamma"))
+        return data_frame(columns, self.gammas, "gamma")
 
 
 def _unit(values):

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..linearizability import Linearizability, worst_error
 from ..rates import checked_time
+from ..rows import data_frame
 
 PARTS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the sampling time of the record
 
@@ -98,11 +99,8 @@ class LawRates:
         frame : pandas.DataFrame
             One row per sampling time, the columns "now" and "ahead".
         """
-        import pandas
-
-        index = pandas.Index(self.law_dt, name="law_dt")
         columns = {"now": self.error(), "ahead": self.error(ahead=True)}
-        return pandas.DataFrame(columns, index=index)
+        return data_frame(columns, self.law_dt, "law_dt")
 
 
 def law_rates(model, u, y, experiment=None, law_dt=None):

@@ -6,10 +6,11 @@ what is public has the units of the user.
 """
 
 import time
-from numbers import Integral, Real
+from numbers import Real
 
 import numpy as np
 
+from ..checks import is_count
 from ..feedback import Controller, LinearizingLaw
 from ..feedback.checks import check_limits, check_point, check_weight
 from ..plants import as_plant
@@ -162,7 +163,7 @@ class LinearizingMPC(Controller):
             ("n_passes", n_passes),
             ("max_iter", max_iter),
         ):
-            if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
+            if not is_count(value):
                 raise ValueError(f"`{name}` must be a positive integer, got {value!r}.")
         if not isinstance(tol, Real) or not 0 < float(tol) < 1:
             raise ValueError(f"`tol` must lie between 0 and 1, got {tol!r}. Try 1e-6.")

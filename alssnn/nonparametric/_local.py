@@ -99,10 +99,7 @@ def local_polynomial(
     runs = [run for pair in records.pairs for run in _without_gaps(*pair)]
     runs, widths = _windows(runs, records, degree, dof)
     longest = max(len(u) for u, _ in runs)
-    lines = np.arange(1, (longest - 1) // 2 + 1)
-    if n_frequencies is not None and len(lines) > n_frequencies:
-        n = count("n_frequencies", n_frequencies, 1)
-        lines = lines[np.linspace(0, len(lines) - 1, n).round().astype(int)]
+    lines = _lines(longest, n_frequencies)
     frequencies = lines / longest  # per sample
     spectra = [
         [np.fft.rfft(z, axis=0)[: (len(z) + 1) // 2] / np.sqrt(len(z)) for z in run]
@@ -153,6 +150,15 @@ def local_polynomial(
         input_names=records.input_names,
         output_names=records.output_names,
     )
+
+
+def _lines(longest, n_frequencies):
+    """Return the lines that are evaluated, evenly spread."""
+    lines = np.arange(1, (longest - 1) // 2 + 1)
+    if n_frequencies is None or len(lines) <= n_frequencies:
+        return lines
+    n = count("n_frequencies", n_frequencies, 1)
+    return lines[np.linspace(0, len(lines) - 1, n).round().astype(int)]
 
 
 def _lengths(runs):

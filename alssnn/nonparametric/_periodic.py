@@ -125,19 +125,7 @@ def best_linear_approximation(
     beside, even = lines_not_excited(lines, period)
     if E > nu:
         refuse_copies(U, records.labels)
-        method, dof = "robust", E - nu
-        C[lines] *= E / dof
-    elif len(beside):
-        method = "fast"
-        dof = E * min(NEIGHBORS, len(beside))
-        C[lines] = _nearby(C, beside, lines)  # (eq. fast)
-    else:
-        raise ValueError(
-            f"`u` must have more experiments than inputs, {nu}, or lines that are not "
-            f"excited between those that are, got {E} experiments and no such lines. "
-            "Send `multisine(n_realizations=4)` for the robust method, or "
-            '`multisine(grid="odd-random")` for the fast one.'
-        )
+    method, C[lines], dof = _left_over(C, E, nu, lines, beside)
     tested = [(lines, dof)] if method == "robust" else []
     tested += [(some, E) for some in (beside, even) if len(some)]
     noise, everything, of_period = _power(C_n), _power(C), _power(of_period)
@@ -162,6 +150,20 @@ def best_linear_approximation(
         dt=dt,
         input_names=records.input_names,
         output_names=records.output_names,
+    )
+
+
+def _left_over(C, E, nu, lines, beside):
+    """Return the method, what it takes for C at the lines, and the freedom of that."""
+    if E > nu:
+        return "robust", C[lines] * (E / (E - nu)), E - nu
+    if len(beside):  # (eq. fast)
+        return "fast", _nearby(C, beside, lines), E * min(NEIGHBORS, len(beside))
+    raise ValueError(
+        f"`u` must have more experiments than inputs, {nu}, or lines that are not "
+        f"excited between those that are, got {E} experiments and no such lines. "
+        "Send `multisine(n_realizations=4)` for the robust method, or "
+        '`multisine(grid="odd-random")` for the fast one.'
     )
 
 

@@ -6,6 +6,8 @@ from importlib import import_module
 import numpy as np
 from scipy.special import stdtrit
 
+from ..checks import probability
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BestLinearApproximation:
@@ -132,7 +134,7 @@ class BestLinearApproximation:
         ValueError
             If `level` is not between 0 and 1.
         """
-        level = _check_level(level)
+        level = probability(level)
         # (eq. circle): the quantile of F with 2 and 2 dof degrees of freedom
         quantile = self.dof * ((1 - level) ** (-1 / self.dof) - 1)
         return np.sqrt(quantile) * self.std
@@ -188,7 +190,7 @@ class BestLinearApproximation:
         To first order, as the magnitude moves by the part of the error along G.
         `covers` also holds where the error is as large as G.
         """
-        quantile = stdtrit(2 * self.dof, (1 + _check_level(level)) / 2)
+        quantile = stdtrit(2 * self.dof, (1 + probability(level)) / 2)
         half = quantile * self.std / np.sqrt(2)
         size = np.abs(self.G)
         return np.maximum(size - half, 0.0), size + half
@@ -237,13 +239,6 @@ def _std(covariance, shape):
     """Return the roots of the diagonals, in the shape of G."""
     diagonal = np.diagonal(covariance, axis1=1, axis2=2).real
     return np.sqrt(np.maximum(diagonal, 0.0)).reshape(shape)
-
-
-def _check_level(level):
-    """Return a probability that is neither 0 nor 1."""
-    if isinstance(level, bool) or not 0 < level < 1:
-        raise ValueError(f"`level` must be between 0 and 1, got {level!r}.")
-    return level
 
 
 def error_covariance(C, W):

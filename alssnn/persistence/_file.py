@@ -84,10 +84,13 @@ def save(model, path):
     fitted = model.fitted_
     structure, container = fitted.structure, fitted.container
     sampling, equations = structure.sampling, derivative(structure)
+    params = {k: _encode_param(k, v) for k, v in model.get_params(False).items()}
+    used = fitted.options.items()  # a fit that is over needs no random state
+    used = {k: _encode_param(k, v) for k, v in used if k != "random_state"}
     document = {
         "alssnn": release(),
         "class": type(model).__name__,
-        "params": {k: _encode_param(k, v) for k, v in model.get_params(False).items()},
+        "params": params,
         "structure": {
             "sizes": [structure.sizes["x"], equations.nu, structure.sizes["y"]],
             "sampling": sampling and [sampling.hold, sampling.substeps, sampling.dt],
@@ -105,6 +108,7 @@ def save(model, path):
             "orders": encode(model.orders_),
             "alpha": encode(getattr(model, "alpha_", None)),
             "predictor": encode(fitted.predictor),
+            "options": {k: v for k, v in used.items() if v != params[k]},
             "y_ndim": fitted.y_ndim,
             "integrators": model.integrators_,
             "container": {
@@ -178,11 +182,15 @@ def load(path, classes):
 
 def _restore(cls, document, arrays):
     """Return the model of a document and its arrays; all sizes are checked."""
-    model = cls(**{k: _decode_param(k, v) for k, v in document["params"].items()})
-    fit, structure = document["fit"], _structure(model, document["structure"], arrays)
+    fit, params = document["fit"], document["params"]
+    model, used = (
+        cls(**{name: _decode_param(name, value) for name, value in options.items()})
+        for options in (params, {**params, **fit.get("options", {})})
+    )
+    structure = _structure(used, document["structure"], arrays)
     _add_what_older_files_lack(arrays, fit)
     _check_arrays(arrays, _shapes(structure, arrays, len(fit["experiments"])))
-    results, decay = _results(model, fit, arrays)
+    results, decay = _results(used, fit, arrays)
     if _is_centered(arrays):
         center = {name: arrays[CENTER + name] for name in structure.shapes}
         decay = {"alpha": results["alpha_"], "center": structure.join(center)}
@@ -202,6 +210,7 @@ def _restore(cls, document, arrays):
         y_ndim=fit["y_ndim"],
         decay=decay,
         predictor=_predictor(decode(fit.get("predictor"))),
+        options=used.get_params(deep=False),
     )
     _check_fit(fitted, results, derivative(structure).nu, structure.sizes["y"])
     return model.restore(fitted, results)

@@ -34,6 +34,14 @@ class Display:
         what = f"{n} axes" if n else "not drawn"
         return f"{type(self).__name__}({what})"
 
+    def _drawn(self, axes):
+        """Keep one axes, or an array of them, and their figure; return the display."""
+        if isinstance(axes, np.ndarray):
+            self.axes_, self.figure_ = axes, axes[0, 0].figure
+        else:
+            self.ax_, self.figure_ = axes, axes.figure
+        return self
+
     def _repr_png_(self):
         """Return the figure for a notebook; None if it was not drawn."""
         if self.figure_ is None:
@@ -96,6 +104,28 @@ def grid_of_axes(ax, shape, *, size, **options):
             f"{len(axes)} objects. Make them by figure.subplots({rows}, {columns})."
         )
     return axes.reshape(shape)
+
+
+def check_which(which, n):
+    """Refuse the number of an experiment that there is not.
+
+    Parameters
+    ----------
+    which : int
+        Number of the experiment.
+    n : int
+        How many there are.
+
+    Raises
+    ------
+    ValueError
+        If there is none of this number.
+    """
+    if not 0 <= which < n:
+        raise ValueError(
+            f"`which` must be between 0 and {n - 1}, got {which}. Experiments count "
+            "from 0."
+        )
 
 
 def columns(name, z):
@@ -162,19 +192,17 @@ class _MinorHertz(LogFormatter):
         return EngFormatter(unit="Hz")(x) if super().__call__(x, pos) else ""
 
 
-def frequency_axis(ax, label="frequency"):
+def frequency_axis(ax):
     """Label the abscissa as frequency.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
         Axes.
-    label : str, default="frequency"
-        Label; the ticks carry the unit.
     """
     ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
     ax.xaxis.set_minor_formatter(_MinorHertz())
-    ax.set_xlabel(label)
+    ax.set_xlabel("frequency")
 
 
 def finish(ax, legend=True):

@@ -100,8 +100,7 @@ class ExcitationDisplay(Display):
             frequency_axis(spectrum)
             finish(signal, legend="above" if i == 0 else False)
             finish(spectrum, legend=False)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)
 
 
 def _spectrum(period, lines):
@@ -200,8 +199,7 @@ class ApproximationDisplay(Display):
             finish(here, legend="above" if i == 0 else False)
         for here in axes[-1]:
             frequency_axis(here)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)
 
 
 def _smallest(*curves):

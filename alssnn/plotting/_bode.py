@@ -193,21 +193,11 @@ class BodeDisplay(Display):
                         label="confidence" if holds else "no confidence band holds",
                     )
                 for label, f, G, style in curves:
-                    response = G[:, i, j]
-                    draw = magnitude.semilogx if self.decibel else magnitude.loglog
-                    size = magnitudes(response, self.decibel)
-                    draw(f, size, label=label, **style)
-                    phase.semilogx(f, degrees(response), **style)
-                names = self.output_names[i], self.input_names[j]
-                unit = ", dB" if self.decibel else ""
-                magnitude.set_ylabel("|{} / {}|".format(*names) + unit)
-                phase.set_ylabel("phase, degrees")
-                finish(magnitude, legend=i == j == 0)
-                finish(phase, legend=False)
-        for one in axes[-1]:
-            frequency_axis(one)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+                    size = magnitudes(G[:, i, j], self.decibel)
+                    magnitude.plot(f, size, label=label, **style)
+                    phase.plot(f, degrees(G[:, i, j]), **style)
+        finish_responses(axes, self.output_names, self.input_names, self.decibel)
+        return self._drawn(axes)
 
     def _limits(self, ny, nu):
         """Return frequencies in Hz, lower and upper limits; None without a band."""
@@ -224,6 +214,37 @@ class BodeDisplay(Display):
                 f"and (n, {ny}, {nu}), got {shapes}."
             )
         return band
+
+
+def finish_responses(axes, outputs, inputs, decibel, longest=np.inf):
+    """Label and scale the axes of frequency responses.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (2 * ny, nu)
+        Axes: for every output magnitude above phase, one column per input.
+    outputs, inputs : list of str
+        Names of the signals.
+    decibel : bool
+        Whether magnitudes are in dB.
+    longest : int, default=inf
+        Characters of a label, beyond which it takes two lines.
+    """
+    for i, output in enumerate(outputs):
+        for j, name in enumerate(inputs):
+            magnitude, phase = axes[2 * i : 2 * i + 2, j]
+            what = f"|{output} / {name}|"
+            if len(what) > longest:
+                what = what.replace(" / ", " /\n", 1)
+            magnitude.set_ylabel(f"{what}, dB" if decibel else what)
+            magnitude.set_yscale("linear" if decibel else "log")
+            phase.set_ylabel("phase, degrees")
+            for one in (magnitude, phase):
+                one.set_xscale("log")
+            finish(magnitude, legend=i == j == 0)
+            finish(phase, legend=False)
+    for one in axes[-1]:
+        frequency_axis(one)
 
 
 def degrees(response):

@@ -186,5 +186,4 @@ class CertificateDisplay(Display):
         axes.set_ylabel(self.labels[1])
         few_ticks(axes.xaxis)  # that of y would stand where the legend is
         finish(axes, legend="above")
-        self.ax_, self.figure_ = axes, axes.figure
-        return self
+        return self._drawn(axes)

@@ -6,17 +6,17 @@ from ..validation import column_names, frequency_response, moved_names
 from ._axes import (
     MEASURED,
     Display,
+    check_which,
     color,
     finish,
-    frequency_axis,
     grid_of_axes,
     time_axis,
 )
-from ._bode import N_FREQUENCIES, degrees, magnitudes
+from ._bode import N_FREQUENCIES, degrees, finish_responses, magnitudes
 from ._ladder import limits_of, out_of_view
 
-SLOWEST = 1024  # samples of the slowest sine of a frequency response
 LONGEST = 20  # characters of a label beside an axis
+SLOWEST = 1024  # samples of the slowest sine of a frequency response
 
 
 class ComparisonDisplay(Display):
@@ -51,12 +51,7 @@ class ComparisonDisplay(Display):
     """
 
     def __init__(self, comparison, which=0):
-        n = len(comparison.y_true)
-        if not 0 <= which < n:
-            raise ValueError(
-                f"`which` must be between 0 and {n - 1}, got {which}. Experiments "
-                "count from 0."
-            )
+        check_which(which, len(comparison.y_true))
         self.comparison, self.which = comparison, which
 
     def plot(self, ax=None, **kwargs):
@@ -109,8 +104,7 @@ class ComparisonDisplay(Display):
             time_axis(bottom)
             finish(top, legend="above")
             finish(bottom, legend=False)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)
 
 
 class BodeComparisonDisplay(Display):
@@ -200,23 +194,8 @@ class BodeComparisonDisplay(Display):
                     size = magnitudes(G[:, i, j], self.decibel)
                     magnitude.plot(f, size, **{"label": name, **style, **kwargs})
                     phase.plot(f, degrees(G[:, i, j]), **{**style, **kwargs})
-        for i in range(ny):
-            for j in range(nu):
-                magnitude, phase = axes[2 * i : 2 * i + 2, j]
-                what = f"|{outputs[i]} / {inputs[j]}|"
-                if len(what) > LONGEST:
-                    what = what.replace(" / ", " /\n", 1)
-                magnitude.set_ylabel(f"{what}, dB" if self.decibel else what)
-                magnitude.set_yscale("linear" if self.decibel else "log")
-                phase.set_ylabel("phase, degrees")
-                for one in (magnitude, phase):
-                    one.set_xscale("log")
-                finish(magnitude, legend=i == j == 0)
-                finish(phase, legend=False)
-        for one in axes[-1]:
-            frequency_axis(one)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        finish_responses(axes, outputs, inputs, self.decibel, LONGEST)
+        return self._drawn(axes)
 
     def _fill(self, ax, band, i, j, shade):
         """Draw the band of one model; the legend says where none holds."""

@@ -98,5 +98,4 @@ class LawRatesDisplay(Display):
         axes.set_xlabel("sampling time of the law, s")
         axes.set_ylabel("linearization error rms(e) / std(y), %")
         finish(axes)
-        self.ax_, self.figure_ = axes, axes.figure
-        return self
+        return self._drawn(axes)

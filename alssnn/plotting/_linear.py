@@ -94,8 +94,7 @@ class SingularValuesDisplay(Display):
         axes.set_xlabel("number of states")
         axes.set_ylabel("singular value")
         finish(axes)
-        self.ax_, self.figure_ = axes, axes.figure
-        return self
+        return self._drawn(axes)
 
 
 class PoleDisplay(Display):
@@ -192,5 +191,4 @@ class PoleDisplay(Display):
         axes.set_xlabel("real part of z")
         axes.set_ylabel("imaginary part of z")
         finish(axes, legend="below")
-        self.ax_, self.figure_ = axes, axes.figure
-        return self
+        return self._drawn(axes)

@@ -250,8 +250,7 @@ class LoopDisplay(Display):
             one.set_ylabel(self.names.get(self.outputs[i], self.outputs[i]))
             finish(one)
         time_axis(axes[-1, 0])
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)
 
     def _alone(self, i):
         """Return whether the design lacks an output."""

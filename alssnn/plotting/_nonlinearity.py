@@ -166,8 +166,7 @@ class NonlinearityDisplay(Display):
                 one.set_xlabel(f"{self.argument_names[j]} (gray: density of the data)")
                 one.set_ylabel(f"{value}, in units of {self.input_names[i]}")
                 finish(one, legend="above" if i == 0 and j in (0, ns - 1) else False)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)
 
     def _moving(self, j, rest):
         """Return arguments of which one moves over its range."""
@@ -331,5 +330,4 @@ class ResidualNonlinearityDisplay(Display):
             frequency_axis(right)
             finish(left)
             finish(right)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)

@@ -65,5 +65,4 @@ class RecordDisplay(Display):
             finish(one, legend=False)
         time_axis(axes[-1, 0])
         axes[0, 0].set_title(record.name, fontsize="medium")
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)

@@ -225,5 +225,4 @@ class ResidualDisplay(Display):
                 finish(one, legend=one is axes[0, 0])
             dt = EngFormatter(unit="s", places=None)(tests.dt)
             column[-1].set_xlabel(f"lag, samples of {dt}")
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)

@@ -89,5 +89,4 @@ class RunDisplay(Display):
         for one in axes[:, 0]:
             finish(one, legend="beside")
         time_axis(axes[-1, 0])
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from ..metrics import fit_percent
+from ..metrics import free_run_errors
 from ..validation import check_names, column_names, scored_experiments
 from ._axes import (
     MEASURED,
     Display,
+    check_which,
     color,
     columns,
     finish,
@@ -91,11 +92,7 @@ class SimulationDisplay(Display):
             If there is no such experiment or the number of axes is wrong.
         """
         experiments, starts = scored_experiments(model, u, y, experiment)
-        if not 0 <= which < len(experiments):
-            raise ValueError(
-                f"`which` must be between 0 and {len(experiments) - 1}, got {which}. "
-                "Experiments count from 0."
-            )
+        check_which(which, len(experiments))
         _, y_true, y_pred = experiments[which]
         return cls.from_predictions(
             y_true,
@@ -186,10 +183,7 @@ class SimulationDisplay(Display):
         options = {"sharex": "col", "height_ratios": (2, 1)}
         size = (6.0 if ny == 1 else 4.5, 2.2)
         axes = grid_of_axes(ax, (2, ny), size=size, **options)
-        fit = np.full(ny, -np.inf)
-        if np.isfinite(self.y_pred).all():
-            fit = fit_percent(self.y_true, self.y_pred, multioutput="raw_values")
-        self.fit_percent_ = fit
+        self.fit_percent_ = fit = free_run_errors(self.y_true, self.y_pred)[1]
         style = {"color": color(0), "linewidth": 1.2, **kwargs}
         for i, (top, bottom) in enumerate(axes.T):
             label = f"{self.name}, fit {fit[i]:.3g} %"
@@ -201,5 +195,4 @@ class SimulationDisplay(Display):
             time_axis(bottom)
             finish(top, legend="above")
             finish(bottom, legend=False)
-        self.axes_, self.figure_ = axes, axes[0, 0].figure
-        return self
+        return self._drawn(axes)

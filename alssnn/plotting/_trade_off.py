@@ -120,5 +120,4 @@ class GammaPathDisplay(Display):
         axes.set_xlabel("linearization error rms(e) / std(y), %")
         axes.set_ylabel("RMSE of the free run, in units of y")
         finish(axes)
-        self.ax_, self.figure_ = axes, axes.figure
-        return self
+        return self._drawn(axes)

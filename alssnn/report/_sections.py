@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..metrics import fit_percent, nrmse, rmse
+from ..metrics import fit_percent, missed_percent, nrmse, rmse
 from ..validation import column_names
 from ..walk import static_map, walk
 from ._page import (
@@ -88,7 +88,7 @@ def _verdict(model, outputs, test, validation, reason):
         )
         said = f"On this record the simulation misses {missed}."
     if np.isfinite(model.train_score_):
-        share = 100 * np.sqrt(max(1 - model.train_score_, 0.0))
+        share = missed_percent(model.train_score_)
         said += f" In training it missed {number(share, 2)} % of the output."
     parts.append(paragraph(f"Accuracy: {said}"))
     if validation is not None:
@@ -373,13 +373,11 @@ def _simulation(model, test):
     return figure(drawn, f"{caption}.", curves)
 
 
-def checks(model, validation, reason):
+def checks(validation, reason):
     """Return the verdicts of validation and the correlations of the residual.
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
     validation : Validation or None
         Checks on the record; None if there are none.
     reason : str

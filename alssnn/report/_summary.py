@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from ..metrics import rmse
+from ..metrics import missed_percent, rmse
 from ..validation import column_names, scored_experiments
 from ._sections import in_words
 
@@ -112,7 +112,7 @@ def summarize(model, u=None, y=None, experiment=None):
         ("dt", f"{model.dt:g} s"),
     ]
     if np.isfinite(model.train_score_):
-        missed = 100 * np.sqrt(max(1 - model.train_score_, 0.0))
+        missed = missed_percent(model.train_score_)
         lines.append(("train", f"misses {missed:.3g} % of the output"))
     if u is None:
         lines.append(("test, e / y", "unknown; a record tells: summary(u, y)"))

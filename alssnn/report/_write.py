@@ -92,7 +92,7 @@ def write_report(
     sections = [
         ("summary", "Summary", verdict),
         ("accuracy", "Accuracy", _sections.accuracy(model, test, train, floor)),
-        ("validation", "Validation", _sections.checks(model, validation, reason)),
+        ("validation", "Validation", _sections.checks(validation, reason)),
         (
             "linearizability",
             "Linearizability" + _of_law(law_dt, ahead),

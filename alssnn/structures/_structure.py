@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from ..activations import ACTIVATIONS
 from ..lure import Lure
+from ..shown import short_repr
 from ._direct import Products, product
 from ._signals import ONE, Factor
 
@@ -48,6 +50,8 @@ class Structure:
     free_starts : int
         Number of first states with a free initial value; others start at zero.
     """
+
+    __repr__ = short_repr
 
     sizes: dict
     inputs: tuple
@@ -231,24 +235,18 @@ class Structure:
             return name if name in self.parameters else None
         return None
 
-    # -- sizes and places --------------------------------------------------------
-
     @cached_property
     def rows(self):
         """Return the rows of Theta of every axis, as slices."""
-        return self._slices(self.states + self.channels + self.neurons)
+        return self._places(self.states + self.channels + self.neurons)
 
     @cached_property
     def cols(self):
         """Return the columns of Theta of every axis, as slices."""
-        return self._slices((*self.states, *self.inputs, *self.neurons, ONE))
+        return self._places((*self.states, *self.inputs, *self.neurons, ONE))
 
-    def _slices(self, axes):
-        stops = np.cumsum([self._size(axis) for axis in axes])
-        return {
-            axis: slice(int(stop) - self._size(axis), int(stop))
-            for axis, stop in zip(axes, stops, strict=True)
-        }
+    def _places(self, axes):
+        return _slices(axes, [self._size(axis) for axis in axes])
 
     def _size(self, axis):
         return 1 if axis == ONE else self.sizes[axis]
@@ -332,12 +330,7 @@ class Structure:
     @cached_property
     def slices(self):
         """Return the place of every parameter in theta, as slices."""
-        stops = np.cumsum([int(np.prod(s)) for s in self.shapes.values()])
-        starts = [0, *stops][:-1]
-        return {
-            name: slice(int(start), int(stop))
-            for name, start, stop in zip(self.shapes, starts, stops, strict=True)
-        }
+        return _slices(self.shapes, map(prod, self.shapes.values()))
 
     @cached_property
     def n_params(self):
@@ -398,7 +391,7 @@ class Structure:
         """
         if "u" not in scales:
             return scales
-        of_u, parts = scales["u"], self._slices(self.inputs)
+        of_u, parts = scales["u"], self._places(self.inputs)
         parts = {a: of_u[w] for a, w in parts.items() if w.stop <= len(of_u)}
         given = self.given[self.given < len(of_u)]  # a predictor has more inputs
         return {"moved": np.delete(of_u, given), "d": of_u[given], **scales, **parts}
@@ -436,7 +429,7 @@ class Structure:
             out[name] = value
         return out
 
-    # -- theta -> Lur'e ----------------------------------------------------------
+    # -- theta -> Lur'e, and its derivative ------------------------------------
 
     def lure(self, theta):
         """Return the Lur'e form at theta.
@@ -459,8 +452,6 @@ class Structure:
             value = product(factor.value(p) for factor in term.factors)
             block += term.gain * (np.eye(len(block)) if value is None else value)
         return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)
-
-    # -- derivative ----------------------------------------------------------------
 
     def direct(self, p, scale):
         """Return the direct derivative of [x+; z] (eq. sens) as products.
@@ -497,3 +488,12 @@ class Structure:
                         products.signal(cols, product([right, after])),
                     )
         return products.direct()
+
+
+def _slices(names, lengths):
+    """Return the places of what stands in a row, as slices by name."""
+    start, places = 0, {}
+    for name, length in zip(names, lengths, strict=True):
+        places[name] = slice(start, start + int(length))
+        start += int(length)
+    return places

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..linearizability import Linearizability
+from ..rows import Rows
 from ._ahead import AheadFit
 from ._feedback import FeedbackTests
 from ._residuals import ResidualTests
@@ -62,7 +63,7 @@ class Check:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Validation:
+class Validation(Rows):
     """Hold the checks of a model on a record.
 
     ``validation["independence"]`` is one check, and it iterates over all of them.
@@ -93,6 +94,8 @@ class Validation:
     (False, False)
     """
 
+    _rows = "checks"
+
     checks: tuple[Check, ...]
     residuals: ResidualTests | None = field(repr=False)
     ahead: AheadFit | None = field(repr=False)
@@ -104,22 +107,6 @@ class Validation:
     def passed(self):
         """Return whether all checks passed that decide."""
         return all(check.passed for check in self.checks if check.decides)
-
-    def __iter__(self):
-        """Yield the checks."""
-        return iter(self.checks)
-
-    def __len__(self):
-        """Return the number of checks."""
-        return len(self.checks)
-
-    def __getitem__(self, name):
-        """Return the check of a name."""
-        for check in self.checks:
-            if check.name == name:
-                return check
-        names = ", ".join(check.name for check in self.checks)
-        raise KeyError(f"`name` must be one of {names}, got {name!r}.")
 
     def __repr__(self):
         """Return a table, a sentence below each line, and the verdict."""
@@ -161,15 +148,6 @@ class Validation:
         ImportError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError(
-                "`to_frame` needs pandas, which could not be imported. Install it by "
-                "pip install pandas, or print the record."
-            ) from error
         columns = ("passed", "value", "quantity", "decides", "sentence")
-        return pandas.DataFrame(
-            {name: [getattr(check, name) for check in self.checks] for name in columns},
-            index=pandas.Index([check.name for check in self.checks], name="check"),
-        )
+        data = {name: [getattr(check, name) for check in self] for name in columns}
+        return self.frame(data, "check")

@@ -41,7 +41,7 @@ from ..shown import short_repr
 from ._explained import explained_shares
 from ._lags import LEAST, POWER_LAGS, choose_lags, fewest_rows, rows_needed
 from ._regression import regress
-from ._scored import check_names
+from ._scored import check_names, count_estimated
 
 BLOCKS = ("independence", "squares", "cubes")
 AUTO = "auto"
@@ -201,16 +201,12 @@ def residual_tests(
     input_names = check_names("input_names", input_names, "u", nu)
     output_names = check_names("output_names", output_names, "y", ny)
     z = norm.isf(level / 2)
-    n_parameters = 0
-    if sensitivities is not None:
-        n_parameters = next(sensitivities[0]())[0].shape[2]
+    n_parameters = count_estimated(sensitivities)
     if n_lags == AUTO:
         n_lags = choose_lags(experiments, n_parameters, ahead) or LEAST
     _check_rows(experiments, n_lags, n_parameters, ahead)
     few = range(first_lag, min(n_lags, POWER_LAGS) + 1)
-    past = u
-    if ahead:
-        past = [np.hstack(z) for z in zip(u, _deviations(seen), strict=True)]
+    past = _joined(u, _deviations(seen)) if ahead else u
     blocks = [(past, range(first_lag, n_lags + 1)), *((q, few) for q in powers)]
     columns, white, filters, explained = [], [], [], []
     for i in range(ny):
@@ -469,9 +465,7 @@ def whiten(r):
 
 def _powers(u, y_hat):
     """Return squares, with products, and cubes of the signals, per experiment."""
-    z = [
-        np.hstack(pair) for pair in zip(_deviations(u), _deviations(y_hat), strict=True)
-    ]
+    z = _joined(_deviations(u), _deviations(y_hat))
     nu = u[0].shape[1]
     kinds = (range(nu), range(nu, z[0].shape[1]))
     pairs = [ij for kind in kinds for ij in combinations_with_replacement(kind, 2)]
@@ -479,6 +473,11 @@ def _powers(u, y_hat):
         np.column_stack([part[:, i] * part[:, j] for i, j in pairs]) for part in z
     ]
     return squares, [part**3 for part in z]
+
+
+def _joined(a, b):
+    """Return the columns of two signals side by side, per experiment."""
+    return [np.hstack(pair) for pair in zip(a, b, strict=True)]
 
 
 def _deviations(signals):

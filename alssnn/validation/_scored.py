@@ -223,3 +223,19 @@ def moved_names(model):
         Names, without those of measured disturbances.
     """
     return [column_names(model)[0][i] for i in model.plant_.moved]
+
+
+def count_estimated(sensitivities):
+    """Return the number of parameters whose errors count.
+
+    Parameters
+    ----------
+    sensitivities : sequence of callable or None
+        What `scored_sensitivities` returns; None for exact parameters.
+
+    Returns
+    -------
+    n_parameters : int
+        How many there are.
+    """
+    return 0 if sensitivities is None else next(sensitivities[0]())[0].shape[2]

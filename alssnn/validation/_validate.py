@@ -7,7 +7,7 @@ import numpy as np
 
 from ..checks import noise_levels
 from ..linearizability import OUTSIDE, judge, percent, worst_error
-from ..metrics import fit_percent
+from ..metrics import free_run_errors, missed_percent
 from ..plants import as_plant
 from ._ahead import ahead_fit
 from ._closed_loop import feedback_check, in_closed_loop
@@ -18,6 +18,7 @@ from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import (
     column_names,
+    count_estimated,
     moved_names,
     scored_experiments,
     surely_outside,
@@ -154,22 +155,10 @@ def validate(
     inputs, outputs = column_names(model)
     floor = noise_levels(noise_floor, len(outputs))
     linear = model.linearizability(u, y, experiment, law_dt=law_dt, ahead=ahead)
-    residuals, feedback, doubt = None, None, ""
-    try:
-        tested, options = judged_experiments(model, u, y, experiment, exact=exact)
-    except ValueError as error:  # no stable predictor
-        tested, doubt = [], str(error)
-    if tested and all(np.isfinite(y_hat).all() for _, _, y_hat in tested):
-        residuals, doubt = _tested(
-            tested,
-            n_lags=n_lags,
-            level=level,
-            dt=model.dt,
-            input_names=inputs,
-            output_names=outputs,
-            **options,
-        )
-        feedback = _fed_back(model, u, y, experiment, tested)
+    named = {"input_names": inputs, "output_names": outputs, "dt": model.dt}
+    tested, residuals, feedback, doubt = _tests(
+        model, u, y, experiment, exact, n_lags=n_lags, level=level, **named
+    )
     ahead, problem = None, ""
     try:
         ahead = ahead_fit(model, u, y, experiment, horizons=horizons)
@@ -207,13 +196,23 @@ def validate(
     return Validation(checks, residuals, ahead, linear, type(model).__name__, feedback)
 
 
+def _tests(model, u, y, experiment, exact, **named):
+    """Return what is tested, both kinds of tests, and what a record leaves open."""
+    try:
+        tested, options = judged_experiments(model, u, y, experiment, exact=exact)
+    except ValueError as error:  # no stable predictor
+        return [], None, None, str(error)
+    if not all(np.isfinite(y_hat).all() for _, _, y_hat in tested):
+        return tested, None, None, ""
+    residuals, doubt = _tested(tested, **named, **options)
+    return tested, residuals, _fed_back(model, u, y, experiment, tested), doubt
+
+
 def _tested(experiments, sensitivities, n_lags, ahead, **options):
     """Return the tests of residuals, and what a short record leaves open."""
     doubt = ""
     if n_lags == AUTO:
-        n_free = 0
-        if sensitivities is not None:
-            n_free = next(sensitivities[0]())[0].shape[2]
+        n_free = count_estimated(sensitivities)
         n_lags = choose_lags(experiments, n_free, ahead)
         if n_lags == 0 and n_free:
             n_lags, sensitivities = choose_lags(experiments, 0, ahead), None
@@ -361,7 +360,7 @@ def _free_run(model, experiments, outputs, baseline):
     fit = _fits(experiments)
     worst = int(fit.argmin())
     name, value = outputs[worst], float(fit[worst])
-    trained = 100 * (1 - np.sqrt(max(1 - model.train_score_, 0.0)))  # nan: unknown
+    trained = 100 - missed_percent(model.train_score_)  # nan: unknown
     passed, sentence = False, f"The free run misses {_missed(value)} of {name}"
     if baseline is None:
         linear = np.full_like(fit, np.nan)
@@ -400,11 +399,7 @@ def _floor(experiments, outputs, floor):
     if floor is None:
         return ()
     y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    if np.isfinite(y_hat).all():
-        error = np.sqrt(np.nanmean((y - y_hat) ** 2, axis=0))
-    else:
-        error = np.full(len(floor), np.inf)
-    ratio = error / floor
+    ratio = free_run_errors(y, y_hat)[0] / floor
     worst = int(ratio.argmax())
     value, name = float(ratio[worst]), outputs[worst]
     sentence = f"The error of the free run is {value:.3g} times the noise of {name}"
@@ -440,9 +435,7 @@ def _noisy_run(model, check, missed):
 def _fits(experiments):
     """Return the fit of every output in percent, -inf where the run diverges."""
     y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    if not np.isfinite(y_hat).all():
-        return np.full(y.shape[1], -np.inf)
-    return np.asarray(fit_percent(y, y_hat, multioutput="raw_values"))
+    return free_run_errors(y, y_hat)[1]
 
 
 def _missed(fit):
