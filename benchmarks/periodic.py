@@ -97,7 +97,7 @@ def main(arguments=None):
     print(lines[-1])
     if not options.quick:
         head = (
-            f"Error of a simulation over the noise, medians of {seeds} seeds; and "
+            f"Error of a simulation over the noise, medians over seeds ({seeds}); and "
             "ratios of errors and of the time of a fit, periodic over estimate.\n"
         )
         text = "\n".join([head, *lines, "", machine(load, np, alssnn), ""])
