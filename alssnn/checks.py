@@ -4,6 +4,8 @@ from numbers import Integral, Real
 
 import numpy as np
 
+FINISHED = 1.1  # error over that of the noise from which nothing is left to learn
+
 
 def is_count(value, smallest=1):
     """Tell whether something is an integer that is not too small.
@@ -126,7 +128,8 @@ def noise_levels(known, ny):
     ----------
     known : float, array_like of shape (ny,), object with `noise_rms`, or None
         Root mean squares in the units of the outputs; what
-        `nonparametric.best_linear_approximation` or `look` say of a periodic record.
+        `nonparametric.best_linear_approximation` or `look` say of a record with periods
+        or with experiments that had the same input.
     ny : int
         Number of outputs.
 
@@ -138,7 +141,8 @@ def noise_levels(known, ny):
     Raises
     ------
     ValueError
-        If it is not a positive number for every output.
+        If it is not a positive number for every output, or of a record that does not
+        tell its noise.
 
     Examples
     --------
@@ -149,6 +153,12 @@ def noise_levels(known, ny):
     if known is None:
         return None
     value = getattr(known, "noise_rms", known)
+    if value is not known and (value is None or np.isnan(value).any()):
+        raise ValueError(
+            f"`noise_floor` must know the noise, got a {type(known).__name__} of a "
+            "record without periods, which does not tell its noise. Give the floor "
+            "itself, or None; or record one input twice."
+        )
     try:
         floor = np.broadcast_to(np.asarray(value, dtype=float), ny).copy()
     except (TypeError, ValueError):
@@ -157,6 +167,6 @@ def noise_levels(known, ny):
         raise ValueError(
             f"`noise_floor` must be positive, one number or one for each of {ny} "
             f"outputs, got {value!r}. Noise apart from distortion is only known of "
-            "periodic records, see `nonparametric.best_linear_approximation`."
+            "periods and of experiments with the same input, see `look`."
         )
     return floor

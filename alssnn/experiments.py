@@ -282,6 +282,47 @@ def is_list_of_records(data):
     )
 
 
+def join_records(u, y, experiment):
+    """Return records as one; lists of records become labeled experiments.
+
+    Parameters
+    ----------
+    u : array_like of shape (N, nu), or list of them
+        Inputs.
+    y : array_like of shape (N,) or (N, ny), or list of them
+        Outputs.
+    experiment : array_like of shape (N,) or None
+        Labels; None for a list.
+
+    Returns
+    -------
+    u, y, experiment : tuple
+        The record, as it came unless it is a list.
+
+    Raises
+    ------
+    ValueError
+        If a list comes with labels, or its parts do not fit.
+    """
+    if not is_list_of_records(u):
+        return u, y, experiment
+    if experiment is not None:
+        raise ValueError(
+            "`experiment` must be None for a list of records, got labels. The list "
+            "itself tells the experiments."
+        )
+    if not isinstance(y, list | tuple):
+        raise ValueError(
+            "`y` must be a list of records, as `u` is, got "
+            f"{type(y).__name__}. Give one record of outputs per experiment."
+        )
+    try:
+        return stack_experiments(u, y)
+    except ValueError as error:  # of arguments of another name
+        words = str(error).replace("`us", "`u").replace("`ys", "`y")
+        raise ValueError(words) from error
+
+
 def _stack(records, name):
     first = records[0]
     names = {_names(record) for record in records}

@@ -13,9 +13,14 @@ step / sqrt(12) rms, which passes the circuit as u does: times the norm of a lin
 impulse response, fitted to 20,000 samples in between.  Both together are the floor of a
 simulation.
 
+Published errors of the cases of `benchmarks.field`, and those of the circuit that
+`benchmarks.paper` has measured, stand beside, as multiples of these floors; of the
+mirror, of the mean over its outputs.
+
 Both need the records (`ALSSNN_DATA_HOME`).  The table goes to doc/benchmarks/floors.md.
 """
 
+import csv
 import os
 import sys
 from pathlib import Path
@@ -29,6 +34,7 @@ from alssnn.datasets import fetch_wiener_hammerstein
 from alssnn.nonparametric import best_linear_approximation
 from alssnn.regression import lagged
 from benchmarks._tables import OUT, machine
+from benchmarks.field.records import RECORDS
 
 LAGS = 60  # of linear responses
 QUIET = slice(1000, 5000), slice(185_000, 188_000)  # the input is nearly off
@@ -77,19 +83,49 @@ def _whole():
     return fetch_wiener_hammerstein(split="paper")
 
 
+def multiples(case, floors, published):
+    """Return rows of published errors over the floors of their tests."""
+    return [
+        f"| {case}, {test} | {model} | {errors[test]:.3g} "
+        f"| {errors[test] / floor:.2f} |"
+        for test, floor in floors.items()
+        for model, errors in published.items()
+    ]
+
+
+def ours():
+    """Return the errors on the circuit that `benchmarks.paper` has measured, in mV."""
+    with (OUT / "wh_accuracy.csv").open(encoding="utf-8", newline="") as file:
+        return {
+            f"{row['model']}, this package": {"test": 1e3 * float(row["test"])}
+            for row in csv.DictReader(file)
+        }
+
+
 def main():
     """Run the benchmark."""
     load = os.getloadavg()[0]
+    rows, (at_output, through, both) = mirror(), circuit()
     lines = [
         "| mirror, level | output | noise, um | no linear model below, um |",
         "|---|---|--:|--:|",
-        *(f"| {a} | {b} | {c:.4f} | {d:.4f} |" for a, b, c, d in mirror()),
+        *(f"| {a} | {b} | {c:.4f} | {d:.4f} |" for a, b, c, d in rows),
     ]
-    at_output, through, both = circuit()
+    levels = dict.fromkeys(level for level, *_ in rows)
+    floors = {
+        level: float(np.mean([row[2] for row in rows if row[0] == level]))
+        for level in levels
+    }
     lines += [
         "",
         f"Wiener-Hammerstein circuit: noise of the output {at_output:.3f} mV, steps of "
         f"the converter of the input {through:.3f} mV, both {both:.3f} mV.",
+        "",
+        "| test | model | error, um or mV | over the floor |",
+        "|---|---|--:|--:|",
+        *multiples("mirror", floors, RECORDS["mirror"].published),
+        *multiples("circuit", {"test": both}, RECORDS["wh official"].published),
+        *multiples("circuit", {"test": both}, ours()),
     ]
     text = "\n".join(lines)
     print(text)

@@ -79,6 +79,27 @@ def test_rows_are_the_errors_of_the_models(out):
     assert rows[2]["rmse"] != rows[3]["rmse"]
 
 
+def test_the_page_has_cases_that_are_whole():
+    rows = [
+        {"case": case, "model": model, "seed": "0", "options": ""} | cells
+        for case in ("linear", "tanks")
+        for model, cells in {
+            "lti": {"relative": "1", "rmse": "0.2", "std": "0.5"},
+            "fl": {"relative": "0.25"},
+            "al": {"relative": "0.125"},
+            "gr": {"relative": "1.004"},
+        }.items()
+    ]
+    other = {**rows[1], "options": "nx=1", "relative": "9"}  # no default fit
+    alone = {**rows[1], "case": "pendulum"}
+    lines = table.page([*rows, other, alone], command.CASES)
+    (y,) = (y for _, y in command.CASES["linear"].load().train)
+    noise = 0.05 * y.std() / 0.2  # as the case says
+    assert lines[-2] == f"   linear, 0.500, 0.25, 0.12, 1.00, {noise:.2f}"
+    assert lines[-1] == "   tanks, 0.500, 0.25, 0.12, 1.00, "
+    assert not any("pendulum" in line for line in lines)
+
+
 def test_a_run_goes_on_where_the_file_ends(out, monkeypatch):
     runs.run([TINY], ["gr"], 1, out, **QUICK)
     fitted = []

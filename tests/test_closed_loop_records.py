@@ -72,6 +72,17 @@ def test_an_input_that_repeats_was_moved_by_no_noise(period):
         assert not tests.found(1e-3).any() and tests.p_values.min() < 1
 
 
+def test_an_input_that_was_sent_twice_was_moved_by_no_noise():
+    """Though the error of the model is the same in both experiments."""
+    runs = [
+        (u[: len(u) // 16], y[: len(u) // 16], clean[: len(u) // 16])
+        for u, y, clean in (repeated(0), repeated(0))
+    ]
+    assert feedback_tests(runs).p == 1.0
+    u, y, clean = repeated(0, gain=0.4)  # one that was moved counts as before
+    assert feedback_tests([*runs, (u, y, clean)]).found(1e-3).any()
+
+
 @pytest.mark.parametrize("n_periods", [2, 3, 16])
 def test_a_loop_is_found_between_periods(n_periods):
     for seed in range(5):

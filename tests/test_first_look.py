@@ -131,6 +131,17 @@ def test_a_periodic_record_tells_noise_from_distortion():
     assert page["gaps"].value == 0
 
 
+def test_inputs_that_were_sent_twice_tell_the_noise():
+    u, y = make(curve=lambda x: x + 0.3 * x**3)
+    again = y + 0.01 * np.random.default_rng(1).standard_normal(y.shape)
+    page = look([u, u, u[::-1]], [y, again, y])
+    assert "repeat the input of another one: 1." in page["record"].sentence
+    # the second has the noise of the first, and as much again: half of it differs
+    np.testing.assert_allclose(page.noise_rms, 0.01 / np.sqrt(2), rtol=0.1)
+    assert "no model at all below 0.007" in page["accuracy"].sentence
+    assert look(u, y).noise_rms is None
+
+
 def test_what_cannot_be_told_is_said():
     u, y = make(N=20)
     page = look(u, y)
@@ -466,7 +477,9 @@ def test_errors_of_runs_are_gathered(tmp_path):
             ("fl", "feedback='output'", "0.5"),
             ("fl", "", "0.2"),
             ("fl", "", "0.4"),
-            ("al", "", "0.1"),
+            ("fl", "alpha=0.01; feedback='output'", "0.7"),
+            ("al", "", "1"),
+            ("al", "alpha=0.01", "0.1"),  # the least of a family
         )
     ]
     path = tmp_path / "families.csv"

@@ -123,12 +123,12 @@ def test_means_of_periods_have_a_lower_floor(record):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"noise_floor": True}, "only with a `period`"),
+        ({"noise_floor": True}, "only with a `period`, or with experiments that had"),
         ({"noise_floor": -1.0}, "must be positive"),
         ({"noise_floor": False}, "got False"),
         (
             {"noise_floor": alssnn.first_look.FirstLook(())},
-            "a record without periods, which does not tell",
+            "got a FirstLook of a record without periods, which does not tell",
         ),
         ({"noise_floor": 1.0, "noise": "innovations"}, "must be None for noise="),
         ({"noise_floor": 1.0, "period": PERIOD}, "`period` must be None"),
@@ -138,6 +138,20 @@ def test_what_is_no_floor(record, options, message):
     excitation, y, _ = record
     with pytest.raises(ValueError, match=message):
         model(**options).fit(excitation.u, y, excitation.experiment)
+
+
+def test_experiments_with_one_input_tell_the_floor(record):
+    excitation, _, noise = record
+    u = excitation.experiments[0]
+    rng = np.random.default_rng(3)
+    clean = (
+        np.convolve(u[:, 0], np.r_[0, 0.5 ** np.arange(20)])[: len(u), None]
+        * noise
+        * 20
+    )
+    ys = [clean + noise * rng.standard_normal(clean.shape) for _ in range(3)]
+    fit = alssnn.LinearStateSpace(nx=1, noise_floor=True).fit([u] * 3, ys)
+    assert fit.message_ == AT_FLOOR
 
 
 def test_a_floor_survives_copies_and_files(record, tmp_path):

@@ -158,6 +158,26 @@ def test_the_last_part_of_every_experiment_is_kept_for_testing(record):
     assert ladder["LTI"].model.experiments_ == ["a", "b"]
 
 
+def test_experiments_may_be_lists(record):
+    parts = record.split(0.6)
+    us, ys = [one.u for one in parts], [one.y for one in parts]
+    labels = np.repeat([0, 1], [len(one) for one in parts])
+    options = {"nx": 6, "models": ["lti"]}
+    joined = model_ladder(*record, experiment=labels, **options)
+    listed = model_ladder(us, ys, **options)
+    assert listed.parts == joined.parts and len(listed.parts) == 2
+    np.testing.assert_array_equal(listed["LTI"].y_hat, joined["LTI"].y_hat)
+    tested = [
+        model_ladder(us, ys, test=test, **options)
+        for test in ((*record, labels), (us, ys), list(parts))
+    ]
+    for one in tested:
+        assert one.parts == tested[0].parts and len(one.parts) == 2
+        np.testing.assert_array_equal(one.y_test, tested[0].y_test)
+    with pytest.raises(ValueError, match="`experiment` must be None for a list"):
+        model_ladder(us, ys, experiment=labels, **options)
+
+
 def test_lists_and_frames_are_accepted(record):
     u, y = record
     lists = model_ladder(u.tolist(), y[:, 0].tolist(), nx=6, models=["lti"])

@@ -1,14 +1,17 @@
 """The error that no model goes below, where models are judged."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import alssnn
 from alssnn.checks import noise_levels
 from alssnn.excitation import multisine
-from alssnn.nonparametric import best_linear_approximation
+from alssnn.nonparametric import best_linear_approximation, local_polynomial
 
 NOISE = 0.03
+look = partial(alssnn.look, recommends=False)
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +36,27 @@ def model(record):
 
 
 def test_a_look_and_a_response_know_it(record):
-    page = alssnn.look(*record)
+    page = look(*record)
     response = best_linear_approximation(*record)
     np.testing.assert_allclose(page.noise_rms, NOISE, rtol=0.1)
     for known in (page, response):
         np.testing.assert_array_equal(noise_levels(known, 2), response.noise_rms)
-    assert alssnn.look(record[0].u, record[1]).noise_rms is None  # nobody said: periods
+    assert look(record[0].u, record[1]).noise_rms is None  # nobody said: periods
     assert noise_levels(None, 2) is None
+
+
+@pytest.mark.parametrize("make", [look, local_polynomial])
+def test_what_does_not_tell_its_noise_is_named(record, model, make, tmp_path):
+    excitation, y = record
+    data = excitation.u, y, excitation.experiment
+    silent = make(*data)
+    words = f"got a {type(silent).__name__} of a record without periods"
+    with pytest.raises(ValueError, match=words):
+        model.validate(*data, noise_floor=silent)
+    with pytest.raises(ValueError, match=words):
+        model.report(tmp_path / "page.html", *data, noise_floor=silent)
+    with pytest.raises(ValueError, match=words):
+        alssnn.model_ladder(*data[:2], nx=1, models=["lti"], noise_floor=silent)
 
 
 @pytest.mark.parametrize("wrong", [0.0, [1.0, -1.0], [1.0, 2.0, 3.0], np.nan, "much"])
@@ -74,6 +91,28 @@ def test_the_table_has_test_errors_over_it(record):
     assert np.isnan(plain.over_floor(plain["LTI"])).all()
     frame = ladder.to_frame()
     np.testing.assert_allclose(frame["rmse_over_floor[y1]"], ratio[1])
+
+
+def test_a_ladder_ends_at_the_floor(record):
+    excitation, y = record
+    data = {"experiment": excitation.experiment, "nx": 1, "n_init": 1, "max_iter": 5}
+    data |= {"models": ["lti", "fl", "gr"], "alpha": 0.0}
+    whole = alssnn.model_ladder(excitation.u, y, noise_floor=NOISE / 2, **data)
+    assert len(whole) == 3 and whole.not_fitted == ()
+    assert all(row.model.noise_floor[0] == NOISE / 2 for row in whole)
+    ladder = alssnn.model_ladder(excitation.u, y, noise_floor=NOISE, **data)
+    assert [row.name for row in ladder] == ["LTI"]
+    assert ladder.not_fitted == ("FL-SSNN", "GR-SSNN")
+    words = " ".join(str(ladder).split())
+    assert "Not fitted: FL-SSNN, GR-SSNN. The error of LTI is nearly that" in words
+    # one output above it is enough to go on
+    ladder = alssnn.model_ladder(
+        excitation.u, y, noise_floor=[2 * NOISE, NOISE / 2], **data
+    )
+    assert len(ladder) == 3
+    data |= {"noise": "innovations", "models": ["lti"]}  # has no floor in its training
+    ladder = alssnn.model_ladder(excitation.u, y, noise_floor=NOISE, **data)
+    assert ladder["LTI"].model.noise_floor is None
 
 
 def test_a_report_has_a_column_of_it(record, model, tmp_path):

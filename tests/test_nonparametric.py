@@ -10,7 +10,11 @@ from scipy.stats import t as t_distribution
 
 from alssnn.datasets import fetch_silverbox
 from alssnn.excitation import multisine, prbs, steps
-from alssnn.nonparametric import best_linear_approximation, local_polynomial
+from alssnn.nonparametric import (
+    best_linear_approximation,
+    local_polynomial,
+    noise_of_repeats,
+)
 from benchmarks import nonparametric as benchmark
 
 FIRST, SECOND = butter(2, 0.3), butter(2, 0.4)
@@ -441,6 +445,66 @@ def test_it_says_what_it_found_in_a_line(result):
     assert repr(result).endswith("nonlinear)")
 
 
+# -- inputs that were sent more than once ----------------------------------------------
+
+
+def sent_twice(seed=0, n=4000, copies=3, noise=(0.05, 0.2)):
+    """Return experiments of a bent plant with one input, and one of another input."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((n, 1))
+    inputs = [*[u] * copies, u[: n // 2], rng.standard_normal((n, 1))]
+    outputs = []
+    for one in inputs:
+        x, start = lfilter([0.5], [1, -0.8], one, axis=0), rng.standard_normal()
+        x = x + 5 * start * 0.8 ** np.arange(len(one))[:, None]  # its initial state
+        clean = np.hstack([x, x**2])
+        outputs.append(clean + noise * rng.standard_normal(clean.shape))
+    return inputs, outputs
+
+
+def test_what_differs_under_one_input_is_noise():
+    found = [noise_of_repeats(*sent_twice(seed)) for seed in range(20)]
+    np.testing.assert_allclose(np.mean(found, axis=0), [0.05, 0.2], rtol=0.01)
+    us, ys = sent_twice()
+    response = local_polynomial(us, ys)
+    np.testing.assert_array_equal(response.noise_rms, noise_of_repeats(us, ys))
+    assert response.total_rms[1] > 3 * response.noise_rms[1]  # it is not linear
+    assert np.isnan(response.p_linear) and "noise" in repr(response)
+
+
+def test_gaps_and_rounding_are_no_obstacle_to_repeats():
+    us, ys = sent_twice()
+    ys[0][::2, 0] = np.nan
+    us[1] = us[1] + 1e-4 * np.random.default_rng(1).standard_normal(us[1].shape)
+    found = noise_of_repeats(us, ys)
+    np.testing.assert_allclose(found, [0.05, 0.2], rtol=0.1)
+    for y in ys[1:]:
+        y[:, 1] = np.nan
+    assert noise_of_repeats(us, ys) is None  # of the second output there is one
+
+
+@pytest.mark.parametrize("change", [lambda u: u + 0.01 * u**2, lambda u: 0 * u])
+def test_other_inputs_tell_no_noise(change):
+    us, ys = sent_twice(copies=1)
+    assert noise_of_repeats(us[::2], ys[::2]) is None
+    assert noise_of_repeats([us[0], change(us[0])], [ys[0], ys[0]]) is None
+    still = [0 * us[0]] * 2  # nothing moves: two records at rest
+    assert noise_of_repeats(still, [ys[0], ys[0]]) is None
+
+
+def test_copies_are_further_periods():
+    excitation = multisine(64, n_periods=7, n_realizations=3, random_state=0)
+    rng = np.random.default_rng(0)
+    us = [u for u in excitation.experiments]
+    ys = [u + 0.1 * u**2 + 0.05 * rng.standard_normal(u.shape) for u in us]
+    whole = best_linear_approximation(us, ys, period=64)
+    us, ys = ([z[64 * i :][:192] for z in zs for i in (0, 2, 4)] for zs in (us, ys))
+    parts = best_linear_approximation(us, ys, period=64)
+    assert parts.method == "robust" and parts.dof == whole.dof == 2
+    np.testing.assert_allclose(parts.G, whole.G, rtol=1e-12)
+    np.testing.assert_allclose(parts.noise_rms, whole.noise_rms, rtol=1e-12)
+
+
 # -- errors ----------------------------------------------------------------------------
 
 GOOD = multisine(64, random_state=0)
@@ -509,11 +573,11 @@ def copies():
         (lambda: best_linear_approximation(GOOD, Y, dt=-1), "`dt` must be a positive"),
         (
             lambda: best_linear_approximation([GOOD.u], Y, period=64),
-            "`y` must be a list of records as `u` is",
+            "`y` must be a list of records, as `u` is",
         ),
         (
             lambda: best_linear_approximation([GOOD.u], [Y], [1], period=64),
-            "`experiment` must be None for lists",
+            "`experiment` must be None for a list",
         ),
         (
             lambda: local_polynomial(Y[:20], Y[:20]),

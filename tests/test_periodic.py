@@ -142,13 +142,58 @@ def test_means_leave_out_the_first_period_and_what_was_not_measured(rng):
     assert mean.parts == [slice(0, 8)]
 
 
+def settling(memory, n=640, periods=3, seed=0):
+    """Return a periodic record with unit noise and a large transient."""
+    rng = np.random.default_rng(seed)
+    u = np.tile(rng.standard_normal((n, 1)), (periods, 1))
+    clean = np.tile(rng.standard_normal((n, 2)), (periods, 1))
+    k = np.arange(len(u))[:, None]
+    return u, clean, 30 * np.exp(-k / memory), rng.standard_normal(clean.shape)
+
+
+def test_a_first_period_counts_from_where_it_has_settled():
+    n, counted = 640, []
+    for memory in (1e-9, 20.0, 250.0):
+        u, clean, transient, noise = settling(memory)
+        mean = mean_periods(u, clean + transient + noise, [slice(0, len(u))], n)
+        three = (clean + noise).reshape(3, n, 2).mean(axis=0)
+        same = np.abs(mean.y - three - transient[:n] / 3).max(axis=1) < 1e-9
+        counted.append(same.mean())
+        assert np.all(np.diff(same.astype(int)) >= 0)  # from one sample on
+        if memory < 100:  # else the later periods differ as well
+            lost = 1 / 2 + same.mean() / 6  # of three periods, or of two
+            np.testing.assert_allclose(np.diag(mean.lost), lost, rtol=0.15)
+    assert counted[0] == 15 / 16 and counted[2] == 0  # its first sample, or always
+    assert 0.7 < counted[1] < 1 - 3.4 * 20 / n  # 30 exp(-3.4) is the noise
+    u, clean, _, noise = settling(1e-9)
+    u[:n] *= 2  # another input: no period of this signal
+    mean = mean_periods(u, clean + noise, [slice(0, len(u))], n)
+    two = (clean + noise)[n:].reshape(2, n, 2).mean(axis=0)
+    np.testing.assert_allclose(mean.y, two)
+
+
+def test_the_late_first_period_lowers_the_error_of_the_mean():
+    gains = []
+    for memory in (0.1, 10.0, 50.0, 150.0):
+        errors = []
+        for seed in range(20):
+            u, clean, transient, noise = settling(memory, seed=seed)
+            y = clean + transient + noise
+            mean = mean_periods(u, y, [slice(0, len(u))], 640).y
+            two = y[640:].reshape(2, 640, 2).mean(axis=0)
+            errors.append([np.mean((z - clean[:640]) ** 2) for z in (mean, two)])
+        ratio = np.divide(*np.mean(errors, axis=0))
+        gains.append(ratio)
+    assert gains[0] < 0.72 and np.all(np.diff(gains) > 0) and gains[-1] < 1.0
+
+
 def test_gaps_lose_no_noise(rng):
     n, periods = 2_000, 5
     u = np.tile(rng.standard_normal((n, 1)), (periods, 1))
     y = rng.standard_normal((periods * n, 2))
     y[rng.uniform(size=y.shape) < 0.5] = np.nan
     mean = mean_periods(u, y, [slice(0, len(u))], n)
-    total = np.isfinite(y[n:].reshape(periods - 1, n, 2)).sum(axis=0)
+    total = np.isfinite(y.reshape(periods, n, 2)).sum(axis=0)  # settled throughout
     left = [np.mean(1 / t[t > 0]) for t in total.T]
     np.testing.assert_allclose(np.diag(mean.lost) + left, 1.0, atol=0.06)
 

@@ -10,7 +10,7 @@ from sklearn.utils.metadata_routing import UNUSED
 from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
-from ..experiments import check_inputs, split_experiments
+from ..experiments import check_inputs, join_records, split_experiments
 from ..innovations import free_run, predictor
 from ..mapping import Held
 from ..optimizers import single_threaded
@@ -37,7 +37,6 @@ from ._plant import make_plant
 from ._progress import Bar, Progress
 from ._records import Records
 from ._remote import training_region
-from ._simulation import join_records
 from ._sklearn import manual_page, with_tags
 from ._start import check_bounds, linear_start, portable
 from ._time import check_time, is_continuous, trained

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..checks import noise_levels
-from ..nonparametric import best_linear_approximation
+from ..nonparametric import best_linear_approximation, noise_of_repeats
 from ._noise import is_predicting
 
 SLACK = 1.05  # cost over that of the noise: estimates of the noise err by as much
@@ -31,7 +31,7 @@ def floor_of(estimator, u, y, experiment):
     Raises
     ------
     ValueError
-        If it is not positive, the model is a predictor, or the record is not periodic.
+        If it is not positive, the model is a predictor, or the record does not tell it.
     """
     known = estimator.noise_floor
     if known is None:
@@ -47,21 +47,24 @@ def floor_of(estimator, u, y, experiment):
             "It is the floor of a simulation, noise='output'."
         )
     if known is True:
-        if estimator.period is None:
-            raise ValueError(
-                "`noise_floor` may be True only with a `period`, got period=None. Give "
-                "the samples of a period, or the floor itself."
-            )
-        known = best_linear_approximation(
+        known = _told_by(u, y, experiment, estimator)
+    return noise_levels(known, 1 if np.ndim(y) < 2 else y.shape[1])
+
+
+def _told_by(u, y, experiment, estimator):
+    """Return what a record tells of its noise, by periods or repeated inputs."""
+    if estimator.period is not None:
+        return best_linear_approximation(
             u, y, experiment, dt=estimator.dt, period=estimator.period
         )
-    if getattr(known, "noise_rms", 0.0) is None:
+    known = noise_of_repeats(u, y, experiment)
+    if known is None:
         raise ValueError(
-            f"`noise_floor` must know the noise, got a {type(known).__name__} of a "
-            "record without periods, which does not tell its noise. Give the floor "
-            "itself, or None."
+            "`noise_floor` may be True only with a `period`, or with experiments that "
+            "had the same input, got period=None and different inputs. Give the "
+            "samples of a period, or the floor itself."
         )
-    return noise_levels(known, 1 if np.ndim(y) < 2 else y.shape[1])
+    return known
 
 
 def least_cost(floor, lost, weight, y_scale):

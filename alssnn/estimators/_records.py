@@ -50,7 +50,8 @@ class Records:
     period : int or None, default=None
         Of ``initial_state="periodic"``: samples of a period, such as the `period` of an
         `excitation.Excitation`. Of several periods the first is left out, while the
-        plant settles. None means that every experiment is one settled period.
+        plant settles (eq. settled). None means that every experiment is one settled
+        period.
     disturbances : array_like of int or str, or None, default=None
         Inputs that are measured but not moved by a controller, by number from 0 or by
         name: loads, ambient temperatures, flows (eq. disturbance). B and the law leave
@@ -96,7 +97,8 @@ class Records:
     noise_floor : float, array_like of shape (ny,), object, True or None, default=None
         Noise of the outputs, root mean squares in their units, or what `look` or
         `nonparametric.best_linear_approximation` say of a periodic record; True takes
-        it from the record, whose `period` is then given. A stage of the training ends
+        it from the record, by its `period` or, without one, by experiments that had the
+        same input. A stage of the training ends
         as soon as its cost, penalties included, is within 5 % of that of the noise:
         what follows would fit the noise. Of ``noise="output"``. None trains on.
     n_init_samples : int, default=50

@@ -41,8 +41,8 @@ class FirstLook:
     findings : tuple of Finding
         Answers, in the order in which they matter.
     noise_rms : ndarray of shape (ny,) or None, default=None
-        Root mean squares of the noise, below which no model goes; None unless the
-        record is periodic.
+        Root mean squares of the noise, below which no model goes; None unless periods
+        or experiments with the same input tell it.
     recommendation : Recommendation or None, default=None
         Estimator to begin with, its options, and why; None if not asked for.
 

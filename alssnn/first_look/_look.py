@@ -7,6 +7,7 @@ from ..delays import estimate_delays
 from ..excitation import Excitation
 from ..nonparametric import best_linear_approximation, local_polynomial
 from ..nonparametric.records import Records
+from ..periods import repeated
 from . import _signals
 from ._findings import Finding, FirstLook
 from ._nonlinearity import nonlinearity
@@ -54,8 +55,9 @@ def look(u, y, experiment=None, *, dt=None, period=None, recommends=True):
     -----
     Of a periodic record nonlinearity and accuracy are those of
     `nonparametric.best_linear_approximation`; of others the test (eq. reset) and
-    `nonparametric.local_polynomial`, which cannot tell noise from distortion. The
-    first period counts as transient then.
+    `nonparametric.local_polynomial`, which cannot tell noise from distortion, but for
+    the noise of experiments that had the same input (eq. repeats). The first period
+    counts as transient then.
 
     Costs some linear fits of 5,000 samples for the delay, and for the recommendation
     some small fits of 2,000 samples: about 1 second if the plant is linear, 2 to 13 of
@@ -115,6 +117,9 @@ def _record(records, dt):
         f"{N} samples of {records.nu} inputs and {records.ny} outputs in {parts} "
         f"experiment{'s' if parts > 1 else ''}, {N * dt:.4g} s in all."
     )
+    copies = parts - len(repeated([u for u, _ in records.pairs]))
+    if copies:
+        sentence += f" Experiments that repeat the input of another one: {copies}."
     if N < SHORT:
         sentence += " That is little: networks need hundreds of samples at least."
     return Finding("record", float(N), sentence, N < SHORT)
@@ -201,7 +206,10 @@ def _accuracy(response, why):
     if np.isfinite(response.noise_rms).all():
         sentence += f", and no model at all below {rms(response.noise_rms)}."
     else:
-        sentence += "; what of it is noise, only a periodic record can tell."
+        sentence += (
+            "; what of it is noise, only periods or experiments with the same input "
+            "can tell."
+        )
     return Finding("accuracy", share, sentence, share > MATTERS)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
-from ..checks import noise_levels
+from ..checks import FINISHED, noise_levels
 from ..estimators import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
-from ..experiments import split_experiments
+from ..experiments import join_records, split_experiments
 from ..metrics import free_run_errors
 from ._records import Ladder, Rung
 
@@ -69,15 +69,15 @@ def model_ladder(
 
     Parameters
     ----------
-    u : array_like of shape (N, nu)
-        Inputs; time runs down the rows.
-    y : array_like of shape (N,) or (N, ny)
+    u : array_like of shape (N, nu), or list of them
+        Inputs; time runs down the rows. A list has one array per experiment.
+    y : array_like of shape (N,) or (N, ny), or list of them
         Outputs.
     experiment : array_like of shape (N,) or None, default=None
-        Label of the experiment of every sample.
-    test : Record or tuple or None, default=None
-        Test data: a `Record`, (u, y), or (u, y, experiment). All of `u` and `y` then
-        serve for training. None splits them by time.
+        Label of the experiment of every sample; None for lists.
+    test : Record, list of Record, tuple or None, default=None
+        Test data: a `Record` or a list of them, (u, y), or (u, y, experiment). All of
+        `u` and `y` then serve for training. None splits them by time.
     test_size : float, default=0.5
         Share of every experiment, its last part, that is kept for testing; not used
         when `test` is given.
@@ -136,7 +136,9 @@ def model_ladder(
     noise_floor : float, array_like of shape (ny,), or object or None, default=None
         Errors that no model goes below, in the units of the outputs; what `look` or
         `nonparametric.best_linear_approximation` return of a periodic record. The
-        table then has test errors over it.
+        table then has test errors over it; trainings with ``noise="output"`` end at
+        it, but those of a dict; and the ladder ends with a model whose test error is
+        within 10 % of it in every output.
     verbose : int or "bar", default=0
         1 prints a line per stage of the training, 2 every step; not for a dict.
     callback : callable or None, default=None
@@ -148,7 +150,8 @@ def model_ladder(
     Returns
     -------
     ladder : Ladder
-        The rows, in the order of `models`.
+        The rows, in the order of `models`; `not_fitted` names those that a ladder at
+        the noise floor has left out.
 
     Raises
     ------
@@ -218,8 +221,11 @@ def model_ladder(
             f"{', '.join(sorted(foreign))}. Look at the options of `AlSsnn`."
         )
     options |= more
-    estimators = _estimators(models, options)
+    u, y, experiment = join_records(u, y, experiment)
     floor = noise_levels(noise_floor, 1 if np.ndim(y) < 2 else np.shape(y)[1])
+    if floor is not None and noise == "output":
+        options["noise_floor"] = floor
+    estimators = _estimators(models, options)
     train, test = _train_and_test(u, y, experiment, test, test_size)
     rows = []
     for name, model in estimators.items():
@@ -230,7 +236,9 @@ def model_ladder(
             callback(row)
         if interrupt is not None:
             raise interrupt
-    return _ladder(rows, records, dt, floor)
+        if floor is not None and np.all(row.rmse_test <= FINISHED * floor):
+            break
+    return _ladder(rows, records, dt, floor, tuple(estimators)[len(rows) :])
 
 
 def judge_models(models, u, y, experiment=None):
@@ -288,7 +296,7 @@ def judge_models(models, u, y, experiment=None):
     return _ladder(rows, records, model.dt)
 
 
-def _ladder(rows, records, dt, noise_floor=None):
+def _ladder(rows, records, dt, noise_floor=None, not_fitted=()):
     """Return rows with the test data of the last one."""
     scored = [record.y[record.scored] for record in records]
     stops = np.cumsum([0, *map(len, scored)]).tolist()
@@ -299,6 +307,7 @@ def _ladder(rows, records, dt, noise_floor=None):
         dt=float(dt),
         output_names=rows[0].model.output_names_,
         noise_floor=noise_floor,
+        not_fitted=not_fitted,
     )
 
 
@@ -405,13 +414,15 @@ def _take(data, rows):
 
 def _test_data(test):
     test = tuple(test)
+    if test and all(hasattr(one, "y") for one in test):  # one record per experiment
+        test = [one.u for one in test], [one.y for one in test]
     if len(test) not in (2, 3):
         raise ValueError(
             "`test` must be a Record, (u, y) or (u, y, experiment), got "
             f"{len(test)} items. Use None to split `u` and `y` by time."
         )
     u, y, experiment = (*test, None)[:3]
-    return u, y, experiment
+    return join_records(u, y, experiment)
 
 
 # -- one model -------------------------------------------------------------------------

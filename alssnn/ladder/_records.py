@@ -118,6 +118,8 @@ class Ladder(Rows):
         Names of the outputs, if the data had any.
     noise_floor : ndarray of shape (ny,) or None, default=None
         Errors that no model goes below, in the units of the outputs; None if unknown.
+    not_fitted : tuple of str, default=()
+        Models that were left out, for the last row is at the noise floor.
 
     Examples
     --------
@@ -133,6 +135,7 @@ class Ladder(Rows):
     dt: float
     output_names: list[str] | None = None
     noise_floor: np.ndarray | None = None
+    not_fitted: tuple[str, ...] = ()
 
     def __repr__(self):
         """Return the table."""
@@ -208,6 +211,12 @@ class Ladder(Rows):
             notes.append(
                 "test / floor: RMSE of the test over that of the noise, the worst "
                 "output; no model goes below 1."
+            )
+        if self.not_fitted:
+            notes.append(
+                f"Not fitted: {', '.join(self.not_fitted)}. The error of "
+                f"{self.rows[-1].name} is nearly that of the noise, and nothing is "
+                "left to learn."
             )
         if not all(row.converged for row in self.rows):
             notes.append(f"* stopped before the cost settled: {self._late_falls()}")

@@ -11,16 +11,22 @@
 ``noise_rms`` is the root mean square error that no model can go below, its
 ``total_rms`` the one that no *linear* model can go below.
 
+Experiments that had the same input tell their noise without periods, too
+(`noise_of_repeats`, eq. repeats): copies count as further periods to the first, and the
+second knows its ``noise_rms`` by them.
+
 Not here: parametric models (`estimators`), and records of closed loops, whose noise is
 correlated with the input.
 """
 
 from ._local import local_polynomial
 from ._periodic import best_linear_approximation
+from ._repeats import noise_of_repeats
 from ._response import BestLinearApproximation
 
 __all__ = [
     "BestLinearApproximation",
     "best_linear_approximation",
     "local_polynomial",
+    "noise_of_repeats",
 ]

@@ -8,7 +8,7 @@ polynomials in the distance r from it,
 
 each experiment e with a transient of its own, and least squares give G = G_0.  What is
 left over, by its degrees of freedom, is the covariance of the noise and the distortions
-together: only periods tell them apart.
+together: only what repeats tells them apart.
 
 A gap in y ends an experiment, and behind it begins another one, with a new transient.
 """
@@ -17,6 +17,7 @@ import numpy as np
 
 from ..checks import count, sampling_time
 from ..excitation import Excitation
+from ._repeats import repeated_noise
 from ._response import BestLinearApproximation, error_covariance
 from .records import Records
 
@@ -56,8 +57,9 @@ def local_polynomial(
     -------
     approximation : BestLinearApproximation
         Response and its uncertainty. Noise and distortions are not told apart: `noise`,
-        `distortion`, `even`, `odd` and `p_linear` are nan, `total` is both. Frequencies
-        at which u does not move have nan.
+        `distortion`, `even`, `odd` and `p_linear` are nan, `total` is both. `noise_rms`
+        is that of experiments that had the same input (eq. repeats), nan if none had.
+        Frequencies at which u does not move have nan.
 
     Raises
     ------
@@ -124,7 +126,7 @@ def local_polynomial(
         np.interp(np.arange(1, longest / 2), lines[known], level[known])
         for level, known in zip(total.T, np.isfinite(total).T, strict=True)
     ]
-    unknown = np.full_like(total, np.nan)
+    unknown, known = np.full_like(total, np.nan), repeated_noise(records)
     covariance = error_covariance(C, W)
     return BestLinearApproximation(
         frequencies=frequencies / dt,
@@ -138,7 +140,7 @@ def local_polynomial(
         even=unknown,
         odd=unknown,
         total=np.sqrt(total),
-        noise_rms=np.full(records.ny, np.nan),
+        noise_rms=np.full(records.ny, np.nan) if known is None else known,
         total_rms=np.sqrt(np.sum(everywhere, axis=1)),
         output_rms=np.sqrt(
             np.average([y.var(axis=0) for _, y in runs], axis=0, weights=_lengths(runs))

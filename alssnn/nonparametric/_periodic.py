@@ -19,6 +19,7 @@ from scipy.special import chdtrc, fdtrc
 
 from ..checks import sampling_time
 from ..excitation import Excitation
+from ..periods import repeated
 from ._response import BestLinearApproximation, error_covariance
 from ._spectra import (
     average,
@@ -74,7 +75,8 @@ def best_linear_approximation(
     With more experiments than inputs the distortion is what differs between them
     (eq. robust), which must be realizations of random phases; as many as inputs take
     lines between the excited ones (eq. fast), as ``multisine(grid="odd-random")``
-    leaves them. Even and odd levels need an odd grid.
+    leaves them. Even and odd levels need an odd grid. Experiments that had the same
+    input are one, of more periods.
 
     The input is taken for known. Noise of a measured input is part of `noise` and of
     the covariance, but it biases G by the square of its ratio to the input.
@@ -100,15 +102,18 @@ def best_linear_approximation(
         dt = u.dt if dt is None else dt
     records = Records.of(u, y, experiment)
     dt = 1.0 if dt is None else sampling_time(dt)
-    nu, E = records.nu, len(records.pairs)
+    groups = repeated([u for u, _ in records.pairs])  # copies are further periods
+    nu, E = records.nu, len(groups)
     if E < nu:
         raise ValueError(
             f"`experiment` must name at least as many experiments as there are inputs, "
-            f"{nu}, got {E}. Send orthogonal multisines, or more realizations."
+            f"{nu}, got {E} of different inputs. Send orthogonal multisines, or more "
+            "realizations."
         )
+    labels = [records.labels[group[0]] for group in groups]
     spectra = [
-        average(pair, label, period, n_transient)
-        for pair, label in zip(records.pairs, records.labels, strict=True)
+        average([records.pairs[e] for e in group], label, period, n_transient)
+        for group, label in zip(groups, labels, strict=True)
     ]
     U = np.stack([one.u for one in spectra], axis=2)  # (F, nu, E)
     Y = np.stack([one.y for one in spectra], axis=2)  # (F, ny, E)
@@ -124,7 +129,7 @@ def best_linear_approximation(
     C = R @ np.swapaxes(R, 1, 2).conj() / E  # (F, ny, ny)
     beside, even = lines_not_excited(lines, period)
     if E > nu:
-        refuse_copies(U, records.labels)
+        refuse_copies(U, labels)
     method, C[lines], dof = _left_over(C, E, nu, lines, beside)
     tested = [(lines, dof)] if method == "robust" else []
     tested += [(some, E) for some in (beside, even) if len(some)]

@@ -42,19 +42,20 @@ class Spectra:
     n_periods: int
 
 
-def average(pair, label, period, n_transient):
-    """Return the spectra of an experiment.
+def average(pairs, label, period, n_transient):
+    """Return the spectra of experiments that had one input.
 
     Parameters
     ----------
-    pair : tuple of ndarray of shape (N, nu) and (N, ny)
-        Inputs and outputs; the latter nan where not measured.
+    pairs : list of tuple of ndarray of shape (N, nu) and (N, ny)
+        Inputs and outputs of one or more experiments, whose settled periods count
+        alike; outputs are nan where not measured.
     label : object
-        Label of the experiment, for messages.
+        Label of the first experiment, for messages.
     period : int
         Samples of a period.
     n_transient : int
-        First periods to leave out.
+        First periods of every experiment to leave out.
 
     Returns
     -------
@@ -74,12 +75,16 @@ def average(pair, label, period, n_transient):
         )
     n_transient = count("n_transient", n_transient, 0)
     name = "" if label is None else f" of experiment {label!r}"
-    if len(pair[0]) % period:
-        raise ValueError(
-            f"`period` must divide the number of samples, {len(pair[0])}{name}, got "
-            f"{period}. Cut the record to whole periods."
-        )
-    u, y = (z.reshape(-1, period, z.shape[1])[n_transient:] for z in pair)
+    for u, _ in pairs:
+        if len(u) % period:
+            raise ValueError(
+                f"`period` must divide the number of samples, {len(u)}{name}, got "
+                f"{period}. Cut the record to whole periods."
+            )
+    u, y = (
+        np.concatenate([z.reshape(-1, period, z.shape[1])[n_transient:] for z in parts])
+        for parts in zip(*pairs, strict=True)
+    )
     measured = ~np.isnan(y).any(axis=(1, 2))
     edges = np.flatnonzero(np.diff(np.r_[False, measured, False])).reshape(-1, 2)
     if np.diff(edges, axis=1).max(initial=0) < 2:

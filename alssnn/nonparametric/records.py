@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..excitation import Excitation
-from ..experiments import is_list_of_records, split_experiments, stack_experiments
+from ..experiments import join_records, split_experiments
 from ..names import signal_names
 
 REMEDY = {
@@ -74,17 +74,7 @@ class Records:
             else:
                 experiment = u.experiment if experiment is None else experiment
                 u = u.u
-        if is_list_of_records(u):
-            if not _is_list(y):
-                raise ValueError(
-                    "`y` must be a list of records as `u` is, one array per experiment."
-                )
-            if experiment is not None:
-                raise ValueError(
-                    "`experiment` must be None for lists, whose items are the "
-                    "experiments."
-                )
-            u, y, experiment = stack_experiments(u, y)
+        u, y, experiment = join_records(u, y, experiment)
         names = _names(u) if names is None else names
         output_names = _names(y)
         u, y = _signal(u, "u"), _signal(y, "y")

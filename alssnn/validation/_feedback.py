@@ -17,14 +17,16 @@ outputs in the place of the noise, as a linear filter and as a broken line: what
 leave is what a reference has moved.
 
 The error of a model repeats where the input does, as often as there are periods, and
-would pass for noise that moves it.  But noise never repeats: inputs that do were not
-moved by it, and of a known period only what differs between periods is tested.
+would pass for noise that moves it.  But noise never repeats: inputs that do, in one
+experiment or in two, were not moved by it, and of a known period only what differs
+between periods is tested.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..periods import repeated
 from ..regression import lagged
 from ..shown import short_repr
 from ._lags import LEAST, MOST, POWER_LAGS, ROWS
@@ -127,7 +129,8 @@ def feedback_tests(
     -------
     tests : FeedbackTests or None
         P-values and shares; None if the record is too short. Experiments whose moved
-        inputs repeat to the last digit do not count: no noise has moved them.
+        inputs repeat to the last digit, or those of another one, do not count: no
+        noise has moved them.
     """
     nu = np.shape(experiments[0][0])[1]
     moved = list(range(nu)) if moved is None else list(moved)
@@ -135,7 +138,9 @@ def feedback_tests(
     runs = [list(one) for one in experiments]
     if simulated is not None:
         runs = [[*one, y_hat] for one, y_hat in zip(runs, simulated, strict=True)]
-    runs = [one for one in runs if not _repeats(np.asarray(one[0])[:, moved])]
+    moves = [np.asarray(one[0], dtype=float)[:, moved] for one in runs]
+    alone = [group[0] for group in repeated(moves, 0.0) if len(group) == 1]
+    runs = [runs[i] for i in alone if not _repeats(moves[i])]
     if not runs:
         shape = len(moved), 2
         return FeedbackTests(np.ones(shape), np.zeros(shape), np.zeros(shape[0]), names)
@@ -192,8 +197,8 @@ def _repeats(u):
 def _between_periods(signals, period):
     """Return what differs between periods: one from the mean of those before it.
 
-    Scaled as here (Helmert), the differences of white noise are white, independent, and
-    one fewer than the periods: no sample counts twice.
+    Scaled as here (eq. helmert), the differences of white noise are white, independent,
+    and one fewer than the periods: no sample counts twice.
     """
     n = len(signals[0]) // period
     if n < 2:

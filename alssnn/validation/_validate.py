@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from ..checks import noise_levels
+from ..checks import FINISHED, noise_levels
 from ..linearizability import OUTSIDE, judge, percent, worst_error
 from ..metrics import free_run_errors, missed_percent
 from ..plants import as_plant
@@ -25,7 +25,6 @@ from ._scored import (
 )
 
 LEAST = 20  # samples of which a verdict can be given
-AT_FLOOR = 1.1  # error over that of the noise from which a model is finished
 WORSE = 3.0  # error of the free run over that in training from which it is too much,
 NOTABLE = 90.0  # if the fit is below this, in percent
 EXPLAINED = 0.5  # share of a residual that u explains, from which errors of parameters
@@ -403,14 +402,14 @@ def _floor(experiments, outputs, floor):
     worst = int(ratio.argmax())
     value, name = float(ratio[worst]), outputs[worst]
     sentence = f"The error of the free run is {value:.3g} times the noise of {name}"
-    if value < 1 / AT_FLOOR:
+    if value < 1 / FINISHED:
         sentence += ", less than a model can be: this record has less noise."
-    elif value <= AT_FLOOR:
+    elif value <= FINISHED:
         sentence += ": nothing is left to learn."
     else:
         sentence += f": {percent(1 - value**-2)} of its square can still be learnt."
     return (
-        Check("noise floor", value <= AT_FLOOR, value, "RMSE / floor", False, sentence),
+        Check("noise floor", value <= FINISHED, value, "RMSE / floor", False, sentence),
     )
 
 

@@ -1,13 +1,13 @@
 """Default fits on plants and records that nobody tuned for, seed by seed.
 
     python -m benchmarks.field [--cases ...] [--split seen] [--models fl al] [--seeds 5]
-    python -m benchmarks.field --table FILE.csv
+    python -m benchmarks.field --table FILE.csv [--page]
 
 Fits every model with the defaults of the package, in processes of one thread each, and
 appends a row per fit and test to a file; a run goes on where the file ends. --table
 prints medians and worst seeds relative to the linear model of the same case, published
 errors, and counts what must not happen: crashes, diverging tests, fits worse than the
-linear model, seeds that disagree.
+linear model, seeds that disagree.  --page writes seed 0 to doc/benchmarks/field.inc.
 """
 
 import argparse
@@ -21,11 +21,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # inherited by the processes
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
+from .._tables import OUT
 from .case import SPLITS
 from .plants import PLANTS
 from .records import RECORDS
 from .runs import MODELS, read, run
-from .table import report
+from .table import page, report
 
 CASES = {**PLANTS, **RECORDS}
 
@@ -79,6 +80,7 @@ def main(arguments=None):
     )
     parser.add_argument("--max-time", type=float, help="of a nonlinear fit, seconds")
     parser.add_argument("--table", type=Path, help="print this file and run nothing")
+    parser.add_argument("--page", action="store_true", help="write the manual's table")
     parser.add_argument("--list", action="store_true", help="print the cases")
     options = parser.parse_args(arguments)
     if options.list:
@@ -105,6 +107,9 @@ def main(arguments=None):
         )
         rows = [row for row in rows if row["case"] in {case.name for case in cases}]
     print("\n".join(report(rows, CASES)))
+    if options.page:
+        text = "\n".join([*page(rows, CASES), ""])
+        (OUT / "field.inc").write_text(text, encoding="utf-8")
     return 0
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 SPLITS = ("seen", "unseen", "real")
+NOISE = 0.01  # of simulated cases, relative to the output
 
 
 class Data(NamedTuple):
@@ -44,7 +45,19 @@ def simulated(name, kind, run, *, split, unit="-", scale=1.0, **options):
     return Case(name, kind, partial(fresh, name, run, **options), split, unit, scale)
 
 
-def fresh(name, run, N=2_000, N_test=None, dt=1.0, noise=0.01, color=0.0, runs=1):
+def floor(case):
+    """Return the noise of a simulated case, in its unit; nan of measured ones."""
+    if getattr(case.load, "func", None) is not fresh:
+        return np.nan
+    y = np.vstack([columns(y) for _, y in case.load().train])
+    return (
+        case.scale
+        * case.load.keywords.get("noise", NOISE)
+        * np.nanstd(y, axis=0).mean()
+    )
+
+
+def fresh(name, run, N=2_000, N_test=None, dt=1.0, noise=NOISE, color=0.0, runs=1):
     """Return records of a plant: a new input, state and noise for the test.
 
     `noise` is relative to the training output, of shape AR(1) with the pole `color`.

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .case import floor
+
 WORSE = 1.02  # of the error of the linear model: what counts as lost against it
 AGREE = (1.3, 2.0)  # worst over median of the seeds
 
@@ -89,6 +91,40 @@ def report(rows, cases):
             if test in errors:
                 lines.append(f"  {source:32s}{'':6s}{errors[test]:12.4g}  published")
     return [*lines, "", *_counts(summary(rows))]
+
+
+def page(rows, cases):
+    """Return the table of the manual: seed 0 of cases that have all default fits."""
+    columns = ("lti", "fl", "al", "gr")
+    lines = []
+    for name, case in cases.items():
+        fits = [
+            row
+            for row in rows
+            if (row["case"], row["seed"], row["options"]) == (name, "0", "")
+        ]
+        parts = {m: [r for r in fits if r["model"] == m] for m in columns}
+        if not all(parts.values()):
+            continue
+        errors = {
+            model: np.mean([float(row["relative"] or "nan") for row in part])
+            for model, part in parts.items()
+        }
+        linear = np.mean([float(row["rmse"]) for row in parts["lti"]])
+        size = np.mean([float(row["std"]) for row in parts["lti"]])
+        noise = floor(case) / linear
+        cells = [f"{errors[model]:.2f}" for model in columns[1:]]
+        cells.append(f"{noise:.2f}" if np.isfinite(noise) else "")
+        lines.append(f"   {name}, {size:.3f}, {', '.join(cells)}")
+    head = [
+        ".. csv-table:: Default fits, seed 0: the error of the linear model over the",
+        "   standard deviation of the output; and over the error of the linear model,",
+        "   those of the networks and the noise, which no model goes below",
+        "   :header: case, LinearStateSpace, FlSsnn, AlSsnn, GrSsnn, noise",
+        "   :widths: auto",
+        "",
+    ]
+    return [*head, *lines]
 
 
 def _place(name, cases):
