@@ -51,8 +51,8 @@ class Activation:
         stands for the value, taken by differences if it is missing; "matlab" is an
         elementwise expression, "casadi" one of functions of CasADi; "onnx" is the name
         of an operator; "st" is an expression of Structured Text, where ``{t}`` begins
-        literals and ``{p}`` the names of functions (``{p}tanh`` is one), and "st_slope"
-        as "c_slope".
+        literals and ``{p}`` the names of functions (``{p}tanh`` is one); and
+        "matlab_slope" and "st_slope" are as "c_slope".
 
     Examples
     --------
@@ -183,6 +183,7 @@ ACTIVATIONS = {
                 "c_slope": "1.0{f} - {w} * {w}",
                 "casadi": "tanh({v})",
                 "matlab": "tanh({v})",
+                "matlab_slope": "1 - {w} .^ 2",
                 "onnx": "Tanh",
                 "st": "{p}tanh({v})",
                 "st_slope": "{t}1.0 - {w} * {w}",
@@ -201,6 +202,7 @@ ACTIVATIONS = {
                 "c_slope": "{w} * (1.0{f} - {w})",
                 "casadi": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
+                "matlab_slope": "{w} .* (1 - {w})",
                 "onnx": "Sigmoid",
                 "st": "{t}0.5 * ({t}1.0 + {p}tanh({t}0.5 * {v}))",
                 "st_slope": "{w} * ({t}1.0 - {w})",
@@ -219,6 +221,7 @@ ACTIVATIONS = {
                 "c_slope": "{v} > 0 ? 1.0{f} : 0.0{f}",
                 "casadi": "if_else({v} < 0, 0, {v})",
                 "matlab": "max({v}, 0)",
+                "matlab_slope": "double({v} > 0)",
                 "onnx": "Relu",
                 "st": "SEL({v} < {t}0.0, {v}, {t}0.0)",
                 "st_slope": "SEL({v} > {t}0.0, {t}0.0, {t}1.0)",
@@ -236,6 +239,7 @@ ACTIVATIONS = {
                 "c_slope": "1.0{f}",
                 "casadi": "{v}",
                 "matlab": "{v}",
+                "matlab_slope": "ones(size({v}))",
                 "onnx": "Identity",
                 "st": "{v}",
                 "st_slope": "{t}1.0",
@@ -255,6 +259,7 @@ ACTIVATIONS = {
                 "c_slope": "cos{f}({v})",
                 "casadi": "sin({v})",
                 "matlab": "sin({v})",
+                "matlab_slope": "cos({v})",
                 "onnx": "Sin",
                 "st": "SIN({v})",
                 "st_slope": "COS({v})",
