@@ -51,8 +51,9 @@ class Activation:
         stands for the value, taken by differences if it is missing; "matlab" is an
         elementwise expression, "casadi" one of functions of CasADi; "onnx" is the name
         of an operator; "st" is an expression of Structured Text, where ``{t}`` begins
-        literals and ``{p}`` the names of functions (``{p}tanh`` is one); and
-        "matlab_slope" and "st_slope" are as "c_slope".
+        literals and ``{p}`` the names of functions (``{p}tanh`` is one); "modelica" is
+        an expression of Modelica; "matlab_slope", "st_slope" and "modelica_slope" are
+        as "c_slope".
 
     Examples
     --------
@@ -184,6 +185,8 @@ ACTIVATIONS = {
                 "casadi": "tanh({v})",
                 "matlab": "tanh({v})",
                 "matlab_slope": "1 - {w} .^ 2",
+                "modelica": "tanh({v})",
+                "modelica_slope": "1.0 - {w} * {w}",
                 "onnx": "Tanh",
                 "st": "{p}tanh({v})",
                 "st_slope": "{t}1.0 - {w} * {w}",
@@ -203,6 +206,8 @@ ACTIVATIONS = {
                 "casadi": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab_slope": "{w} .* (1 - {w})",
+                "modelica": "0.5 * (1.0 + tanh(0.5 * {v}))",
+                "modelica_slope": "{w} * (1.0 - {w})",
                 "onnx": "Sigmoid",
                 "st": "{t}0.5 * ({t}1.0 + {p}tanh({t}0.5 * {v}))",
                 "st_slope": "{w} * ({t}1.0 - {w})",
@@ -222,6 +227,8 @@ ACTIVATIONS = {
                 "casadi": "if_else({v} < 0, 0, {v})",
                 "matlab": "max({v}, 0)",
                 "matlab_slope": "double({v} > 0)",
+                "modelica": "if {v} < 0.0 then 0.0 else {v}",
+                "modelica_slope": "if {v} > 0.0 then 1.0 else 0.0",
                 "onnx": "Relu",
                 "st": "SEL({v} < {t}0.0, {v}, {t}0.0)",
                 "st_slope": "SEL({v} > {t}0.0, {t}0.0, {t}1.0)",
@@ -240,6 +247,8 @@ ACTIVATIONS = {
                 "casadi": "{v}",
                 "matlab": "{v}",
                 "matlab_slope": "ones(size({v}))",
+                "modelica": "{v}",
+                "modelica_slope": "1.0",
                 "onnx": "Identity",
                 "st": "{v}",
                 "st_slope": "{t}1.0",
@@ -260,6 +269,8 @@ ACTIVATIONS = {
                 "casadi": "sin({v})",
                 "matlab": "sin({v})",
                 "matlab_slope": "cos({v})",
+                "modelica": "sin({v})",
+                "modelica_slope": "cos({v})",
                 "onnx": "Sin",
                 "st": "SIN({v})",
                 "st_slope": "COS({v})",

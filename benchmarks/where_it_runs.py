@@ -41,12 +41,14 @@ TARGETS = {
     "FMU 3.0": ("model, its slopes, controller, loop", "validated and run by fmpy"),
     "FMU 2.0": ("model, its slopes, controller, loop", "validated and run by fmpy"),
     "MATLAB": ("model, law, observer, controller", "functions of the manual in Octave"),
+    "Modelica": ("model, law, observer, controller", "parsed by pymoca, run from it"),
     "ST, LREAL": ("model, law, observer, controller", "parsed by blark, run from it"),
     "ST, REAL": ("model, law, observer, controller", "parsed by blark, run from it"),
 }
 FIGURES = ("model", "derivatives", "controller", "loop")
 COLUMNS = ("target", "holds", "run here", "samples", *FIGURES)
-NEEDS = {"ONNX": "onnx", "CasADi": "casadi", "FMU": "fmpy", "ST": "blark"}
+NEEDS = {"ONNX": "onnx", "CasADi": "casadi", "FMU": "fmpy"}
+NEEDS |= {"ST": "blark", "Modelica": "pymoca"}
 
 
 def deviation(found, expected):
@@ -218,6 +220,29 @@ class StructuredText(Target):
         return step
 
 
+class Modelica(Target):
+    def package(self, plant, **options):
+        from test_modelica import export
+
+        return export(plant, Path(tempfile.mkdtemp(dir=self.folder)), **options)
+
+    def model(self, plant, x, u):
+        package = self.package(plant, observer=False)
+        return [
+            [package[name](*one) for one in zip(x, u, strict=True)]
+            for name in ("step", "respond")
+        ]
+
+    def controller(self, loop):
+        block = self.package(loop.plant, **loop.options)["Controller"]()
+
+        def step(r, y, d):
+            given = {"d": d} if len(d) else {}
+            return block(r=r, y=y, **given).values["u"]
+
+        return step
+
+
 class Matlab(Target):
     """Octave runs all samples at once: the controller sees the y of Python's loop."""
 
@@ -243,6 +268,7 @@ KINDS = {
     "CasADi": Casadi,
     "FMU": FmuTarget,
     "MATLAB": Matlab,
+    "Modelica": Modelica,
     "ST": StructuredText,
 }
 

@@ -22,12 +22,13 @@ TARGETS = {
         "Structured Text of IEC 61131-3; PLCopen XML where FILE ends in .xml",
         (*OBSERVED, "prefix", "dtype"),
     ),
+    "modelica": (False, "package of Modelica, such as Motor.mo", OBSERVED),
     "fmu": (False, "FMU for co-simulation", ("gain", "gate", "both", "fmi", "units")),
 }
 
 EPILOG = """\
-C sources, Structured Text and the file for MATLAB hold the model, its law and an
-observer, and with --gain the controller; ONNX graphs hold one step of the model, and
+C sources, Structured Text, Modelica and the file for MATLAB hold the model, its law and
+an observer, and with --gain the controller; ONNX graphs hold one step of the model, and
 the law. An FMU is the model, or with --gain the controller, or by --both their loop.
 
 examples:
@@ -39,6 +40,7 @@ examples:
   alssnn export plant.npz --mat plant.mat
   alssnn export plant.npz --onnx graphs
   alssnn export plant.npz --st plant.st --gain design/gain.csv
+  alssnn export plant.npz --modelica Plant.mo --gain design/gain.csv
   alssnn export plant.npz --fmu plant.fmu
   alssnn export plant.npz --fmu control.fmu --gain design/gain.csv --fmi 2.0
   alssnn export plant.npz --fmu plant.fmu --units speed=rad/s voltage=V
@@ -57,9 +59,9 @@ def add(commands):
         commands,
         "export",
         run,
-        "Write a saved model for C, MATLAB, ONNX, PLCs, or as an FMU.",
+        "Write a saved model for C, MATLAB, Modelica, ONNX, PLCs, or as an FMU.",
         EPILOG,
-        help="write a saved model for C, MATLAB, ONNX, PLCs or as an FMU",
+        help="write a saved model for C, MATLAB, Modelica, ONNX, PLCs, as an FMU",
     )
     add_model(parser)
     target = parser.add_mutually_exclusive_group(required=True)

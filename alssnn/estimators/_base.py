@@ -185,6 +185,7 @@ class StateSpaceModel(
     to_c = deferred("persistence", "to_c")
     to_casadi = deferred("persistence", "to_casadi")
     to_fmu = deferred("persistence", "to_fmu")
+    to_modelica = deferred("persistence", "to_modelica")
     to_onnx = deferred("persistence", "to_onnx")
     to_st = deferred("persistence", "to_st")
     report = deferred("report", "write_report")

@@ -84,7 +84,7 @@ class LinearizingController(Controller):
     --------
     closed_loop : The same loop as a system of python-control.
     alssnn.mpc.LinearizingMPC : The same interface, planned within the limits.
-    alssnn.persistence : `to_c`, `to_st`, `to_fmu`, `to_casadi` and `to_mat` write it.
+    alssnn.persistence : `to_c`, `to_st`, `to_fmu` and others write it.
 
     Notes
     -----
@@ -109,6 +109,7 @@ class LinearizingController(Controller):
     to_c = deferred("persistence", "to_c")
     to_casadi = deferred("persistence", "to_casadi")
     to_fmu = deferred("persistence", "to_fmu")
+    to_modelica = deferred("persistence", "to_modelica")
     to_st = deferred("persistence", "to_st")
 
     def __init__(
