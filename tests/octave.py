@@ -3,13 +3,13 @@
 import re
 import shutil
 import subprocess
-import textwrap
 from pathlib import Path
 
 from scipy.io import loadmat, savemat
 
 from alssnn.persistence import to_mat
 
+ROOT = Path(__file__).parents[1]
 COMMAND = "octave-cli"
 NO_OCTAVE = "" if shutil.which(COMMAND) else f"no {COMMAND}"
 
@@ -48,14 +48,12 @@ end
 
 
 def documented_functions(folder):
-    """Write the functions of the manual, each to a file of its name; return these."""
-    text = (Path(__file__).parents[1] / "doc" / "files.rst").read_text(encoding="utf-8")
-    blocks = re.findall(r"code-block:: matlab\n\n((?:   .*\n|\n)+)", text)
-    for block in blocks:
-        source = textwrap.dedent(block)
-        name = re.match(r"function [^=]+ = (\w+)\(", source)[1]
-        (folder / f"{name}.m").write_text(source, encoding="ascii")
-    return {path.stem for path in folder.glob("*.m")}
+    """Copy the functions of the manual, which stand in the package."""
+    text = (ROOT / "doc" / "files.rst").read_text(encoding="utf-8")
+    shown = re.findall(r"literalinclude:: \.\./(\S+\.m)\n", text)
+    assert len(shown) == 6
+    for name in shown:
+        shutil.copy(ROOT / name, folder)
 
 
 def run(script, folder, timeout=300):

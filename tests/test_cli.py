@@ -646,6 +646,8 @@ def test_every_option_of_an_export_arrives(saved, tmp_path, capsys):
     path = tmp_path / "a.xml"
     assert run("export", saved, "--st", path, "--prefix", "motor") == 0
     assert "MOTOR_CORRECT" in path.read_text()
+    assert run("export", saved, "--simulink", tmp_path, "--prefix", "motor") == 0
+    assert "plant" not in (tmp_path / "build_motor.m").read_text()
     package = tmp_path / "Motor.mo"
     assert run("export", saved, "--modelica", package, "--no-observer") == 0
     assert "package Motor" in package.read_text()
@@ -697,7 +699,10 @@ def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
         (["report", "{npz}", "--data", "{csv}", "--last", "2"], "a share above 0"),
         (["control", "{npz}", "--qx", "-1"], "must be a number of at least 0, got -1"),
         (["control", "{npz}", "--step", "high"], "must be a number, got high"),
-        (["export", "{npz}"], "arguments --c --mat --onnx --st --modelica --fmu is"),
+        (
+            ["export", "{npz}"],
+            "arguments --c --mat --simulink --onnx --st --modelica --fmu is",
+        ),
     ],
 )
 def test_wrong_usage_of_commands_on_models(argv, message, saved, linear_plant, capsys):

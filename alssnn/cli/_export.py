@@ -16,6 +16,11 @@ OBSERVED = ("gain", "gate", "no-observer")
 TARGETS = {
     "c": (True, "folder of C99 sources", (*OBSERVED, "prefix", "dtype", "layout")),
     "mat": (False, "file for MATLAB", OBSERVED),
+    "simulink": (
+        True,
+        "folder of a script that builds a diagram, with its data and functions",
+        (*OBSERVED, "prefix"),
+    ),
     "onnx": (True, "folder of ONNX graphs (extra onnx)", ("prefix",)),
     "st": (
         False,
@@ -27,9 +32,10 @@ TARGETS = {
 }
 
 EPILOG = """\
-C sources, Structured Text, Modelica and the file for MATLAB hold the model, its law and
-an observer, and with --gain the controller; ONNX graphs hold one step of the model, and
-the law. An FMU is the model, or with --gain the controller, or by --both their loop.
+C sources, Structured Text, Modelica, the file for MATLAB and that of Simulink hold the
+model, its law and an observer, and with --gain the controller. ONNX graphs hold one
+step of the model, and the law. An FMU is the model, or with --gain the controller, or
+by --both their loop.
 
 examples:
   alssnn export plant.npz --c firmware
@@ -38,6 +44,7 @@ examples:
       the law limits u, and integrators do not wind up
   alssnn export plant.npz --c library --layout arduino --dtype float
   alssnn export plant.npz --mat plant.mat
+  alssnn export plant.npz --simulink diagram --gain design/gain.csv
   alssnn export plant.npz --onnx graphs
   alssnn export plant.npz --st plant.st --gain design/gain.csv
   alssnn export plant.npz --modelica Plant.mo --gain design/gain.csv
@@ -59,9 +66,9 @@ def add(commands):
         commands,
         "export",
         run,
-        "Write a saved model for C, MATLAB, Modelica, ONNX, PLCs, or as an FMU.",
+        "Write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX or FMI.",
         EPILOG,
-        help="write a saved model for C, MATLAB, Modelica, ONNX, PLCs, as an FMU",
+        help="write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX, FMI",
     )
     add_model(parser)
     target = parser.add_mutually_exclusive_group(required=True)

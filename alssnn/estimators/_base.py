@@ -187,6 +187,7 @@ class StateSpaceModel(
     to_fmu = deferred("persistence", "to_fmu")
     to_modelica = deferred("persistence", "to_modelica")
     to_onnx = deferred("persistence", "to_onnx")
+    to_simulink = deferred("persistence", "to_simulink")
     to_st = deferred("persistence", "to_st")
     report = deferred("report", "write_report")
     summary = deferred("report", "summarize")

@@ -110,6 +110,7 @@ class LinearizingController(Controller):
     to_casadi = deferred("persistence", "to_casadi")
     to_fmu = deferred("persistence", "to_fmu")
     to_modelica = deferred("persistence", "to_modelica")
+    to_simulink = deferred("persistence", "to_simulink")
     to_st = deferred("persistence", "to_st")
 
     def __init__(
