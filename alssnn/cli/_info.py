@@ -43,6 +43,7 @@ def run(args):
         Arguments of the command.
     """
     from ..estimators import load
+    from ..shown import percent
     from ..validation import column_names
 
     model = load(args.model)
@@ -86,7 +87,7 @@ def run(args):
         ("time", model.time),
         ("input delay", _delays(model, inputs)),
         ("parameters", f"{known['parameters']}, trained"),
-        ("training error", f"{missed:.3g} % of the output, simulated"),
+        ("training error", f"{percent(missed, 3)} of the output, simulated"),
         ("training", f"{model.n_iter_} trial steps: {model.message_}"),
         ("poles", ", ".join(_pole(pole) for pole in poles)),
         ("operating point", _point(inputs, model.u_offset_, outputs, model.y_offset_)),

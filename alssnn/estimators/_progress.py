@@ -2,6 +2,8 @@
 
 import time
 
+from ..shown import percent
+
 PATIENCE = 10.0  # seconds without a line in a long stage
 
 
@@ -89,7 +91,7 @@ def hidden(share):
     text : str
         The words.
     """
-    return f"{100 * share:.3g} % of the error of the linear model"
+    return f"{percent(100 * share, 3)} of the error of the linear model"
 
 
 class Bar:
@@ -155,7 +157,9 @@ class Bar:
             self._close()
         said = f"cost {cost:.3g}"
         if self.linear > 0:
-            said += f", {100 * cost / self.linear:.3g} % of that of the linear model"
+            said += (
+                f", {percent(100 * cost / self.linear, 3)} of that of the linear model"
+            )
         self._show(label, iteration, self.max_iter, said)
 
     def end(self, label, n_accepted, cost):

@@ -331,6 +331,11 @@ def _whiteness(residuals, missed, doubt=""):
         return Check("whiteness", passed, value, "p-value", True, sentence, undecided)
     if passed:
         sentence = "The residual is white, as white measurement noise is."
+        if residuals.n_parameters:
+            sentence = (
+                "The residual has no color beyond what errors of the parameters give "
+                "it. Single lags may leave their band."
+            )
     else:
         sentence = (
             f"The residual of {name} is colored: its past explains {explained} of it. "
