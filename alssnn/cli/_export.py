@@ -71,6 +71,10 @@ def add(commands):
         help="write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX, FMI",
     )
     add_model(parser)
+    parser.usage = (
+        "%(prog)s [options] MODEL.npz\n"
+        f"  with one of {' PATH, '.join(f'--{name}' for name in TARGETS)} PATH"
+    )
     target = parser.add_mutually_exclusive_group(required=True)
     for name, (is_folder, words, _) in TARGETS.items():
         metavar = "DIR" if is_folder else "FILE"
@@ -145,7 +149,7 @@ def add_option(parser, name, help, **options):
     **options : object
         As for ``parser.add_argument``; the default is None.
     """
-    of = " and ".join(f"--{target}" for target in _targets_with(name))
+    of = ", ".join(f"--{target}" for target in _targets_with(name))
     help = f"{help}; with {of}"
     parser.add_argument(f"--{name}", default=None, help=help, **options)
 
