@@ -72,8 +72,8 @@ def add(commands):
     )
     add_model(parser)
     parser.usage = (
-        "%(prog)s [options] MODEL.npz\n"
-        f"  with one of {' PATH, '.join(f'--{name}' for name in TARGETS)} PATH"
+        "%(prog)s [options] MODEL.npz TARGET PATH\n"
+        f"  where TARGET is one of {', '.join(f'--{name}' for name in TARGETS)}"
     )
     target = parser.add_mutually_exclusive_group(required=True)
     for name, (is_folder, words, _) in TARGETS.items():
