@@ -227,7 +227,8 @@ def test_curves_of_networks_have_densities_and_logarithms():
     rest = ResidualNonlinearityDisplay.from_estimator(model, *TEST)
     left, right = json.loads(figure_curves(rest.figure_))[:2]
     (counts,) = left["series"]
-    assert sum(counts["high"][::2]) == sum(map(len, rest.e)) and "rms(e)" in counts["name"]
+    assert sum(counts["high"][::2]) == sum(map(len, rest.e))
+    assert "rms(e)" in counts["name"]
     assert right["xlog"] and right["ylog"] and not left["xlog"]
     line = rest.axes_[0, 1].get_lines()[0]
     found = 10.0 ** np.array(right["series"][0]["x"])
