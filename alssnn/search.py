@@ -135,6 +135,12 @@ class _Tally:
         self.done, self.planned = self.planned, self.planned + n_stages
         return self
 
+    def walked(self, errors, n_stages):
+        """Hear of the errors of a path that another process has walked."""
+        self.plan(n_stages)
+        self.done = self.planned - 1
+        self(min(errors, key=np.sum))
+
     def __call__(self, errors):
         """Hear of the errors on hidden samples at the end of a stage."""
         self.done += 1
@@ -310,9 +316,11 @@ def search(
             path.descend(alphas, quiet, tell=tally.plan(len(alphas)), **options)
     else:
         calls = [(path, alphas, quiet, options) for path in paths]
-        walked = dict(finished(_descend, calls, n_jobs))
+        walked = {}
+        for i, path in finished(_descend, calls, n_jobs):
+            walked[i] = path
+            tally.walked(path.errors, len(alphas))
         paths = [walked[i] for i in range(len(calls))]
-        tally.plan(len(calls) * len(alphas))
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
         best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)

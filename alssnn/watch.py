@@ -78,6 +78,9 @@ class Watch:
         Called as ``report_search(done, of, share)`` in the search for order, start and
         decay: stages done, of how many at most, and the least error on hidden samples
         over that of the linear model.
+    report_starts : callable or None, default=None
+        Called as ``report_starts(done, of, cost)`` where starts compete in other
+        processes: those that are done, of how many, and the least cost; nan at first.
     observe : callable or None, default=None
         Called as ``observe(step, point)`` with a `Step` and the free vector that the
         search has reached; the fit ends if it returns true. Stays in its process.
@@ -102,13 +105,14 @@ class Watch:
         report=None,
         report_end=None,
         report_search=None,
+        report_starts=None,
         observe=None,
     ):
         # not a monotonic clock: workers on other machines share this one
         self.start = time.time()
         self.max_time = max_time
         self.report, self.report_end = report, report_end
-        self.report_search = report_search
+        self.report_search, self.report_starts = report_search, report_starts
         self.observe = observe
         self.history = []
         self.floor = None
@@ -218,6 +222,19 @@ class Watch:
         """
         if self.report_search is not None:
             self.report_search(done, of, share)
+
+    def competed(self, done, of, cost):
+        """Tell how many of the starts in other processes are done.
+
+        Parameters
+        ----------
+        done, of : int
+            Starts done, and how many there are.
+        cost : float
+            Least cost of those; nan of none.
+        """
+        if self.report_starts is not None:
+            self.report_starts(done, of, cost)
 
     def end(self, label, n_accepted, cost):
         """Tell that a search is over.

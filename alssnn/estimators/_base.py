@@ -492,4 +492,5 @@ class StateSpaceModel(
             report=progress.step,
             report_end=progress.end,
             report_search=progress.search,
+            report_starts=progress.starts,
         )

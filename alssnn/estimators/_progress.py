@@ -72,6 +72,17 @@ class Progress:
         if self.every_step or time.time() - self.printed > PATIENCE:
             self._print("search", f"stage {done} of at most {of}, {hidden(share)}")
 
+    def starts(self, done, of, cost):
+        """Hear of starts in other processes, whose stages print their own lines.
+
+        Parameters
+        ----------
+        done, of : int
+            Starts done, and how many there are.
+        cost : float
+            Least cost of those.
+        """
+
     def _print(self, label, text):
         self.printed = time.time()
         seconds = self.printed - self.start
@@ -155,12 +166,29 @@ class Bar:
         """
         if iteration == 0:
             self._close()
+        self._show(label, iteration, self.max_iter, self._reached(cost))
+
+    def starts(self, done, of, cost):
+        """Hear of starts in other processes, which show no bars.
+
+        Parameters
+        ----------
+        done, of : int
+            Starts done, and how many there are.
+        cost : float
+            Least cost of those; nan of none.
+        """
+        said = f"least {self._reached(cost)}" if done else "in other processes"
+        self._show("starts", done, of, said)
+        if done == of:
+            self._close()
+
+    def _reached(self, cost):
+        """Return a cost in words."""
         said = f"cost {cost:.3g}"
         if self.linear > 0:
-            said += (
-                f", {percent(100 * cost / self.linear, 3)} of that of the linear model"
-            )
-        self._show(label, iteration, self.max_iter, said)
+            said += f", {percent(100 * cost / self.linear, 3)} of the linear model"
+        return said
 
     def end(self, label, n_accepted, cost):
         """Hear of the end of a search.
