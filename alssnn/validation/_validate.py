@@ -33,6 +33,8 @@ PREDICTED = 0.25  # they are none either for as much as this of the output
 OWN = 0.1  # of it, what a block has to add to those before it
 
 BEFORE = ("lags of u", "lags of u and squares")  # what squares and cubes add to
+WHITE = "The residual is white, as white measurement noise is."  # of an exact model
+LIKE_WHITE = "The residual has no color but that of errors of the parameters."
 MEANING = {
     "independence": (
         "lags of u",
@@ -330,12 +332,7 @@ def _whiteness(residuals, missed, doubt=""):
         undecided = bool(doubt) and not passed
         return Check("whiteness", passed, value, "p-value", True, sentence, undecided)
     if passed:
-        sentence = "The residual is white, as white measurement noise is."
-        if residuals.n_parameters:
-            sentence = (
-                "The residual has no color beyond what errors of the parameters give "
-                "it. Single lags may leave their band."
-            )
+        sentence = LIKE_WHITE if residuals.n_parameters else WHITE
     else:
         sentence = (
             f"The residual of {name} is colored: its past explains {explained} of it. "
@@ -405,10 +402,9 @@ def _floor(experiments, outputs, floor):
     if floor is None:
         return ()
     y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
+    error = np.full(len(floor), np.inf)
     if np.isfinite(y_hat).all():
         error = np.sqrt(np.nanmean((y - y_hat) ** 2, axis=0))
-    else:
-        error = np.full(len(floor), np.inf)
     ratio = error / floor
     worst = int(ratio.argmax())
     value, name = float(ratio[worst]), outputs[worst]
