@@ -51,7 +51,8 @@ class Activation:
         stands for the value, taken by differences if it is missing; "matlab" is an
         elementwise expression, "casadi" one of functions of CasADi; "onnx" is the name
         of an operator; "st" is an expression of Structured Text, where ``{t}`` begins
-        literals and ``{p}`` the names of functions (``{p}tanh`` is one), and "st_slope"
+        literals and ``{p}`` the names of functions (``{p}tanh`` is one); "modelica" is
+        an expression of Modelica; "matlab_slope", "st_slope" and "modelica_slope" are
         as "c_slope".
 
     Examples
@@ -183,6 +184,9 @@ ACTIVATIONS = {
                 "c_slope": "1.0{f} - {w} * {w}",
                 "casadi": "tanh({v})",
                 "matlab": "tanh({v})",
+                "matlab_slope": "1 - {w} .^ 2",
+                "modelica": "tanh({v})",
+                "modelica_slope": "1.0 - {w} * {w}",
                 "onnx": "Tanh",
                 "st": "{p}tanh({v})",
                 "st_slope": "{t}1.0 - {w} * {w}",
@@ -201,6 +205,9 @@ ACTIVATIONS = {
                 "c_slope": "{w} * (1.0{f} - {w})",
                 "casadi": "0.5 * (1 + tanh(0.5 * {v}))",
                 "matlab": "0.5 * (1 + tanh(0.5 * {v}))",
+                "matlab_slope": "{w} .* (1 - {w})",
+                "modelica": "0.5 * (1.0 + tanh(0.5 * {v}))",
+                "modelica_slope": "{w} * (1.0 - {w})",
                 "onnx": "Sigmoid",
                 "st": "{t}0.5 * ({t}1.0 + {p}tanh({t}0.5 * {v}))",
                 "st_slope": "{w} * ({t}1.0 - {w})",
@@ -219,6 +226,9 @@ ACTIVATIONS = {
                 "c_slope": "{v} > 0 ? 1.0{f} : 0.0{f}",
                 "casadi": "if_else({v} < 0, 0, {v})",
                 "matlab": "max({v}, 0)",
+                "matlab_slope": "double({v} > 0)",
+                "modelica": "if {v} < 0.0 then 0.0 else {v}",
+                "modelica_slope": "if {v} > 0.0 then 1.0 else 0.0",
                 "onnx": "Relu",
                 "st": "SEL({v} < {t}0.0, {v}, {t}0.0)",
                 "st_slope": "SEL({v} > {t}0.0, {t}0.0, {t}1.0)",
@@ -236,6 +246,9 @@ ACTIVATIONS = {
                 "c_slope": "1.0{f}",
                 "casadi": "{v}",
                 "matlab": "{v}",
+                "matlab_slope": "ones(size({v}))",
+                "modelica": "{v}",
+                "modelica_slope": "1.0",
                 "onnx": "Identity",
                 "st": "{v}",
                 "st_slope": "{t}1.0",
@@ -255,6 +268,9 @@ ACTIVATIONS = {
                 "c_slope": "cos{f}({v})",
                 "casadi": "sin({v})",
                 "matlab": "sin({v})",
+                "matlab_slope": "cos({v})",
+                "modelica": "sin({v})",
+                "modelica_slope": "cos({v})",
                 "onnx": "Sin",
                 "st": "SIN({v})",
                 "st_slope": "COS({v})",

@@ -135,6 +135,12 @@ class _Tally:
         self.done, self.planned = self.planned, self.planned + n_stages
         return self
 
+    def walked(self, errors, n_stages):
+        """Hear of the errors of a path that another process has walked."""
+        self.plan(n_stages)
+        self.done = self.planned - 1
+        self(min(errors, key=np.sum))
+
     def __call__(self, errors):
         """Hear of the errors on hidden samples at the end of a stage."""
         self.done += 1
@@ -226,8 +232,10 @@ def _walked(paths, alphas, watch, options, tally, n_jobs):
             path.descend(alphas, watch, tell=tally.plan(len(alphas)), **options)
         return paths
     calls = [(path, alphas, watch, options) for path in paths]
-    walked = dict(finished(_descend, calls, n_jobs))
-    tally.plan(len(calls) * len(alphas))
+    walked = {}
+    for i, path in finished(_descend, calls, n_jobs):
+        walked[i] = path
+        tally.walked(path.errors, len(alphas))
     return [walked[i] for i in range(len(calls))]
 
 

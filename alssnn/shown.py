@@ -1,4 +1,4 @@
-"""Short reprs: what a value is, and its sizes, instead of all its numbers."""
+"""What values look like in words: short reprs, percentages without exponents."""
 
 from dataclasses import fields
 from numbers import Number
@@ -7,6 +7,8 @@ import numpy as np
 
 FEW = 4  # numbers of an array that are shown
 LONGEST = 300  # characters
+LEAST, MOST = 1e-3, 1e6  # percentages beyond are no figures to read
+NOTHING = 1e-9  # percent: what rounding leaves of zero
 
 
 def short_repr(self):
@@ -48,3 +50,49 @@ def _short(value):
             return repr(value)
         return f"{type(value).__name__} of {len(value)}"
     return type(value).__name__
+
+
+def percent(value, digits=2):
+    """Return a percentage as one reads it, never with an exponent.
+
+    Parameters
+    ----------
+    value : float
+        The percentage.
+    digits : int, default=2
+        Digits that count; larger numbers are written to the unit.
+
+    Returns
+    -------
+    text : str
+        The number and the sign of percent.
+    """
+    size = abs(value)
+    if size < NOTHING:
+        return "0 %"
+    if size < LEAST:
+        return f"less than {LEAST:g} %"
+    if MOST < size < np.inf:
+        side = "more than" if value > 0 else "less than -"
+        return f"{side} {MOST:,.0f} %".replace("- ", "-")
+    if size >= 10**digits - 0.5:
+        return f"{value:,.0f} %"
+    return f"{value:.{digits}g} %"
+
+
+def times(ratio):
+    """Return how many times one thing is another, in two digits or in words.
+
+    Parameters
+    ----------
+    ratio : float
+        The ratio, at least 1.
+
+    Returns
+    -------
+    text : str
+        What stands before "times".
+    """
+    if ratio > MOST:
+        return "more than a million"
+    return f"{ratio:,.0f}" if ratio >= 99.5 else f"{ratio:.2g}"

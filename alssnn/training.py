@@ -189,8 +189,14 @@ def _best_start(stages, starts, limits, watch, n_jobs, options, x0=None):
             for i, call in enumerate(calls):
                 found[i] = _descend(*call)
         else:
+            elsewhere = n_jobs not in (None, 1)
+            if elsewhere:
+                watch.competed(0, len(calls), np.nan)
             for i, result in finished(_descend, calls, n_jobs):
                 found[i] = result
+                if elsewhere:
+                    least = min(result.cost for result in found.values())
+                    watch.competed(len(found), len(calls), least)
     except KeyboardInterrupt as interrupt:
         watch.stop(INTERRUPTED, interrupt)
     results = [found[i] for i in sorted(found)]

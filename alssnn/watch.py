@@ -102,6 +102,17 @@ class Silent:
             Least error on hidden samples over that of the linear model.
         """
 
+    def starts(self, done, of, cost):
+        """Hear of starts that compete in other processes.
+
+        Parameters
+        ----------
+        done, of : int
+            Starts done, and how many there are.
+        cost : float
+            Least cost of those; nan of none.
+        """
+
 
 class Watch:
     """Keep the history of the searches of one fit, and end them.
@@ -236,6 +247,18 @@ class Watch:
             Least error on hidden samples over that of the linear model.
         """
         self.report.search(done, of, share)
+
+    def competed(self, done, of, cost):
+        """Tell how many of the starts in other processes are done.
+
+        Parameters
+        ----------
+        done, of : int
+            Starts done, and how many there are.
+        cost : float
+            Least cost of those; nan of none.
+        """
+        self.report.starts(done, of, cost)
 
     def end(self, label, n_accepted, cost):
         """Tell that a search is over.

@@ -10,13 +10,14 @@ random states; over derivatives there, where a target has them; over the inputs 
 controller sends in as many samples of every closed loop; and over y and u of a loop
 that is exported as a whole; all over the range of what is expected.  Writes
 doc/benchmarks/where_it_runs.csv.  Exits with 1 if one is above 1e-12 in double, 1e-4 in
-single precision.  Needs gcc and the packages onnx, casadi, fmpy and blark; a target
-whose package is missing has the row "not run".
+single precision.  Needs gcc, GNU Octave and the packages onnx, casadi, fmpy, blark and
+pymoca; a target whose program or package is missing has the row "not run".
 """
 
 import argparse
-import importlib
+import importlib.util
 import os
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -39,12 +40,15 @@ TARGETS = {
     "CasADi": ("model, law, observer, controller, Jacobians", "virtual machine"),
     "FMU 3.0": ("model, its slopes, controller, loop", "validated and run by fmpy"),
     "FMU 2.0": ("model, its slopes, controller, loop", "validated and run by fmpy"),
+    "MATLAB": ("model, law, observer, controller", "functions of the manual in Octave"),
+    "Modelica": ("model, law, observer, controller", "parsed by pymoca, run from it"),
     "ST, LREAL": ("model, law, observer, controller", "parsed by blark, run from it"),
     "ST, REAL": ("model, law, observer, controller", "parsed by blark, run from it"),
 }
 FIGURES = ("model", "derivatives", "controller", "loop")
 COLUMNS = ("target", "holds", "run here", "samples", *FIGURES)
-NEEDS = {"ONNX": "onnx", "CasADi": "casadi", "FMU": "fmpy", "ST": "blark"}
+NEEDS = {"ONNX": "onnx", "CasADi": "casadi", "FMU": "fmpy"}
+NEEDS |= {"ST": "blark", "Modelica": "pymoca"}
 
 
 def deviation(found, expected):
@@ -80,6 +84,11 @@ class Target:
     def controller(self, loop):
         """Return the function of r, y and d."""
         raise NotImplementedError
+
+    def inputs(self, loop, n):
+        """Return what the controller sends in a closed loop, and what is expected."""
+        _, u = loop.run(self.controller(loop), n)
+        return u, loop.run(loop.controller(), n)[1]
 
     def loop(self, loop, n):
         """Return y and u of a loop that is exported as a whole."""
@@ -211,13 +220,66 @@ class StructuredText(Target):
         return step
 
 
+class Modelica(Target):
+    def package(self, plant, **options):
+        from test_modelica import export
+
+        return export(plant, Path(tempfile.mkdtemp(dir=self.folder)), **options)
+
+    def model(self, plant, x, u):
+        package = self.package(plant, observer=False)
+        return [
+            [package[name](*one) for one in zip(x, u, strict=True)]
+            for name in ("step", "respond")
+        ]
+
+    def controller(self, loop):
+        block = self.package(loop.plant, **loop.options)["Controller"]()
+
+        def step(r, y, d):
+            given = {"d": d} if len(d) else {}
+            return block(r=r, y=y, **given).values["u"]
+
+        return step
+
+
+class Matlab(Target):
+    """Octave runs all samples at once: the controller sees the y of Python's loop."""
+
+    def compute(self, plant, options, **given):
+        import octave
+
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        return octave.compute([((plant, options), given)], folder)[0]
+
+    def model(self, plant, x, u):
+        found = self.compute(plant, {"observer": False}, x=x, u=u)
+        return found["after"], found["output"]
+
+    def inputs(self, loop, n):
+        r, _, d = loop.signals(n)
+        y, expected = loop.run(loop.controller(), n)
+        return self.compute(loop.plant, loop.options, r=r, y=y, d=d)["u"], expected
+
+
 KINDS = {
     "C": C,
     "ONNX": Onnx,
     "CasADi": Casadi,
     "FMU": FmuTarget,
+    "MATLAB": Matlab,
+    "Modelica": Modelica,
     "ST": StructuredText,
 }
+
+
+def lacking(kind):
+    """Return why a target cannot be run here."""
+    if kind == "MATLAB":
+        return "" if shutil.which("octave-cli") else "not run: no octave-cli"
+    package = NEEDS.get(kind)
+    there = package is None or importlib.util.find_spec(package)
+    return "" if there else f"not run: no {package}"
 
 
 def measure(target, steps):
@@ -237,13 +299,11 @@ def measure(target, steps):
         if kind.derivatives is not Target.derivatives:
             for found, expected in target.derivatives(plant, x, u):
                 add("derivatives", slope_deviation(found, expected))
-    if kind.controller is Target.controller:
+    if kind.controller is Target.controller and kind.inputs is Target.inputs:
         return errors
     for name in CONTROLLED:
         loop = Loop(name)
-        _, u = loop.run(target.controller(loop), steps)
-        _, expected = loop.run(loop.controller(), steps)
-        add("controller", deviation(u, expected))
+        add("controller", deviation(*target.inputs(loop, steps)))
         if kind.loop is not Target.loop:
             add("loop", deviation(target.loop(loop, steps), loop.alone(steps)))
     return errors
@@ -258,13 +318,9 @@ def main():
     note, missed = machine(os.getloadavg()[0], np), False
     for name, (holds, how) in TARGETS.items():
         kind = name.replace(",", "").split()[0]
-        package = NEEDS.get(kind)
         if kind not in options.only:
             continue
-        try:
-            _ = package and importlib.import_module(package)
-        except ImportError:
-            missing = f"not run: no {package}"
+        if missing := lacking(kind):
             print(f"{name}: {missing}")
             row = [name, holds, missing, 0, *[""] * len(FIGURES)]
             replace_runs(OUT / "where_it_runs.csv", COLUMNS, [row], note)

@@ -629,7 +629,49 @@ def test_export_for_plcs_and_as_fmus(saved, tmp_path, capsys):
         assert f'description="{kind}, ' in told
         assert ('fmiVersion="2.0"' in told) == (kind == "Both")
     assert run("export", saved, "--fmu", path, "--both") == 2
-    assert_one_line(capsys, "`--both` must come with --fmu and --gain")
+    assert_one_line(capsys, "`--both` must come with --gain")
+    units = ["--units", "a=V", "speed=rad/s"]
+    assert run("export", saved, "--fmu", tmp_path / "units.fmu", *units) == 0
+    told = zipfile.ZipFile(tmp_path / "units.fmu").read("modelDescription.xml").decode()
+    assert 'unit="V"' in told and 'unit="rad/s"' in told
+
+
+def test_every_option_of_an_export_arrives(saved, tmp_path, capsys):
+    board = tmp_path / "board"
+    options = ["--layout", "arduino", "--dtype", "float", "--prefix", "motor"]
+    assert run("export", saved, "--c", board, *options, "--no-observer") == 0
+    source = (board / "src" / "motor.c").read_text()
+    assert "motor_step(" in source and "motor_correct(" not in source
+    assert (board / "library.properties").exists()
+    path = tmp_path / "a.xml"
+    assert run("export", saved, "--st", path, "--prefix", "motor") == 0
+    assert "MOTOR_CORRECT" in path.read_text()
+    assert run("export", saved, "--simulink", tmp_path, "--prefix", "motor") == 0
+    assert "plant" not in (tmp_path / "build_motor.m").read_text()
+    package = tmp_path / "Motor.mo"
+    assert run("export", saved, "--modelica", package, "--no-observer") == 0
+    assert "package Motor" in package.read_text()
+    assert "correct" not in package.read_text()
+    assert run("export", saved, "--mat", tmp_path / "a.mat", "--gate", "7") == 0
+    held = loadmat(tmp_path / "a.mat", simplify_cells=True)["model"]
+    gate = alssnn.load(saved).observer(gate=7).largest_innovation
+    np.testing.assert_array_equal(np.atleast_1d(held["gate"]), gate)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--st", "a.st", "--layout", "arduino"], "`--layout` must be left out with"),
+        (["--mat", "a.mat", "--dtype", "float"], "It is an option of --c or --st"),
+        (["--c", "a", "--units", "u=V"], "`--units` must be left out with --c"),
+        (["--fmu", "a.fmu", "--units", "u"], "`--units` must be pairs"),
+        (["--fmu", "a.fmu", "--gate", "5"], "`--gate` must come with --gain"),
+        (["--c", "a", "--gate", "5", "--no-observer"], "`--gate` must be left out"),
+    ],
+)
+def test_an_option_without_a_use_is_refused(saved, options, message, capsys):
+    assert run("export", saved, *options) == 2
+    assert_one_line(capsys, message)
 
 
 def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
@@ -657,7 +699,10 @@ def test_export_as_graphs(saved, linear_plant, tmp_path, capsys):
         (["report", "{npz}", "--data", "{csv}", "--last", "2"], "a share above 0"),
         (["control", "{npz}", "--qx", "-1"], "must be a number of at least 0, got -1"),
         (["control", "{npz}", "--step", "high"], "must be a number, got high"),
-        (["export", "{npz}"], "arguments --c --mat --onnx --st --fmu is"),
+        (
+            ["export", "{npz}"],
+            "arguments --c --mat --simulink --onnx --st --modelica --fmu is",
+        ),
     ],
 )
 def test_wrong_usage_of_commands_on_models(argv, message, saved, linear_plant, capsys):

@@ -157,6 +157,7 @@ SOFTSIGN = Activation(
         "c": "{v} / (1.0{f} + fabs{f}({v}))",
         "casadi": "{v} / (1 + fabs({v}))",
         "matlab": "{v} ./ (1 + abs({v}))",
+        "modelica": "{v} / (1.0 + abs({v}))",
         "onnx": "Softsign",
         "st": "{v} / ({t}1.0 + ABS({v}))",
     },

@@ -2,15 +2,12 @@
 
 import json
 import pickle
-import re
-import shutil
-import subprocess
-import textwrap
 import zipfile
 from pathlib import Path
 
 import control
 import numpy as np
+import octave
 import pytest
 from sklearn.exceptions import NotFittedError
 
@@ -531,23 +528,11 @@ def test_a_mat_file_simulates_as_the_model(fitted, path):
         np.testing.assert_array_equal(m["x0"], model.x0_)
 
 
-def documented_functions(folder):
-    """Write the functions of the manual, each to a file of its name."""
-    text = (Path(__file__).parents[1] / "doc" / "files.rst").read_text(encoding="utf-8")
-    blocks = re.findall(r"code-block:: matlab\n\n((?:   .*\n|\n)+)", text)
-    for block in blocks:
-        source = textwrap.dedent(block)
-        name = re.match(r"function \w+ = (\w+)\(", source)[1]
-        (folder / f"{name}.m").write_text(source, encoding="ascii")
-    return {path.stem for path in folder.glob("*.m")}
-
-
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no octave-cli")
+@pytest.mark.skipif(bool(octave.NO_OCTAVE), reason=octave.NO_OCTAVE)
 def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
     from scipy.io import loadmat, savemat
 
-    names = documented_functions(tmp_path)
-    assert names == {"simulate_alssnn", "channels", "law_alssnn", "correct_alssnn"}
+    octave.documented_functions(tmp_path)
     u, y, _ = record(2, 2, seed=4)
     rng = np.random.default_rng(0)
     models, expected = [], []
@@ -587,14 +572,7 @@ def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
             save("-v7", sprintf("found_%d.mat", i), "y", "limited", "X");
         end
     """
-    done = subprocess.run(
-        ["octave-cli", "--norc", "--quiet", "--eval", script],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    octave.run(script, tmp_path)
     for i, (y, limited, corrected) in enumerate(expected):
         found = loadmat(tmp_path / f"found_{i}.mat")
         atol = 1e-11 * np.ptp(y)
@@ -621,28 +599,6 @@ def test_a_mat_file_holds_a_law_that_looks_ahead(name, path):
         np.testing.assert_allclose(found, dv, rtol=0, atol=1e-12 * np.ptp(u))
     else:
         assert_exact(v - channels(law["h"][0, 0], seen.T).T, u)
-
-
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no octave-cli")
-def test_octave_looks_ahead(tmp_path):
-    from scipy.io import loadmat, savemat
-
-    documented_functions(tmp_path)
-    loop = Loop("ahead, disturbed")
-    v, s, d = loop.law_signals(100)
-    law = loop.limited(loop.plant.law(v, s, d))
-    to_mat(loop.plant, tmp_path / "model.mat", law=law)
-    savemat(tmp_path / "given.mat", {"v": v, "s": s, "d": d})
-    script = """
-        load("model.mat"); load("given.mat"); u = v;
-        for k = 1:size(v, 1)
-            u(k, :) = law_alssnn(model, v(k, :).', s(k, :).', d(k, :).').';
-        end
-        save("-v7", "found.mat", "u");
-    """
-    command = ["octave-cli", "--norc", "--quiet", "--eval", script]
-    subprocess.run(command, cwd=tmp_path, check=True, timeout=300)
-    assert_exact(loadmat(tmp_path / "found.mat")["u"], law(v, s, d))
 
 
 def test_a_mat_file_holds_law_observer_and_gain(fitted, path):

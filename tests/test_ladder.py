@@ -326,7 +326,7 @@ def test_explanation_counts_the_loop():
     lti = make_row("LTI", missed=20.0, rest=0.0)
     row = replace(make_row(rest=0.0024), closed_linearization_error=np.array([35.4]))
     text = explain(lti, replace(row, closed_outside=0.994))
-    assert "and 3540 % in the loop itself" in text
+    assert "and 3,540 % in the loop itself" in text
     assert "99 % of its samples outside the training data" in text
     assert "Design on (A, B, C)" not in text
     assert "does not make this plant more linear" in explain(lti, row)

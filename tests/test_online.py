@@ -10,7 +10,7 @@ import pytest
 from scipy.io import loadmat
 from test_disturbances_exported import PLANTS, make_plant
 
-from alssnn import LinearStateSpace
+from alssnn import LinearStateSpace, persistence
 from alssnn.feedback import (
     Controller,
     DisturbanceObserver,
@@ -249,6 +249,45 @@ def test_it_goes_to_matlab_as_its_parts_do(plants, tmp_path):
     np.testing.assert_array_equal(found, gated.observer.largest_innovation)
     with pytest.raises(ValueError, match="must be None beside a controller"):
         to_mat(gated, path, gain=gain)
+
+
+def written(path):
+    """Return what a file says; times stand in MAT-files alone."""
+    return path.read_bytes()[128:] if path.suffix == ".mat" else path.read_bytes()
+
+
+@pytest.mark.parametrize("export", ["to_c", "to_fmu", "to_mat", "to_st"])
+def test_it_writes_itself_as_the_model_writes_its_parts(plants, export, tmp_path):
+    plant = plants["fl"]
+    gain, law = gain_of(plant, True), limited(plant)
+    parts = {"gain": gain, "law": law, "observer": Observer(plant, gate=5.0)}
+    controller = LinearizingController(plant, **parts)
+    function, name = getattr(persistence, export), "a" if export == "to_c" else "a.st"
+    name = {"to_fmu": "a.fmu", "to_mat": "a.mat"}.get(export, name)
+    if export == "to_fmu":
+        parts["what"] = "controller"
+    (tmp_path / "own").mkdir()
+    (tmp_path / "parts").mkdir()
+    getattr(controller, export)(tmp_path / "own" / name)
+    function(plant, tmp_path / "parts" / name, **parts)
+    found = sorted(p for p in (tmp_path / "own").rglob("*") if p.is_file())
+    assert found
+    for path in found:
+        other = tmp_path / "parts" / path.relative_to(tmp_path / "own")
+        assert written(path) == written(other)
+
+
+def test_it_becomes_functions_of_casadi(plants):
+    pytest.importorskip("casadi")
+    plant = plants["fl"]
+    controller = LinearizingController(plant, gain_of(plant, True), law=limited(plant))
+    control = controller.to_casadi()["control"]
+    x, z = np.zeros(control.size1_in("x")), np.zeros(control.size1_in("z"))
+    rng = np.random.default_rng(0)
+    for y in plant.y_offset + plant.y_scale * rng.standard_normal((20, plant.ny)):
+        expected = controller.step(plant.y_offset, y)
+        u, x, z = (np.array(w) for w in control(x, z, plant.y_offset, y, []))
+        np.testing.assert_allclose(u.ravel(), expected, rtol=0, atol=1e-9)
 
 
 def test_a_preview_needs_a_plan(plants):

@@ -19,7 +19,12 @@ from alssnn.feedback import (
     lqi,
     step_comparison,
 )
-from alssnn.plotting import SimulationDisplay, figure_curves
+from alssnn.plotting import (
+    NonlinearityDisplay,
+    ResidualNonlinearityDisplay,
+    SimulationDisplay,
+    figure_curves,
+)
 from alssnn.report import model_steps
 from exported import NAMES, make_plant, signals
 from helpers import simulate_linear
@@ -202,6 +207,32 @@ def test_curves_of_long_records_keep_their_extremes():
     assert max(z for z in measured["y"] if z is not None) == 9.0
     assert measured["name"] == "measured" and simulated["name"].startswith("simulated")
     assert below["ylabel"] == "residual of y0" and below["xlabel"] == "time, s"
+
+
+def test_curves_of_networks_have_densities_and_logarithms():
+    model = MODELS["al"].fit(*RECORD)
+    law = NonlinearityDisplay.from_estimator(model, *TEST)
+    panels = json.loads(figure_curves(law.figure_))
+    assert len(panels) == law.axes_.size  # the axes of the densities are in them
+    for panel, axes in zip(panels, law.axes_.ravel(), strict=True):
+        density, curve = panel["series"]
+        assert (density["kind"], density["name"]) == ("band", "density")
+        low, high = axes.get_ylim()
+        size = high - low
+        np.testing.assert_allclose(density["y"], low, rtol=1e-4, atol=1e-4 * size)
+        assert low + 0.5 * size < max(density["high"]) <= high + 1e-4 * size
+        np.testing.assert_allclose(
+            curve["y"], axes.get_lines()[0].get_ydata(), rtol=1e-4
+        )
+    rest = ResidualNonlinearityDisplay.from_estimator(model, *TEST)
+    left, right = json.loads(figure_curves(rest.figure_))[:2]
+    (counts,) = left["series"]
+    assert sum(counts["high"][::2]) == sum(map(len, rest.e))
+    assert "rms(e)" in counts["name"]
+    assert right["xlog"] and right["ylog"] and not left["xlog"]
+    line = rest.axes_[0, 1].get_lines()[0]
+    found = 10.0 ** np.array(right["series"][0]["x"])
+    np.testing.assert_allclose(found, line.get_xdata(), rtol=1e-5)
 
 
 def test_numbers_of_the_page_are_those_of_the_model(tmp_path):

@@ -443,11 +443,23 @@ def test_a_bar_shows_search_and_training(two, capsys):
     assert re.search(r"\[\d\d:\d\d<\d\d:\d\d", err)  # time taken and left
 
 
-def test_stages_of_a_search_are_told(two, monkeypatch):
+def test_a_bar_counts_the_starts_of_other_processes(two, capsys):
+    pytest.importorskip("tqdm")
+    options = {"max_iter": 30, "n_init": 3, "random_state": 0, "alpha": 1e-3}
+    silent = FlSsnn(nx=2, n_h=2, **options).fit(*two)
+    shown = FlSsnn(nx=2, n_h=2, verbose="bar", n_jobs=2, **options).fit(*two)
+    assert shown.cost_ == silent.cost_
+    err = capsys.readouterr().err
+    assert re.search(r"FlSsnn, starts: .* 3/3 .*least cost .* of the linear model", err)
+    assert "start 1/3" not in err  # two processes would write over each other
+
+
+@pytest.mark.parametrize("n_jobs", [None, 2])
+def test_stages_of_a_search_are_told(n_jobs, two, monkeypatch):
     told = []
     monkeypatch.setattr(_progress.Progress, "search", lambda _, *z: told.append(z))
-    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=30, n_init=2, random_state=0, verbose=1)
-    model.fit(*two)
+    options = {"n_init": 2, "random_state": 0, "verbose": 1, "n_jobs": n_jobs}
+    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=30, **options).fit(*two)
     done, of, share = zip(*told, strict=True)
     assert len(set(of)) == 1 and list(done) == sorted(set(done)) and done[-1] <= of[0]
     assert list(share) == sorted(share, reverse=True)

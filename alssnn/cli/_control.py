@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..shown import percent
 from ._arguments import (
     add_command,
     add_limits,
@@ -197,7 +198,7 @@ def _unknown(model):
     missed = missed_percent(model.train_score_)
     known = ""
     if np.isfinite(missed):
-        known = f" Of its training record the model misses {missed:.2g} %."
+        known = f" Of its training record the model misses {percent(missed)}."
     return (
         "The verdict is unknown. The model was not validated here: whether the plant "
         f"follows this design is open.{known} Name a record that did not train it, by "
@@ -213,8 +214,8 @@ def _print_distances(display, designed):
         distance = distances[label]
         share = 100 * distance / (np.ptp(design) or 1.0)
         print(
-            f"  {display.names[label]}: {distance:.3g}, {share:.2g} % of the range of "
-            "the design"
+            f"  {display.names[label]}: {distance:.3g}, {percent(share)} of the range "
+            "of the design"
         )
 
 
@@ -224,7 +225,8 @@ def _compare_inputs(names, u, seen, law):
     leaves, (low, high) = [], seen
     for i, (name, signal) in enumerate(zip(names, u, strict=True)):
         cut = np.mean((signal <= law.u_min[i]) | (signal >= law.u_max[i]))
-        limited = f", at a limit in {100 * cut:.3g} % of the samples" if cut else ""
+        limited = f", at a limit in {percent(100 * cut, 3)} of the samples"
+        limited = limited if cut else ""
         print(
             f"  {name}: {signal.min():.4g} to {signal.max():.4g}, largest size "
             f"{np.abs(signal).max():.4g}; training {low[i]:.4g} to {high[i]:.4g}"

@@ -11,21 +11,46 @@ from ._arguments import (
 )
 from ._record import add_model, gain_columns
 
+# folder or file, what it is, and which of the options it has
+OBSERVED = ("gain", "gate", "no-observer")
+TARGETS = {
+    "c": (True, "folder of C99 sources", (*OBSERVED, "prefix", "dtype", "layout")),
+    "mat": (False, "file for MATLAB", OBSERVED),
+    "simulink": (
+        True,
+        "folder of a script that builds a diagram, with its data and functions",
+        (*OBSERVED, "prefix"),
+    ),
+    "onnx": (True, "folder of ONNX graphs (extra onnx)", ("prefix",)),
+    "st": (
+        False,
+        "Structured Text of IEC 61131-3; PLCopen XML where FILE ends in .xml",
+        (*OBSERVED, "prefix", "dtype"),
+    ),
+    "modelica": (False, "package of Modelica, such as Motor.mo", OBSERVED),
+    "fmu": (False, "FMU for co-simulation", ("gain", "gate", "both", "fmi", "units")),
+}
+
 EPILOG = """\
-C sources, Structured Text and the file for MATLAB hold the model, its law and an
-observer, and with --gain the controller; ONNX graphs hold one step of the model, and
-the law. An FMU is the model, or with --gain the controller, or by --both their loop.
+C sources, Structured Text, Modelica, the file for MATLAB and that of Simulink hold the
+model, its law and an observer, and with --gain the controller. ONNX graphs hold one
+step of the model, and the law. An FMU is the model, or with --gain the controller, or
+by --both their loop.
 
 examples:
   alssnn export plant.npz --c firmware
   alssnn export plant.npz --c firmware --gain design/gain.csv --dtype float
   alssnn export plant.npz --c firmware --gain design/gain.csv --u-min -5 --u-max 5
       the law limits u, and integrators do not wind up
+  alssnn export plant.npz --c library --layout arduino --dtype float
   alssnn export plant.npz --mat plant.mat
+  alssnn export plant.npz --simulink diagram --gain design/gain.csv
   alssnn export plant.npz --onnx graphs
   alssnn export plant.npz --st plant.st --gain design/gain.csv
+  alssnn export plant.npz --modelica Plant.mo --gain design/gain.csv
   alssnn export plant.npz --fmu plant.fmu
   alssnn export plant.npz --fmu control.fmu --gain design/gain.csv --fmi 2.0
+  alssnn export plant.npz --fmu plant.fmu --units speed=rad/s voltage=V
 """
 
 
@@ -41,23 +66,19 @@ def add(commands):
         commands,
         "export",
         run,
-        "Write a saved model for C, MATLAB, ONNX, PLCs, or as an FMU.",
+        "Write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX or FMI.",
         EPILOG,
-        help="write a saved model for C, MATLAB, ONNX, PLCs or as an FMU",
+        help="write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX, FMI",
     )
     add_model(parser)
+    parser.usage = (
+        "%(prog)s [options] MODEL.npz TARGET PATH\n"
+        f"  where TARGET is one of {', '.join(f'--{name}' for name in TARGETS)}"
+    )
     target = parser.add_mutually_exclusive_group(required=True)
-    target.add_argument("--c", type=Path, metavar="DIR", help="folder of C99 sources")
-    target.add_argument("--mat", type=Path, metavar="FILE", help="file for MATLAB")
-    target.add_argument(
-        "--onnx", type=Path, metavar="DIR", help="folder of ONNX graphs (extra onnx)"
-    )
-    target.add_argument(
-        "--st", type=Path, metavar="FILE", help="Structured Text of IEC 61131-3"
-    )
-    target.add_argument(
-        "--fmu", type=Path, metavar="FILE", help="FMU for co-simulation"
-    )
+    for name, (is_folder, words, _) in TARGETS.items():
+        metavar = "DIR" if is_folder else "FILE"
+        target.add_argument(f"--{name}", type=Path, metavar=metavar, help=words)
     parser.add_argument(
         "--gain",
         type=Path,
@@ -66,30 +87,75 @@ def add(commands):
     )
     add_overwrite(parser)
     add_limits(parser)
-    parser.add_argument(
-        "--prefix",
-        default="plant",
+    add_option(
+        parser,
+        "gate",
+        type=float,
+        metavar="SIGMA",
+        help="largest innovation of the observer, in standard deviations: spikes of a "
+        "sensor count as this (default: 100)",
+    )
+    add_option(
+        parser, "no-observer", action="store_true", help="leave the observer out"
+    )
+    add_option(
+        parser,
+        "prefix",
         metavar="NAME",
-        help="begins the names of files and functions, C and ONNX (default: "
-        "%(default)s)",
+        help="begins the names of files, functions and blocks (default: plant)",
     )
-    parser.add_argument(
-        "--dtype",
+    add_option(
+        parser,
+        "dtype",
         choices=["double", "float"],
-        default="double",
-        help="type of the numbers in C and Structured Text (default: %(default)s)",
+        help="type of all numbers (default: double)",
     )
-    parser.add_argument(
-        "--both",
+    add_option(
+        parser,
+        "layout",
+        choices=["flat", "arduino"],
+        help="all files in one folder, or a library of the Arduino IDE and PlatformIO "
+        "with an example sketch (default: flat)",
+    )
+    add_option(
+        parser,
+        "both",
         action="store_true",
-        help="with --fmu and --gain: the loop of model and controller",
+        help="with --gain: the loop of model and controller",
     )
-    parser.add_argument(
-        "--fmi",
-        choices=["3.0", "2.0"],
-        default="3.0",
-        help="version of the FMU (default: %(default)s)",
+    add_option(
+        parser, "fmi", choices=["3.0", "2.0"], help="version of the FMU (default: 3.0)"
     )
+    add_option(
+        parser,
+        "units",
+        nargs="+",
+        metavar="NAME=UNIT",
+        help="units of signals, such as speed=rad/s",
+    )
+
+
+def add_option(parser, name, help, **options):
+    """Add an option that not every target has.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the command.
+    name : str
+        Name of the option.
+    help : str
+        What it does.
+    **options : object
+        As for ``parser.add_argument``; the default is None.
+    """
+    of = ", ".join(f"--{target}" for target in _targets_with(name))
+    help = f"{help}; with {of}"
+    parser.add_argument(f"--{name}", default=None, help=help, **options)
+
+
+def _targets_with(option):
+    return [target for target, (_, _, known) in TARGETS.items() if option in known]
 
 
 def run(args):
@@ -102,47 +168,70 @@ def run(args):
     """
     from ..estimators import load
 
-    if args.onnx is not None and args.gain is not None:
-        raise ValueError(
-            "`--gain` must be left out with --onnx, whose graphs hold no controller. "
-            "Use --c, --st, --fmu or --mat for one."
-        )
-    if args.both and (args.fmu is None or args.gain is None):
-        raise ValueError(
-            "`--both` must come with --fmu and --gain: the loop needs a controller. "
-            "`alssnn control` writes a gain."
-        )
-    model = load(args.model)
-    gain = None if args.gain is None else _read_gain(args.gain, model)
-    law = None
+    (target,) = (name for name in TARGETS if getattr(args, name) is not None)
+    is_folder, _, known = TARGETS[target]
+    options = _options(args, target, known)
+    model, path = load(args.model), getattr(args, target)
+    if args.gain is not None:
+        options["gain"] = _read_gain(args.gain, model)
     if args.u_min is not None or args.u_max is not None:
-        law = model.linearizing_law(scalar(args.u_min), scalar(args.u_max))
-    if args.mat is not None:
-        refuse_existing(args, args.mat)
-        model.to_mat(args.mat, gain=gain, law=law)
-        paths = [args.mat]
-    elif args.onnx is not None:
-        paths = model.to_onnx(args.onnx, law=law, prefix=args.prefix)
-    elif args.st is not None:
-        refuse_existing(args, args.st)
-        paths = [model.to_st(args.st, gain=gain, law=law, dtype=args.dtype)]
-    elif args.fmu is not None:
-        refuse_existing(args, args.fmu)
-        paths = [_write_fmu(model, args, gain, law)]
-    else:
-        paths = model.to_c(
-            args.c, gain=gain, law=law, dtype=args.dtype, prefix=args.prefix
-        )
+        limits = scalar(args.u_min), scalar(args.u_max)
+        options["law"] = model.linearizing_law(*limits)
+    if args.gate is not None:
+        options["observer"] = model.observer(gate=args.gate)
+    if args.no_observer:
+        options["observer"] = False
+    if not is_folder:
+        refuse_existing(args, path)
+    written = getattr(model, f"to_{target}")(path, **options)
+    if getattr(written, "no_binary", ""):
+        print(written.no_binary)
+    paths = written if isinstance(written, list) else [Path(written or path)]
     print("\n".join(map(str, paths)))
-    args.result = {"files": list(paths)}
+    args.result = {"files": paths}
 
 
-def _write_fmu(model, args, gain, law):
-    what = "both" if args.both else "model" if gain is None else "controller"
-    fmu = model.to_fmu(args.fmu, what=what, version=args.fmi, gain=gain, law=law)
-    if fmu.no_binary:
-        print(fmu.no_binary)
-    return fmu.path
+def _options(args, target, known):
+    """Return the options of the target by their names in Python, checked."""
+    every = {option for _, _, options in TARGETS.values() for option in options}
+    for name in sorted(every):
+        value = getattr(args, name.replace("-", "_"))
+        if value is not None and name not in known:
+            others = " or ".join(f"--{other}" for other in _targets_with(name))
+            raise ValueError(
+                f"`--{name}` must be left out with --{target}, which has no use for "
+                f"it. It is an option of {others}."
+            )
+    of_controller = ("both", "gate") if target == "fmu" else ()
+    for name in of_controller:
+        if getattr(args, name) is not None and args.gain is None:
+            raise ValueError(
+                f"`--{name}` must come with --gain: in an FMU it is of the controller. "
+                "`alssnn control` writes a gain."
+            )
+    if args.gate is not None and args.no_observer:
+        raise ValueError(
+            "`--gate` must be left out with --no-observer: it is one of the observer."
+        )
+    options = {"version": args.fmi, "units": _units(args.units)}
+    options |= {name: getattr(args, name) for name in ("prefix", "dtype", "layout")}
+    if args.gain is not None and target == "fmu":
+        options["what"] = "both" if args.both else "controller"
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _units(pairs):
+    """Return units by names of signals; None without any."""
+    if pairs is None:
+        return None
+    split = [pair.partition("=") for pair in pairs]
+    for name, equals, unit in split:
+        if not (name and equals and unit):
+            raise ValueError(
+                "`--units` must be pairs such as speed=rad/s, got "
+                f"{name + equals + unit!r}."
+            )
+    return {name: unit for name, _, unit in split}
 
 
 def _read_gain(path, model):

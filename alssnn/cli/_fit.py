@@ -263,6 +263,7 @@ def _save(args, model):
 def _save_interrupted(args, rows, name):
     """Save the best model so far, if the one that was asked for is under way."""
     from ..ladder import fault
+    from ..shown import percent
 
     known = {row.name: row for row in rows}
     if args.save is None or name not in known:
@@ -275,7 +276,8 @@ def _save_interrupted(args, rows, name):
     _save(args, row.model)
     print(
         f"Model: {args.save}, the best one up to the interrupt, which misses "
-        f"{100 - row.fit_percent.mean():.3g} % of the test output. {_unseen(args)}",
+        f"{percent(100 - row.fit_percent.mean(), 3)} of the test output. "
+        f"{_unseen(args)}",
         file=sys.stderr,
     )
 

@@ -99,7 +99,10 @@ def run(args):
 
 def _error(missed):
     """Return the training error; nothing if no process had all of the record."""
-    return f"{missed:.3g} % of the output, simulated" if np.isfinite(missed) else ""
+    from ..shown import percent
+
+    said = f"{percent(missed, 3)} of the output, simulated"
+    return said if np.isfinite(missed) else ""
 
 
 def _delays(model, inputs):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..estimators import FlSsnn, LinearStateSpace
+from ..shown import times
 
 AMPLITUDE = 4.5  # rad/s2: the record covers the angles of the reference
 REFERENCE = ((0.0, 10), (1.0, 80), (-0.8, 80))  # rad, samples
@@ -206,7 +207,7 @@ def _verdict(linear, law):
     ratio = linear.loop_distance / law.loop_distance
     if ratio > CLEARLY:
         return (
-            f"The true loop behind u = v - h(x) is {ratio:.2g} times closer to its "
+            f"The true loop behind u = v - h(x) is {times(ratio)} times closer to its "
             "design than the loop of the linear model: the law makes the pendulum "
             "behave like the linear system that the controller was designed for."
         )

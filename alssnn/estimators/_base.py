@@ -10,6 +10,7 @@ from sklearn.utils.metadata_routing import UNUSED
 from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
+from ..deferred import deferred
 from ..experiments import check_inputs, join_records, split_experiments
 from ..innovations import free_run, predictor
 from ..mapping import Held
@@ -23,7 +24,6 @@ from ..watch import BY_OBSERVER, Watch
 from ._callbacks import Callbacks, CallbackSupportMixin, with_callbacks
 from ._checks import input_delays, order_choices, output_weights
 from ._data import check_lengths, check_rows, check_u, check_y
-from ._deferred import deferred
 from ._disturbances import check_disturbances
 from ._doubts import warn_if_exchanged, warn_of_time
 from ._fitted import as_fitted, fitted_model, publish_parameters
@@ -185,7 +185,9 @@ class StateSpaceModel(
     to_c = deferred("persistence", "to_c")
     to_casadi = deferred("persistence", "to_casadi")
     to_fmu = deferred("persistence", "to_fmu")
+    to_modelica = deferred("persistence", "to_modelica")
     to_onnx = deferred("persistence", "to_onnx")
+    to_simulink = deferred("persistence", "to_simulink")
     to_st = deferred("persistence", "to_st")
     report = deferred("report", "write_report")
     summary = deferred("report", "summarize")

@@ -9,6 +9,7 @@ from ..criterion import Criterion
 from ..horizon import ahead
 from ..initial_states import WINDOW, estimate_x0
 from ..linear_model import simulation_error
+from ..shown import percent
 from ..stability import hold_off
 from ..training import Validation
 from ..watch import OUT_OF_TIME, late_fall
@@ -154,7 +155,7 @@ def warn_if_unsettled(estimator, watch):
     if watch.reason == OUT_OF_TIME:
         reason = "because max_time is over. Increase `max_time`"
     fall, n_steps = late_fall(history)
-    settled = f" Its last {n_steps} steps lowered the cost by {100 * fall:.2g} %."
+    settled = f" Its last {n_steps} steps lowered the cost by {percent(100 * fall)}."
     warn_of_training(
         f"{type(estimator).__name__} stopped after {estimator.n_iter_} trial steps "
         f"{reason} or `tol`, or continue with `warm_start=True`."

@@ -2,6 +2,7 @@
 
 import time
 
+from ..shown import percent
 from ..watch import Silent
 
 PATIENCE = 10.0  # seconds without a line in a long stage
@@ -60,7 +61,7 @@ def hidden(share):
     text : str
         The words.
     """
-    return f"{100 * share:.3g} % of the error of the linear model"
+    return f"{percent(100 * share, 3)} of the error of the linear model"
 
 
 class Bar(Silent):
@@ -104,10 +105,20 @@ class Bar(Silent):
     def step(self, label, iteration, cost):
         if iteration == 0:
             self._close()
+        self._show(label, iteration, self.max_iter, self._reached(cost))
+
+    def starts(self, done, of, cost):
+        said = f"least {self._reached(cost)}" if done else "in other processes"
+        self._show("starts", done, of, said)
+        if done == of:
+            self._close()
+
+    def _reached(self, cost):
+        """Return a cost in words."""
         said = f"cost {cost:.3g}"
         if self.linear > 0:
-            said += f", {100 * cost / self.linear:.3g} % of that of the linear model"
-        self._show(label, iteration, self.max_iter, said)
+            said += f", {percent(100 * cost / self.linear, 3)} of the linear model"
+        return said
 
     def end(self, label, n_accepted, cost):
         if label == "linear":

@@ -21,6 +21,7 @@ from ..continuous import (
 from ..criterion import DIVERGED_NORM, Criterion
 from ..limits import Limits
 from ..mapping import Held
+from ..shown import percent
 from ..simulation import simulate
 from ..training import train
 from ._judge import own_judge, warn_left_linear
@@ -171,10 +172,10 @@ def trained(estimator, experiments, previous, watch, held_out):
         warn_left_linear(estimator)
     if error > WORSE * least and watch.reason is None:
         warn_of_training(
-            f"The model in continuous time misses {100 * error:.3g} % of the output, a "
-            f"discrete one {100 * least:.3g} %. Try another `hold`, which says what u "
-            f"does between samples and is {estimator.hold!r}, more `substeps`, or a "
-            "smaller `nx`."
+            f"The model in continuous time misses {percent(100 * error, 3)} of the "
+            f"output, a discrete one {percent(100 * least, 3)}. Try another `hold`, "
+            f"which says what u does between samples and is {estimator.hold!r}, more "
+            "`substeps`, or a smaller `nx`."
         )
     _check_rates(structure, outcome.theta, estimator.dt)
     return told, structure, outcome.theta, outcome

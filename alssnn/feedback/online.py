@@ -3,13 +3,14 @@
     x_hat from (u, y),  v = controller(r, y, x_hat),  u = v - h(s) within the limits
 
 One sample of `closed_loop`, without a simulation around it: what runs on a computer,
-and what `to_c` writes.  The parts are those of the loop: both agree to rounding.
+and what exports write.  The parts are those of the loop: both agree to rounding.
 """
 
 from importlib import import_module
 
 import numpy as np
 
+from ..deferred import deferred
 from ..forms import at_once
 from ..plants import as_plant
 from .checks import check_disturbances, check_point
@@ -83,7 +84,7 @@ class LinearizingController(Controller):
     --------
     closed_loop : The same loop as a system of python-control.
     alssnn.mpc.LinearizingMPC : The same interface, planned within the limits.
-    alssnn.persistence.to_c : Writes it as C.
+    alssnn.persistence : `to_c`, `to_st`, `to_fmu` and others write it.
 
     Notes
     -----
@@ -102,6 +103,15 @@ class LinearizingController(Controller):
     >>> controller.simulate(model, np.full((300, 1), 0.1)).y[-1].round(3)
     array([0.1])
     """
+
+    # what the functions of `persistence` say, without the parts that are here
+    to_mat = deferred("persistence", "to_mat")
+    to_c = deferred("persistence", "to_c")
+    to_casadi = deferred("persistence", "to_casadi")
+    to_fmu = deferred("persistence", "to_fmu")
+    to_modelica = deferred("persistence", "to_modelica")
+    to_simulink = deferred("persistence", "to_simulink")
+    to_st = deferred("persistence", "to_st")
 
     def __init__(
         self,
@@ -302,38 +312,6 @@ class LinearizingController(Controller):
         certificates = import_module("alssnn.certificates")  # by name: beside this
         options = {"noise": noise, "error": error, "search": search}
         return certificates.certify_loop(self, amplitude, **options)
-
-    def to_c(self, directory, *, dtype="double", prefix="plant", layout="flat"):
-        """Write this controller as C sources.
-
-        Parameters
-        ----------
-        directory : str or path-like
-            Folder, made if need be; files of the same names are replaced.
-        dtype : {"double", "float"}, default="double"
-            Type of all numbers.
-        prefix : str, default="plant"
-            Begins the names of files, functions and types.
-        layout : {"flat", "arduino"}, default="flat"
-            All files in one folder, or a library of Arduino and PlatformIO.
-
-        Returns
-        -------
-        paths : list of Path
-            The files, as `alssnn.persistence.to_c` describes them.
-
-        Raises
-        ------
-        OSError
-            If a file cannot be written.
-        ValueError
-            If the controller has no gain, the observer has no constant one, the law is
-            one of another model, or a value is beyond the range of `dtype`.
-        """
-        # by name: files lie above what is written
-        persistence = import_module("alssnn.persistence")
-        options = {"dtype": dtype, "prefix": prefix, "layout": layout}
-        return persistence.to_c(self, directory, **options)
 
     def _estimate(self, y):
         """Return x_hat, y as far as it is believed, and what to expect in its place."""

@@ -8,6 +8,7 @@ from ..excitation import Excitation
 from ..nonparametric import best_linear_approximation, local_polynomial
 from ..nonparametric.records import Records
 from ..periods import repeated
+from ..shown import percent
 from . import _signals
 from ._findings import Finding, FirstLook
 from ._nonlinearity import nonlinearity
@@ -195,7 +196,7 @@ def _accuracy(response, why):
 
     def rms(levels):
         return ", ".join(
-            f"{level:.3g} of {name} ({100 * level / max(size, 1e-300):.2g} %)"
+            f"{level:.3g} of {name} ({percent(100 * level / max(size, 1e-300))})"
             for name, level, size in zip(
                 names, levels, response.output_rms, strict=True
             )

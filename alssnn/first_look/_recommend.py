@@ -6,6 +6,7 @@ import numpy as np
 
 from ..estimators import LinearStateSpace
 from ..regression import complete, lagged
+from ..shown import percent
 from ..validation import feedback_tests
 from ._rivals import curve, hysteresis, mirror, varying_delay
 from ._trials import MONOTONE, NEAR, USEFUL, Parts, trial, with_options
@@ -191,7 +192,7 @@ def _orders(linear, ny):
 
 def _why(fits, chosen):
     """Say what the trial fits left of hidden outputs."""
-    left = ", ".join(f"{fit.name} {100 * fit.error:.2g} %" for fit in fits)
+    left = ", ".join(f"{fit.name} {percent(100 * fit.error)}" for fit in fits)
     if chosen.name == "linear":
         return (
             "Small models with networks are hardly better on hidden samples (errors: "
@@ -210,29 +211,29 @@ def _rival(parts, delays, least, is_linear):
         if error <= min(NEAR * least, USEFUL):
             return (
                 "A curve of the inputs without any dynamics leaves "
-                f"{100 * error:.2g} % of the output, the best small model "
-                f"{100 * least:.2g} %: fit a curve, or sample faster."
+                f"{percent(100 * error)} of the output, the best small model "
+                f"{percent(100 * least)}: fit a curve, or sample faster."
             )
         error = hysteresis(parts, delays)
         if error <= min(MUCH * least, USEFUL):
             return (
-                f"Play operators (hysteresis) leave {100 * error:.2g} % of the "
-                f"output, the best small model {100 * least:.2g} %: use a model of "
+                f"Play operators (hysteresis) leave {percent(100 * error)} of the "
+                f"output, the best small model {percent(100 * least)}: use a model of "
                 "hysteresis, such as that of Prandtl and Ishlinskii."
             )
     error = mirror(parts)
     if error < MIRRORED:
         return (
             f"Inputs and outputs of a sample follow from each other, up to "
-            f"{100 * error:.2g} %: the plant has no dynamics, or nothing but a "
+            f"{percent(100 * error)}: the plant has no dynamics, or nothing but a "
             "controller moves it. Fit a curve, or move the reference while recording."
         )
     fixed, moving, spread = varying_delay(parts)
     if moving <= min(MUCH * fixed, least / NEAR) and spread > WANDERS:
         return (
             f"The delay varies by {spread:.2g} samples rms: a linear response with a "
-            f"delay of its own in every window leaves {100 * moving:.2g} % of the "
-            f"output, the best small model {100 * least:.2g} %. Models here have a "
+            f"delay of its own in every window leaves {percent(100 * moving)} of the "
+            f"output, the best small model {percent(100 * least)}. Models here have a "
             "fixed delay; make it constant, or measure what it depends on."
         )
     return ""

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..linearizability import LOOP_OUTSIDE, worst_error
 from ..linearizability import percent as share_in_words
+from ..shown import percent, times
 
 CLEARLY = 1.1  # ratio of errors below which two models count as equally accurate
 WORTHWHILE = 2.0  # gain in linearity for which an observer pays
@@ -70,7 +71,7 @@ def fault(row, lti=None):
     if lti is not None and _missed(row) > CLEARLY * _missed(lti):
         return (
             f"{row.name} is worse than the linear model on the test data: it misses "
-            f"{_percent(_missed(row))} of the output, LTI {_percent(_missed(lti))}. "
+            f"{percent(_missed(row))} of the output, LTI {percent(_missed(lti))}. "
             "Use the linear model, or train on more data."
         )
     return ""
@@ -81,10 +82,6 @@ def _missed(row):
     return float(100 - row.fit_percent.mean())
 
 
-def _percent(value):
-    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
-
-
 def _about_accuracy(al, lti):
     ratio = lti.rmse_test.mean() / al.rmse_test.mean()
     if _missed(al) >= 100 and np.isfinite(al.rmse_test).all():
@@ -93,13 +90,13 @@ def _about_accuracy(al, lti):
             "of no use there."
         )
     facts = (
-        f"Accuracy: on the test data LTI misses {_percent(_missed(lti))} of the output,"
-        f" AL-SSNN {_percent(_missed(al))}"
+        f"Accuracy: on the test data LTI misses {percent(_missed(lti))} of the output,"
+        f" AL-SSNN {percent(_missed(al))}"
     )
     if not np.isfinite(al.rmse_test).all():
         return "Accuracy: AL-SSNN diverges on the test data and is of no use there."
     if ratio > CLEARLY:
-        return f"{facts}, {ratio:.2g} times less."
+        return f"{facts}, {times(ratio)} times less."
     return (
         f"{facts}: the networks gain nothing. Either the plant is nearly linear on "
         "these data, or the training needs more iterations, neurons or states."
@@ -121,12 +118,12 @@ def _about_linearity(al, lti):
             "how linear the plant becomes."
         )
     facts = (
-        f"Linearity: with u = v - h, {_percent(rest)} of the output of AL-SSNN is "
+        f"Linearity: with u = v - h, {percent(rest)} of the output of AL-SSNN is "
         "still not the response of its linear part (A, B, C)"
     )
     outside = al.closed_outside
     if loop > CLEARLY * rest:
-        facts += f" along the test data, and {_percent(loop)} in the loop itself"
+        facts += f" along the test data, and {percent(loop)} in the loop itself"
     if outside is None or outside > LOOP_OUTSIDE:
         unseen = "an unknown share" if outside is None else share_in_words(outside)
         return (
@@ -135,8 +132,8 @@ def _about_linearity(al, lti):
         )
     if al.large_law:
         return (
-            f"{facts}. But the law is {al.large_law:.2g} times the recorded input, and "
-            "errors of the model weigh as much more. Fit with a larger gamma_h."
+            f"{facts}. But the law is {times(al.large_law)} times the recorded input, "
+            "and errors of the model weigh as much more. Fit with a larger gamma_h."
         )
     rest = max(rest, loop)
     if lti is None or not np.isfinite(lti.rmse_test).all():
@@ -144,11 +141,11 @@ def _about_linearity(al, lti):
     ratio = _missed(lti) / max(rest, np.finfo(float).eps)  # the rest may be 0
     if ratio > CLEARLY:
         return (
-            f"{facts}: {ratio:.2g} times less than LTI misses without that feedback. "
-            "Design on (A, B, C) and allow for this rest as uncertainty."
+            f"{facts}: {times(ratio)} times less than LTI misses without that "
+            "feedback. Design on (A, B, C) and allow for this rest as uncertainty."
         )
     return (
-        f"{facts}, while LTI misses {_percent(_missed(lti))} without any feedback: "
+        f"{facts}, while LTI misses {percent(_missed(lti))} without any feedback: "
         "cancelling h does not make this plant more linear. Try a larger gamma and "
         "watch what it costs in accuracy."
     )
@@ -162,8 +159,8 @@ def _about_feedback(output, state):
             "nothing about state feedback."
         )
     facts = (
-        f"Feedback: h(y) leaves {_percent(rest)} of the output nonlinear, h(x) "
-        f"{_percent(rest_state)}"
+        f"Feedback: h(y) leaves {percent(rest)} of the output nonlinear, h(x) "
+        f"{percent(rest_state)}"
     )
     if not np.isfinite(rest) or rest > WORTHWHILE * rest_state:
         return (

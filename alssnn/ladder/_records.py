@@ -8,7 +8,7 @@ import numpy as np
 
 from ..estimators import LEFT_LINEAR
 from ..rows import Rows, aligned
-from ..shown import short_repr
+from ..shown import percent, short_repr
 from ..watch import late_fall
 from ._explain import TEXT_WIDTH, explain, fault
 
@@ -242,7 +242,7 @@ class Ladder(Rows):
         if len(known) < len(falls):  # too few steps to tell
             return "more iterations may help."
         text = ", ".join(
-            f"{name} lowered it by {100 * fall:.2g} % in its last {n} steps"
+            f"{name} lowered it by {percent(100 * fall)} in its last {n} steps"
             for name, (fall, n) in known.items()
         )
         if all(fall < SETTLED and n >= ENOUGH_STEPS for fall, n in known.values()):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rows import data_frame
-from ..shown import short_repr
+from ..shown import percent, short_repr, times
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
 OUTSIDE = 0.02  # share of samples of a record outside, from which it is said
@@ -267,9 +267,9 @@ class Linearizability:
             Lines of the table.
         """
         words = (
-            f"The law is {self.large_law:.3g} times the recorded input. Errors of the "
-            "model weigh as much more in the loop, see its figure with that error. Fit "
-            "with a larger `gamma_h`."
+            f"The law is {times(self.large_law)} times the recorded input. Errors of "
+            "the model weigh as much more in the loop, see its figure with that error. "
+            "Fit with a larger `gamma_h`."
         )
         return textwrap.wrap(words, sum(WIDTHS))
 
@@ -335,7 +335,7 @@ class Linearizability:
 
 
 def _percent(value):
-    return "-" if value is None or np.isnan(value) else f"{100 * value:.3g} %"
+    return "-" if value is None or np.isnan(value) else percent(100 * value, 3)
 
 
 def _pair(name, *values):

@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from ..shown import percent as in_words
+from ..shown import times
+
 LOOP_OUTSIDE = 0.05  # share of samples of the loop outside the training region
 
 
@@ -21,11 +24,7 @@ def percent(share):
     value = 100 * float(share)
     if not np.isfinite(value):
         return "an unbounded share"
-    if value < 1e-9:  # exactly linear models leave rounding errors
-        return "0 %"
-    if value >= 99.5:
-        return f"{value:,.0f} %"
-    return f"{value:.2g} %" if value >= 1e-3 else "less than 0.001 %"
+    return in_words(value)
 
 
 def worst_error(figures):
@@ -101,7 +100,7 @@ def judge(figures, within=0.05, fit=None):
         )
     if figures.large_law:
         return False, (
-            f"The law is {figures.large_law:.3g} times the recorded input, so that "
+            f"The law is {times(figures.large_law)} times the recorded input, so that "
             "errors of the model weigh as much more in the loop. Not the response of "
             f"(A, B, C) are {both}. Fit with a larger `gamma_h`."
         )

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ..checks import probability
+from ..shown import percent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +102,7 @@ class BestLinearApproximation:
         if np.isnan(level).any():
             name, level = "not linear or noise", self.total_rms
         share = 100 * np.max(level / size)
-        text = f"n_freq={n}, ny={ny}, nu={nu}, {name} {share:.2g} %"
+        text = f"n_freq={n}, ny={ny}, nu={nu}, {name} {percent(share)}"
         if np.isfinite(self.p_linear):
             text += ", nonlinear" if self.p_linear < 0.05 else ", no distortion seen"
         return f"BestLinearApproximation({self.method!r}, {text})"

@@ -1,11 +1,12 @@
-"""Keep identified models and hand them on: files, MATLAB, embedded C, ONNX, CasADi.
+"""Keep identified models and hand them on: files, MATLAB, C, PLCs, FMUs, Modelica.
 
 `_archive` reads and writes archives of arrays, `_file` knows what a fitted model
 consists of. An export is a plant with its law, observer and gain (`_export`), stated
 layer by layer (`walk`): `_c` writes C, `_fmu` puts it behind the interface of FMUs,
-`_st` writes Structured Text, which `_plcopen` turns into XML, `_onnx` graphs, `_casadi`
-makes functions, and `_mat` writes a struct for MATLAB. What C and Structured Text share
-is derived in `_parts`.
+`_st` writes Structured Text, which `_plcopen` turns into XML, `_modelica` a package,
+`_onnx` graphs, `_casadi` makes functions, and `_mat` writes a struct for MATLAB, to
+which `_simulink` adds a diagram. What C, Structured Text and Modelica share is derived
+in `_parts`.
 """
 
 from ._c import to_c
@@ -13,7 +14,9 @@ from ._casadi import to_casadi
 from ._file import load, save
 from ._fmu import Fmu, to_fmu
 from ._mat import to_mat
+from ._modelica import to_modelica
 from ._onnx import to_onnx
+from ._simulink import to_simulink
 from ._st import to_st
 
 __all__ = [
@@ -24,6 +27,8 @@ __all__ = [
     "to_casadi",
     "to_fmu",
     "to_mat",
+    "to_modelica",
     "to_onnx",
+    "to_simulink",
     "to_st",
 ]

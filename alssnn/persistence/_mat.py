@@ -9,7 +9,7 @@ from ._archive import release
 from ._export import Export
 
 BLOCKS = ("M", "W", "c", "V", "E", "b")  # of Theta (eq. lure)
-LAYER = [(name, object) for name in ("first", "last", "activation", "value")]
+LAYER = [(name, object) for name in ("first", "last", "activation", "value", "slope")]
 
 
 def to_mat(model, path, *, law=None, observer=None, gain=None):
@@ -98,11 +98,21 @@ def _form(lure):
     layers = np.empty((1, len(lure.layers)), dtype=LAYER)
     for i, layer in enumerate(lure.layers):
         sigma = lure.sigma[layer.start]
-        expression = sigma.expression("matlab", v="v")
-        layers[0, i] = layer.start + 1, layer.stop, sigma.name, expression
+        ends = layer.start + 1, layer.stop
+        value = sigma.expression("matlab", v="v")
+        layers[0, i] = *ends, sigma.name, value, _slope(sigma)
     blocks = {name: getattr(lure, name) for name in BLOCKS}
     blocks |= {name: _column(blocks[name]) for name in "cb"}
     return {"nx": lure.nx, "nu": lure.nu, **blocks, "layers": layers}
+
+
+def _slope(sigma):
+    """Return the derivative at v, where w is the value."""
+    if "matlab_slope" in sigma.expressions:
+        return sigma.expression("matlab_slope", v="v", w="w")
+    # of an activation that says nothing of its derivative
+    ahead = sigma.expression("matlab", v="(v + 1e-8 * (1 + abs(v)))")
+    return f"(({ahead}) - w) ./ (1e-8 * (1 + abs(v)))"
 
 
 def _column(vector):

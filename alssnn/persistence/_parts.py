@@ -24,10 +24,12 @@ class Parts:
     ----------
     export : Export
         The export.
+    first : int, default=0
+        Number of the first element of an array.
     """
 
-    def __init__(self, export):
-        self.export, self.plant = export, export.plant
+    def __init__(self, export, first=0):
+        self.export, self.plant, self.first = export, export.plant, first
         solves = export.law is not None and export.plant.is_solved
         self.inverse = Inverse(export.plant) if solves else None
 
@@ -135,15 +137,17 @@ class Parts:
     def signals(self):
         """Yield a line on every signal: its name here, that of the data, how late."""
         plant = self.plant
-        for i, name in enumerate(plant.inputs):
-            late = f", {plant.delay[i]} samples late" if plant.delay[i] else ""
+        for i, (name, delay) in enumerate(
+            zip(plant.inputs, plant.delay, strict=True), self.first
+        ):
+            late = f", {delay} samples late" if delay else ""
             yield f"u[{i}]: {plain(name)}{late}"
-        for i, name in enumerate(plant.outputs):
+        for i, name in enumerate(plant.outputs, self.first):
             yield f"y[{i}]: {plain(name)}"
 
     def _words(self, inputs):
         names = self.plant.inputs
-        return plain(", ".join(f"{names[i]} (u[{i}])" for i in inputs))
+        return plain(", ".join(f"{names[i]} (u[{i + self.first}])" for i in inputs))
 
     def _constants(self, numbers):
         export, plant, law = self.export, self.plant, self.export.law

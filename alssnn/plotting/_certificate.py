@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..shown import percent
 from ..validation import column_names, loop_deviation
 from ._axes import Display, color, few_ticks, finish, grid_of_axes
 
@@ -174,7 +175,7 @@ class CertificateDisplay(Display):
             finite = np.isfinite(Z).all(axis=1)
             inside[finite] = self.certificate.contains(Z[finite])
             self.inside_ = float(inside.mean())
-            label = f"loop along the record, {100 * self.inside_:.4g} % inside"
+            label = f"loop along the record, {percent(100 * self.inside_, 4)} inside"
             for i, run in enumerate(self.trajectories):
                 axes.plot(
                     *(run @ self.T.T).T,

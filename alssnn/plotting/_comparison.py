@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..shown import percent
 from ..validation import column_names, frequency_response, moved_names
 from ._axes import (
     MEASURED,
@@ -92,7 +93,7 @@ class ComparisonDisplay(Display):
                     "ls": (0, (4, 4)) if j % 2 else "-",
                 }
                 note = out_of_view(y_hat, low, high)
-                label = f"{row.name}, fit {row.fit_percent[i]:.3g} %{note}"
+                label = f"{row.name}, fit {percent(row.fit_percent[i], 3)}{note}"
                 top.plot(t, y_hat, **{"label": label, **style, **kwargs})
                 bottom.plot(t, y - y_hat, **{**style, **kwargs})
             top.set_ylim(low, high)

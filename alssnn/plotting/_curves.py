@@ -15,7 +15,8 @@ def figure_curves(drawn):
     Parameters
     ----------
     drawn : matplotlib.figure.Figure
-        Figure whose axes hold lines, points and bands against one abscissa.
+        Figure whose axes hold lines, points, bands and histograms against one
+        abscissa. A histogram behind an axes, on one of its own, is scaled into it.
 
     Returns
     -------
@@ -23,15 +24,25 @@ def figure_curves(drawn):
         JSON without any character that HTML would take for its own. A long curve
         keeps the extremes of short stretches, which look the same.
     """
-    panels = [_panel(axes) for axes in drawn.axes]
+    behind = [
+        axes for axes in drawn.axes if not axes.get_lines() and len(_at_place(axes)) > 1
+    ]
+    panels = [_panel(axes, behind) for axes in drawn.axes if axes not in behind]
     text = json.dumps(panels, allow_nan=False, separators=(",", ":"))
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return text
 
 
-def _panel(axes):
-    """Return what the script draws of one axes."""
+def _at_place(axes):
+    """Return the axes that lie where one lies, itself among them."""
+    spec = axes.get_subplotspec()
+    return [z for z in axes.figure.axes if z.get_subplotspec() == spec]
+
+
+def _panel(axes, behind):
+    """Return what the script draws of one axes, and of those behind it."""
+    logs = {f"{one}log": getattr(axes, f"get_{one}scale")() == "log" for one in "xy"}
     lines = [line for line in axes.get_lines() if len(line.get_xdata()) > 1]
     ends = [z for line in lines if _is_data(axes, line) for z in line.get_xdata()]
     series = [
@@ -45,8 +56,19 @@ def _panel(axes):
         if isinstance(band, PolyCollection)
         for path in band.get_paths()
     ]
+    series += [_histogram(bars, bars[0].get_label()) for bars in axes.containers]
+    low, high = axes.get_ylim()
+    for other in _at_place(axes):
+        if other in behind:
+            share = (high - low) / max(other.get_ylim()[1], 1e-300)
+            series += [_histogram(z, "density", low, share) for z in other.containers]
     for line in lines:
         x, y = (np.asarray(z, dtype=float) for z in line.get_data())
+        with np.errstate(divide="ignore", invalid="ignore"):  # nothing, if not positive
+            x, y = (
+                np.log10(z) if logs[f"{one}log"] else z
+                for one, z in zip("xy", (x, y), strict=True)
+            )
         if not _is_data(axes, line):  # a level, from edge to edge
             x = np.array([min(ends), max(ends)], dtype=float)
         is_points = line.get_linestyle() == "None"
@@ -68,7 +90,22 @@ def _panel(axes):
         "xlabel": _abscissa(axes),
         "ylabel": _plain(axes.get_ylabel()),
         "title": _plain(axes.get_title(loc="left") or axes.get_title()),
+        **logs,
         "series": series,
+    }
+
+
+def _histogram(bars, name, low=0.0, scale=1.0):
+    """Return bars as a band with steps, from `low` upwards."""
+    x = [z for bar in bars for z in (bar.get_x(), bar.get_x() + bar.get_width())]
+    top = np.repeat([low + scale * bar.get_height() for bar in bars], 2)
+    return {
+        "kind": "band",
+        "name": "" if name.startswith("_") else name,
+        "color": to_hex(bars[0].get_facecolor()[:3]),
+        "x": _rounded(x, 7),
+        "y": _rounded(np.full(len(x), low), 5),
+        "high": _rounded(top, 5),
     }
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from scipy import ndimage
 
+from ..shown import percent
 from ._axes import MEASURED, color, finish, time_axis
 from ._spectrum import amplitude_spectrum
 
@@ -216,7 +217,7 @@ def _percent(row, output):
     missed = 100 - row.fit_percent[output]
     if not np.isfinite(missed):
         return "diverged"
-    return f"{missed:.2g} %" if missed < 99.5 else f"{missed:,.0f} %"
+    return percent(missed)
 
 
 def _draw_spectra(ax, ladder, part, output):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..plants import as_plant
+from ..shown import percent
 from ..simulation import simulate
 from ..validation import column_names, moved_names, scored_experiments
 from ._axes import (
@@ -316,7 +317,7 @@ class ResidualNonlinearityDisplay(Display):
         style = {"color": color(0), "linewidth": 1.4, **kwargs}
         for i, (left, right) in enumerate(axes):
             name = self.output_names[i]
-            label = f"rms(e) / std(y) = {100 * share[i]:.3g} %"
+            label = f"rms(e) / std(y) = {percent(100 * share[i], 3)}"
             left.hist(e[:, i], BINS, color=style["color"], label=label)
             left.set_xlabel(f"e, in units of {name}")
             left.set_ylabel("samples")

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..metrics import free_run_errors
+from ..shown import percent
 from ..validation import check_names, column_names, scored_experiments
 from ._axes import (
     MEASURED,
@@ -186,7 +187,7 @@ class SimulationDisplay(Display):
         self.fit_percent_ = fit = free_run_errors(self.y_true, self.y_pred)[1]
         style = {"color": color(0), "linewidth": 1.2, **kwargs}
         for i, (top, bottom) in enumerate(axes.T):
-            label = f"{self.name}, fit {fit[i]:.3g} %"
+            label = f"{self.name}, fit {percent(fit[i], 3)}"
             top.plot(self.t, self.y_true[:, i], label="measured", **MEASURED)
             top.plot(self.t, self.y_pred[:, i], **{"label": label, **style})
             bottom.plot(self.t, self.y_true[:, i] - self.y_pred[:, i], **style)

@@ -103,18 +103,19 @@ def _field(record, name):
 
 
 def _law(model, test):
-    from ..plotting import NonlinearityDisplay
+    from ..plotting import NonlinearityDisplay, figure_curves
 
     drawn = NonlinearityDisplay.from_estimator(model, *test).figure_
     what = as_plant(model).no_law or "What the law cancels:"
-    return figure(drawn, f"{what} h, with the density of the data.")
+    words = f"{what} h, with the density of the data."
+    return figure(drawn, words, figure_curves(drawn))
 
 
 def _rest(model, test):
-    from ..plotting import ResidualNonlinearityDisplay
+    from ..plotting import ResidualNonlinearityDisplay, figure_curves
 
     drawn = ResidualNonlinearityDisplay.from_estimator(model, *test).figure_
-    return figure(drawn, "What g leaves at the output.")
+    return figure(drawn, "What g leaves at the output.", figure_curves(drawn))
 
 
 def certificates(model, test, doubt=""):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..metrics import fit_percent, missed_percent, nrmse, rmse
+from ..shown import percent
 from ..validation import column_names
 from ..walk import static_map, walk
 from ._page import (
@@ -55,10 +56,10 @@ def summary(model, data, test, validation, reason=""):
     if np.isnan(y).any():
         missing = 100 * np.isnan(y).mean(axis=0)
         shares = zip(outputs, missing, strict=True)
-        words = ", ".join(f"{name} {share:.3g} %" for name, share in shares)
+        words = ", ".join(f"{name} {percent(share, 3)}" for name, share in shares)
         rows.append(("not measured", words))
     settings = [
-        (name, "default" if value is None else str(value))
+        (name, "not set" if value is None else str(value))
         for name, value in sorted(model.get_params(deep=False).items())
         if np.ndim(value) == 0
     ]

@@ -7,6 +7,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..metrics import missed_percent, rmse
+from ..shown import percent
 from ..validation import column_names, scored_experiments
 from ._sections import in_words
 
@@ -113,7 +114,7 @@ def summarize(model, u=None, y=None, experiment=None):
     ]
     if np.isfinite(model.train_score_):
         missed = missed_percent(model.train_score_)
-        lines.append(("train", f"misses {missed:.3g} % of the output"))
+        lines.append(("train", f"misses {percent(missed, 3)} of the output"))
     if u is None:
         lines.append(("test, e / y", "unknown; a record tells: summary(u, y)"))
     else:
@@ -142,7 +143,7 @@ def _of_record(model, outputs, u, y, experiment):
         errors = rmse(y_true, y_hat, multioutput="raw_values")
         shares = 100 * errors / np.nanstd(y_true, axis=0)
         values = [
-            f"{error:.3g}, {share:.3g} % of the output"
+            f"{error:.3g}, {percent(share, 3)} of the output"
             for error, share in zip(errors, shares, strict=True)
         ]
     of = [f"{name}: " if len(outputs) > 1 else "" for name in outputs]
@@ -154,8 +155,10 @@ def _of_record(model, outputs, u, y, experiment):
     for i, name in enumerate(of):
         error = record.linearization_error[i]
         closed = np.broadcast_to(record.closed_linearization_error, len(of))[i]
-        loop = "no law" if np.isnan(closed) else f"{100 * closed:.3g} % in the loop"
-        what = f"{name}{100 * error:.3g} % along the record, {loop}"
+        loop = (
+            "no law" if np.isnan(closed) else f"{percent(100 * closed, 3)} in the loop"
+        )
+        what = f"{name}{percent(100 * error, 3)} along the record, {loop}"
         lines.append(("e / y" if not i else "", what))
     return lines
 

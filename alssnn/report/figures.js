@@ -12,6 +12,7 @@
     return made;
   };
   const short = value => value === null ? "-" : String(Number(value.toPrecision(4)));
+  const shown = (value, log) => short(log && value !== null ? 10 ** value : value);
 
   function ticks(low, high, count) {
     const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
@@ -110,13 +111,18 @@
       const margin = 0.06 * (high - low) || Math.abs(high) || 1;
       low -= margin;
       high += margin;
-      for (const t of ticks(...view.range, Math.max(2, Math.min(8, width / 90)))) {
+      const whole = (values, log) => log && values.filter(Number.isInteger).length > 1
+        ? values.filter(Number.isInteger) : values;
+      const places = ticks(...view.range, Math.max(2, Math.min(8, width / 90)));
+      for (const t of whole(places, panel.xlog)) {
         node("line", {x1: px(t), x2: px(t), y1: TOP, y2: height - BOTTOM, class: "grid"}, svg);
-        node("text", {x: px(t), y: height - 8, "text-anchor": "middle"}, svg, short(t));
+        node("text", {x: px(t), y: height - 8, "text-anchor": "middle"}, svg,
+          shown(t, panel.xlog));
       }
-      for (const y of ticks(low, high, 4)) {
+      for (const y of whole(ticks(low, high, 4), panel.ylog)) {
         node("line", {x1: LEFT, x2: width - RIGHT, y1: py(y), y2: py(y), class: "grid"}, svg);
-        node("text", {x: LEFT - 5, y: py(y) + 4, "text-anchor": "end"}, svg, short(y));
+        node("text", {x: LEFT - 5, y: py(y) + 4, "text-anchor": "end"}, svg,
+          shown(y, panel.ylog));
       }
       const inside = node("svg", {
         x: LEFT, y: TOP, width: width - LEFT - RIGHT, height: height - TOP - BOTTOM,
@@ -163,11 +169,11 @@
         panel.chosen.setAttribute("width", Math.abs(px(t) - px(start)));
       }
       const label = view.group.map(p => p.xlabel).find(Boolean) || "x";
-      const lines = [`${label}: ${short(t)}`];
+      const lines = [`${label}: ${shown(t, panel.xlog)}`];
       for (const one of view.group)
         for (const {name, x, y, kind} of one.series)
           if (kind !== "band")
-            lines.push(`${name || one.ylabel}: ${short(y[nearest(x, t)])}`);
+            lines.push(`${name || one.ylabel}: ${shown(y[nearest(x, t)], one.ylog)}`);
       view.readout.textContent = lines.join("; ");
     });
     svg.addEventListener("pointerup", event => {

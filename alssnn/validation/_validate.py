@@ -33,6 +33,8 @@ PREDICTED = 0.25  # they are none either for as much as this of the output
 OWN = 0.1  # of it, what a block has to add to those before it
 
 BEFORE = ("lags of u", "lags of u and squares")  # what squares and cubes add to
+WHITE = "The residual is white, as white measurement noise is."  # of an exact model
+LIKE_WHITE = "The residual has no color but that of errors of the parameters."
 MEANING = {
     "independence": (
         "lags of u",
@@ -328,7 +330,7 @@ def _whiteness(residuals, missed, doubt=""):
         undecided = bool(doubt) and not passed
         return Check("whiteness", passed, value, "p-value", True, sentence, undecided)
     if passed:
-        sentence = "The residual is white, as white measurement noise is."
+        sentence = LIKE_WHITE if residuals.n_parameters else WHITE
     else:
         sentence = (
             f"The residual of {name} is colored: its past explains {explained} of it. "

@@ -1,4 +1,4 @@
-"""Methods of a fitted model whose work is done, and described, by other packages."""
+"""Methods whose work is done, and described, by other packages."""
 
 from importlib import import_module
 from types import MethodType
@@ -8,14 +8,15 @@ class deferred:
     """Make a method of a function that is imported when it is first asked for.
 
     Identification needs neither python-control nor cvxpy nor matplotlib; what a user
-    expects of a model beyond it is one line here, and one description over there.
+    expects of a model, or of a controller, beyond it is one line, and one description
+    over there. The function is asked for by its name, so that it may lie above.
 
     Parameters
     ----------
     module : str
         Module or package of alssnn, such as ``"feedback"``.
     name : str
-        Name of a function or class there; its first argument is the model.
+        Name of a function or class there; its first argument is the object.
     """
 
     def __init__(self, module, name):
