@@ -18,7 +18,7 @@ falls; of a long record, the fit to all its samples does that in one go.
 
 The networks are kept if they beat the best linear model on the hidden samples: in the
 sum over the folds, not much worse in any of them, and with an error that is worth a
-prediction.  The fewer samples are hidden, the larger a gain has to be.
+prediction.
 
 Errors of a predictor are nearly white, and mostly what nobody can predict.  By chance,
 those of two models that predict equally well differ by `CHANCE` over the number of
@@ -51,11 +51,6 @@ REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
 USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
-# A mean square of n errors, correlated over about eight samples, is known to the share
-# sqrt(2 8 / n). Of a short record, whose hidden samples make many choices, that is the
-# least gain.
-UNSURE = 4.0
-MOST_ASKED = 0.5  # relative, that is asked for
 CHANCE = 2.0  # over the hidden samples: relative difference of white errors by chance
 NOISE = 0.1  # mean square error of a linear model, for which `ALPHAS` are meant
 
@@ -282,13 +277,11 @@ def search(
     }
 
     scale, nearly, gain = 1.0, NEARLY, GAIN
-    n_hidden = sum(len(u) * SHARE for fold in folds for u, _ in fold.hidden)
     if is_predictor:
+        n_hidden = sum(len(u) * SHARE for fold in folds for u, _ in fold.hidden)
         nearly = min(nearly, 1.0 + CHANCE / n_hidden)
         gain = max(gain, 1.0 - CHANCE / n_hidden)
         scale = float(np.mean(orders.errors[orders.nx])) / NOISE
-    elif len(folds) > 1:
-        gain = min(gain, 1.0 - min(UNSURE / np.sqrt(n_hidden), MOST_ASKED))
     descent = scale * ALPHAS
 
     def start(nx, seed):

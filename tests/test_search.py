@@ -374,24 +374,6 @@ def test_what_counts_as_help(errors, linear, helps):
     assert found.helps is helps
 
 
-@pytest.mark.parametrize(
-    ("n", "n_folds", "gain"),
-    [
-        (300, 3, 1 - 4 / 15),  # 225 samples are hidden
-        (900, 3, 1 - 4 / np.sqrt(675)),
-        (40, 3, 0.5),  # more than half is not asked for
-        (900, 1, 0.96),  # as of a long record
-    ],
-)
-def test_few_hidden_samples_ask_for_a_larger_gain(monkeypatch, n, n_folds, gain):
-    orders = compare_orders(scaled(*soft(0, n)), [1])
-    one = {1: orders.models[1][:n_folds]}, {1: orders.errors[1][:n_folds]}
-    orders = Orders(orders.folds[:n_folds], *one)
-    told(monkeypatch, [[1, 0.9]], [11])
-    found = search(recipe(), orders, [1], [11], max_iter=10)
-    assert found.gain == pytest.approx(gain, rel=1e-12)
-
-
 def test_overflowing_derivatives_are_a_cliff_and_not_the_end():
     # a Gauss-Newton step goes to zero at once; left of 0.7 the derivatives overflow
     class Cliff:

@@ -2,10 +2,9 @@
 
 import warnings
 
-import pytest
 from sklearn.exceptions import ConvergenceWarning
 
-from alssnn import FlSsnn, GrSsnn
+from alssnn import GrSsnn
 from benchmarks import short_records
 from benchmarks.field import runs
 
@@ -28,13 +27,6 @@ def test_networks_do_not_take_fewer_states_for_a_comparison_that_ends_early():
     model, error = fitted(GrSsnn(random_state=0), "brief dead zone")
     assert model.nx_ == 2
     assert error < 0.3
-
-
-def test_a_small_gain_on_few_hidden_samples_is_none():
-    """No h of the state is the saturation of an input, though some samples gain."""
-    model, error = fitted(FlSsnn(random_state=0), "brief 2x2 saturated")
-    assert model.message_.startswith(short_records.LINEAR)
-    assert error == pytest.approx(1.0, abs=0.01)
 
 
 def test_both_halves_have_plants_that_are_short():
