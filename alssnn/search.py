@@ -98,7 +98,7 @@ class Found:
     linear_errors : ndarray of shape (n_folds,)
         Those of the best linear model.
     curve : dict of int to float
-        Root mean square error on hidden samples of the networks, by order.
+        Least root mean square error on hidden samples of the networks, by order.
     gain : float, default=0.96
         Mean square error over that of the linear model, below which networks help.
     """
@@ -326,7 +326,8 @@ def search(
         options.pop("enough")
         tell = tally.plan(more)
         stage = walk.go_on(stage, alpha, more, quiet, tell=tell, **options)
-    curve[nx] = float(np.sqrt(np.mean(walk.errors[stage])))
+    reached = float(np.sqrt(np.mean(walk.errors[stage])))
+    curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
     structure = walk.problems[0][0]
     return Found(
         structure,
