@@ -13,6 +13,7 @@ from sklearn.base import clone
 
 import alssnn
 from alssnn import LinearStateSpace, feedback, plotting
+from alssnn.certificates import error_gain
 from alssnn.datasets import make_pendulum
 from alssnn.model_selection import gamma_path, law_rates
 from alssnn.persistence import Fmu
@@ -84,6 +85,7 @@ def objects(model):
             tube,
             tube.around(data.u[:3]),
             tube.with_bound(0.1),
+            error_gain(linear, *data),
             covariance,
             covariance.frequency_response(),
             covariance.poles(),
