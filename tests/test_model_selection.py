@@ -13,6 +13,7 @@ from alssnn.model_selection import (
     gamma_path,
     seam_labels,
 )
+from alssnn.scorers import neg_certified_distance
 from models import al_ssnn
 
 
@@ -105,6 +106,27 @@ def test_table_and_frame(path):
     frame = path.to_frame()
     np.testing.assert_array_equal(frame.index, path.gammas)
     np.testing.assert_array_equal(frame["rmse_test"], path.rmse_test)
+
+
+def test_a_path_may_be_judged_by_what_is_proved(record):
+    scores = {1.0: -0.009, 0.3: -0.01, 0.1: -np.inf, 0.03: -0.5}
+
+    def scoring(model, u, y, experiment=None):
+        assert len(u) == len(record.u)
+        return scores[model.gamma]
+
+    estimator = al_ssnn(nx=2, n_h=1, n_g=1, max_iter=3, random_state=0)
+    path = gamma_path(estimator, *record, gammas=list(scores), scoring=scoring)
+    assert path.score.tolist() == list(scores.values())
+    assert path.to_frame()["score"].tolist() == list(scores.values())
+    assert "score" in str(path) and "-0.009" in str(path)
+    # accuracy as the same everywhere: the knee is where the score turns
+    even = dataclasses.replace(path, rmse_test=np.array([1.0, 0.5, 0.4, 0.39]))
+    assert even.knee() == 1  # an infinite one is not chosen
+    path = gamma_path(estimator, *record, gammas=[1.0], scoring=neg_certified_distance)
+    assert path.score[0] == neg_certified_distance(path.models[0], *record)
+    with pytest.raises(TypeError, match="`scoring` must be a callable"):
+        gamma_path(estimator, *record, scoring="certified")
 
 
 @pytest.mark.parametrize("gammas", [[], [1.0, 0.0], [-1.0], 1.0])

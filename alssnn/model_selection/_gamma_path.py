@@ -47,6 +47,8 @@ class GammaPath:
         Largest modulus of the eigenvalues of A.
     seconds : ndarray of shape (n,)
         Duration of every fit, in seconds.
+    score : ndarray of shape (n,) or None, default=None
+        What `scoring` said of every model, the greater the better.
 
     Examples
     --------
@@ -65,9 +67,12 @@ class GammaPath:
     linearization_error: np.ndarray
     spectral_radius: np.ndarray
     seconds: np.ndarray
+    score: np.ndarray | None = None
 
     def knee(self):
-        """Return the index of the best trade-off.
+        """Return the index of the best trade-off of accuracy and linearity.
+
+        With a `score` its negative takes the place of the linearization error.
 
         Returns
         -------
@@ -81,7 +86,8 @@ class GammaPath:
         ValueError
             If no model of the path is stable on the test data.
         """
-        usable = np.isfinite(self.rmse_test) & np.isfinite(self.linearization_error)
+        nonlinear = self.linearization_error if self.score is None else -self.score
+        usable = np.isfinite(self.rmse_test) & np.isfinite(nonlinear)
         usable &= self.spectral_radius < 1
         if not usable.any():
             raise ValueError(
@@ -90,7 +96,7 @@ class GammaPath:
             )
         where = np.flatnonzero(usable)
         tiny = np.finfo(float).tiny
-        across = _unit(np.log(np.maximum(self.linearization_error[where], tiny)))
+        across = _unit(np.log(np.maximum(nonlinear[where], tiny)))
         down = _unit(np.log(np.maximum(self.rmse_test[where], tiny)))
         depth = 1.0 - across - down  # below the line from (0, 1) to (1, 0)
         if depth.max() <= 0:
@@ -114,12 +120,14 @@ class GammaPath:
         lines = [
             f"{'gamma':>10s}{'RMSE train':>12s}{'RMSE test':>12s}{'e/y, %':>9s}"
             f"{'radius':>9s}{'time, s':>9s}"
+            + ("" if self.score is None else f"{'score':>11s}")
         ]
         for i, gamma in enumerate(self.gammas):
             lines.append(
                 f"{gamma:10.4g}{self.rmse_train[i]:12.4g}{self.rmse_test[i]:12.4g}"
                 f"{100 * self.linearization_error[i]:9.3g}"
                 f"{self.spectral_radius[i]:9.4f}{self.seconds[i]:9.1f}"
+                + ("" if self.score is None else f"{self.score[i]:11.4g}")
                 + (" *" if i == knee else "")
             )
         return "\n".join(lines)
@@ -134,6 +142,7 @@ class GammaPath:
         """
         names = ("rmse_train", "rmse_test", "linearization_error", "spectral_radius")
         columns = {name: getattr(self, name) for name in (*names, "seconds")}
+        columns |= {} if self.score is None else {"score": self.score}
         return data_frame(columns, self.gammas, "gamma")
 
 
@@ -151,6 +160,7 @@ def gamma_path(
     *,
     experiment=None,
     test=None,
+    scoring=None,
     callback=None,
     n_jobs=None,
 ):
@@ -170,6 +180,10 @@ def gamma_path(
         Label of the experiment of every sample.
     test : Record or tuple or None, default=None
         Test data (u, y) or (u, y, experiment); None measures on the training data.
+    scoring : callable or None, default=None
+        A further figure of every model on the test data, the greater the better, called
+        as ``scoring(model, u, y, experiment)``, for example
+        `scorers.neg_certified_distance`: the knee is then chosen by what is proved.
     callback : callable or None, default=None
         Called as ``callback(gamma, model)`` after every fit.
     n_jobs : int or None, default=None
@@ -187,6 +201,8 @@ def gamma_path(
     ------
     ValueError
         If `gammas` is empty or not positive, or `test` no pair or triple.
+    TypeError
+        If `scoring` cannot be called.
 
     Notes
     -----
@@ -207,6 +223,11 @@ def gamma_path(
         raise ValueError(
             f"`gammas` must hold at least one positive weight, got {gammas.tolist()}. "
             "Leave g unpenalized by GrSsnn."
+        )
+    if not (scoring is None or callable(scoring)):
+        raise TypeError(
+            f"`scoring` must be a callable or None, got {scoring!r}. Take one of "
+            "`alssnn.scorers`."
         )
     gammas = np.sort(gammas)[::-1]
     test = (u, y, experiment) if test is None else tuple(test)
@@ -234,10 +255,10 @@ def gamma_path(
         models.append(copy.deepcopy(model).set_params(warm_start=False))
         if callback is not None:
             callback(float(gamma), models[-1])
-    calls = [(fitted, (u, y, experiment), test) for fitted in models]
+    calls = [(fitted, (u, y, experiment), test, scoring) for fitted in models]
     found = dict(finished(_measure, calls, n_jobs))
     measured = [found[i] for i in range(len(calls))]
-    records, rmse_train, rmse_test = zip(*measured, strict=True)
+    records, rmse_train, rmse_test, scores = zip(*measured, strict=True)
     return GammaPath(
         gammas=gammas,
         models=tuple(models),
@@ -246,14 +267,16 @@ def gamma_path(
         linearization_error=np.array([r.linearization_error.mean() for r in records]),
         spectral_radius=np.array([r.spectral_radius for r in records]),
         seconds=np.array(seconds),
+        score=None if scoring is None else np.array(scores, dtype=float),
     )
 
 
-def _measure(model, train, test):
-    """Return the linearity of a model on test data, and its errors on both."""
+def _measure(model, train, test, scoring):
+    """Return the linearity of a model on test data, its errors on both, its score."""
     with single_threaded():
         record = model.linearizability(*test)
-        return record, _error(model, train), _error(model, test)
+        score = np.nan if scoring is None else scoring(model, *test)
+        return record, _error(model, train), _error(model, test), score
 
 
 def _error(model, data):
