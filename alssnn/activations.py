@@ -97,9 +97,9 @@ class Activation:
         least, largest : ndarray
             Bounds of the derivative, of the same shape.
         """
-        if self.slope_range is None:
-            return tuple(np.full(np.shape(low), bound) for bound in self.slope)
-        return self.slope_range(low, high)
+        ranges = self.slope_range
+        found = self.slope if ranges is None else ranges(low, high)
+        return tuple(np.broadcast_to(bound, np.shape(low)) for bound in found)
 
     def expression(self, language, **blanks):
         """Return what computes the value in another language.

@@ -446,3 +446,19 @@ def test_units_change_no_bound(rng, unit):
     design = A, B / unit, C, D / unit
     same = local_certificate(scaled, design, [0.5 * unit], search=False)
     np.testing.assert_allclose(same.output_bounds, c.output_bounds, rtol=1e-6)
+
+
+def test_the_slopes_of_an_own_activation_may_be_one_number_for_all():
+    steep = Activation(
+        "steep",
+        lambda v: 2.0 * v,
+        lambda v, w: 2.0 + 0.0 * v,
+        slope=[2, 2],
+        bound=np.inf,
+        slope_range=lambda low, high: (2.0, 2.0),
+    )
+    low, high = np.array([-1.0, 0.5]), np.array([1.0, 0.5])
+    for activation in (steep, replace(steep, slope_range=None)):
+        np.testing.assert_array_equal(activation.slopes(low, high), np.full((2, 2), 2))
+    least, largest = chords(steep, np.zeros(2), low - 1, high + 1)
+    np.testing.assert_allclose([least, largest], 2.0)

@@ -5,12 +5,12 @@ has to be, and how far from the next, to be nearly independent of it.
 """
 
 from math import ceil
-from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
 
+from ..checks import is_count
 from ..region import independent_samples
 from ..simulation import outputs
 
@@ -425,19 +425,14 @@ def check_units(level, horizon, block, gap):
         raise ValueError(
             f"`level` must be between 0 and 1, got {level!r}. 0.9 is nine of ten."
         )
-    if block not in ("auto", "experiment") and not _is_count(block, 1):
+    if block not in ("auto", "experiment") and not is_count(block, 1):
         raise ValueError(
             "`block` must be 'auto', 'experiment' or a positive number of samples, "
             f"got {block!r}. Choose one."
         )
     for name, value, least in (("horizon", horizon, 1), ("gap", gap, 0)):
-        if value is not None and not _is_count(value, least):
+        if value is not None and not is_count(value, least):
             raise ValueError(
                 f"`{name}` must be an integer of at least {least} or None, got "
                 f"{value!r}. It counts samples."
             )
-
-
-def _is_count(value, least):
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    return whole and int(value) >= least
