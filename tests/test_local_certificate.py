@@ -462,3 +462,16 @@ def test_the_slopes_of_an_own_activation_may_be_one_number_for_all():
         np.testing.assert_array_equal(activation.slopes(low, high), np.full((2, 2), 2))
     least, largest = chords(steep, np.zeros(2), low - 1, high + 1)
     np.testing.assert_allclose([least, largest], 2.0)
+
+
+def test_odd_states_and_amplitudes(rng):
+    """A state that nothing moves has no width, and zeros are no amplitude."""
+    loop, design = small_loop(rng, nx=1, size=0.1)
+    Theta = np.insert(np.insert(loop.Theta, 1, 0.0, axis=0), 1, 0.0, axis=1)
+    still = Lure(Theta, 2, loop.nu, loop.nw, loop.sigma)
+    A, B, C, D = design
+    wide = np.diag([A[0, 0], 0.0]), np.vstack([B, 0 * B]), np.hstack([C, 0 * C]), D
+    c = local_certificate(still, wide, [1.0])
+    assert c.holds and c.verify() >= 0
+    with pytest.raises(ValueError, match="`amplitude` must be positive for an input"):
+        local_certificate(loop, design, [0.0])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from structures import declare
+from structures import STRUCTURES, declare
 
 from alssnn.certificates import certify_loop
 from alssnn.certificates._whole import _Wires, limit, whole_loop
@@ -212,6 +212,40 @@ def test_a_larger_basin_is_detected():
     assert replace(c, gain=replace(c.gain, gamma=0.9 * c.gain.gamma)).verify() < 0
     other = certify_loop(controlled("al", size=0.15), 0.1, noise=0.01, search=False)
     assert replace(c, gain=other.gain).verify() == -np.inf
+    wider = certify_loop(controlled("al", size=0.1), 0.12, noise=0.01, search=False)
+    assert wider.holds and replace(c, local=wider.local).verify() == -np.inf
+    further = replace(c.local, amplitude=2 * c.local.amplitude)
+    assert replace(c, local=further).verify() == -np.inf
+    negative = replace(c.gain, gamma=-c.gain.gamma)
+    assert replace(c, gain=negative).verify() == -np.inf
+    assert replace(c, proof=None).verify() == -np.inf
+    narrow = replace(c.local, z_high=0.5 * c.local.z_high)
+    assert replace(c, local=narrow).verify() == -np.inf
+
+
+def test_a_loop_that_rests_at_a_limit_has_no_gain():
+    controller = controlled("monotone", size=0.1)
+    own = controller.own
+    limits = {"u_min": own.v_offset + 0.05, "u_max": own.v_offset + 0.6}
+    parts = {"observer": controller.observer, **limits}
+    beyond = LinearizingController(own, controller.gain, **parts)
+    c = certify_loop(beyond, 0.01, noise=0.001, search=False)
+    assert not c.gain.holds and not c.rate.holds and np.isnan(c.basin).all()
+
+
+def test_a_grid_does_not_take_differences_for_neurons(monkeypatch):
+    """A plant of one state has two with its observer: few enough for a grid."""
+    monkeypatch.setitem(STRUCTURES, "scalar", ((1, 1, 1), {"n_h": 3, "n_g": 3}, "yg"))
+    controller = controlled("scalar", integrates=False, size=0.3)
+    c = certify_loop(controller, 0.5, noise=0.3)
+    assert c.holds and c.local.proof.cover.network.lure.nx == 2
+    assert c.local.proof.cover.network.twins and c.local.proof.cells == 0
+    sizes = c.local.amplitude
+    inputs = c.local.worst_input
+    assert np.all(np.abs(inputs) <= sizes)
+    Y, _ = run(controller, inputs[:, :1], inputs[:, 1:])
+    linear = forced(*whole_loop(controller).design, inputs)
+    assert np.all(np.abs(Y - linear) <= c.local.output_bounds)
 
 
 def test_a_gain_that_is_too_high_is_refused():

@@ -99,8 +99,10 @@ def error_gain(model, u, y, experiment=None, *, level=0.9, block="auto", gap=Non
 
     Notes
     -----
-    Noise of the record counts as an error of the model. Inputs that a controller makes
-    may be others than those of the records: of them a measured gain is no proof.
+    The error is driven by what u adds to the operating point; a loop that rests at
+    another u counts from there. Noise of the record counts as an error. Inputs that a
+    controller makes may be others than those of the records: of them a measured gain is
+    no proof.
 
     Costs one simulation of the records.
     """

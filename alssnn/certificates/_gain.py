@@ -228,19 +228,7 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
             f"and {lure.nw} neurons. Fit fewer states; late inputs are states, too."
         )
         return _none(lure, decay, "too large", reason)
-    # The linear part (all slopes 0) is one of the loops: its gain is the unit.
-    A, B = lure.M[: lure.nx, : lure.nx], lure.M[: lure.nx, lure.nx :]
-    C = lure.M[lure.nx :, : lure.nx]
-    unit = hinf_norm(A / decay, B / decay, C)
-    # a basis in which A contracts, for the sake of the solver
-    r = (decay + float(np.abs(np.linalg.eigvals(A)).max())) / 2
-    T = cholesky(solve_discrete_lyapunov((A / r).T, np.eye(len(A))))
-    stirred, passed = lure, hinf_norm(A / decay, np.linalg.inv(T) / decay, C)
-    least = NEARLY_ZERO * np.linalg.norm(T @ B, 2) * passed
-    if unit <= least:  # the inputs do not reach the outputs: small ones of all states
-        unit = least or passed or 1.0
-        stirred = _stirred(lure, unit / (passed or 1.0) * np.linalg.inv(T))
-    T *= max(np.linalg.norm(C @ np.linalg.inv(T), 2) / unit, 1e-6)
+    stirred, T, unit = _scaled(lure, decay)
     start = time.perf_counter()
     for n_solves, tol in enumerate(TOLERANCES, 1):
         try:
@@ -270,6 +258,24 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
             return GainCertificate(True, *numbers, "", lure, decay)
     reason = "The solver's multipliers fail the recomputation of the inequality."
     return _none(lure, decay, status, reason, seconds)
+
+
+def _scaled(lure, decay):
+    """Return the form whose gain is computed, a basis of the states, and a unit."""
+    # The linear part (all slopes 0) is one of the loops: its gain is the unit.
+    A, B = lure.M[: lure.nx, : lure.nx], lure.M[: lure.nx, lure.nx :]
+    C = lure.M[lure.nx :, : lure.nx]
+    unit = hinf_norm(A / decay, B / decay, C)
+    # a basis in which A contracts, for the sake of the solver
+    r = (decay + float(np.abs(np.linalg.eigvals(A)).max())) / 2
+    T = cholesky(solve_discrete_lyapunov((A / r).T, np.eye(len(A))))
+    stirred, passed = lure, hinf_norm(A / decay, np.linalg.inv(T) / decay, C)
+    least = NEARLY_ZERO * np.linalg.norm(T @ B, 2) * passed
+    if unit <= least:  # the inputs do not reach the outputs: small ones of all states
+        unit = least or passed or 1.0
+        stirred = _stirred(lure, unit / (passed or 1.0) * np.linalg.inv(T))
+    T *= max(np.linalg.norm(C @ np.linalg.inv(T), 2) / unit, 1e-6)
+    return stirred, T, unit
 
 
 def _stirred(lure, B):
@@ -472,7 +478,7 @@ def _smallest_gamma(lure, P, Lam, decay):
 def _margin(lure, P, Lam, gamma, decay):
     """Return the margin of (eq. slopes), -inf unless P > 0, Lam >= 0, gamma finite."""
     numbers = np.concatenate([P.ravel(), Lam, [gamma]])
-    if not np.isfinite(numbers).all() or np.any(Lam < 0):
+    if not np.isfinite(numbers).all() or np.any(Lam < 0) or gamma < 0:
         return -np.inf
     try:
         T = cholesky((P + P.T) / 2)  # P = T'T

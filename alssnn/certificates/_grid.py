@@ -31,6 +31,7 @@ PER_INPUT = 6  # cells of a state for each of an input
 MOST_STATES, MOST_INPUTS = 3, 2
 CHUNK = 20_000  # cells that are evaluated at once
 LONGEST = 1_000  # samples of the sum
+LEAST = 1e-9  # half width of the box, and what it is widened by
 TAIL = 1e-3  # of the first weight, at which the sum ends and what follows is bounded
 
 
@@ -73,7 +74,8 @@ class Grid:
         """
         lure = network.lure
         few = 0 < lure.nx <= MOST_STATES and lure.nu <= MOST_INPUTS and lure.nw
-        return bool(few and lure.nx == len(design.A) and not lure.implicit)
+        plain = not lure.implicit and not network.twins  # what `Network.over` knows
+        return bool(few and plain and lure.nx == len(design.A))
 
     @property
     def shape(self):
@@ -122,7 +124,9 @@ class Grid:
     def _reach(self):
         """Return images and remainders of all cells that can be reached from rest."""
         shape = np.array(self.shape)
-        low, width = self.box[0], (self.box[1] - self.box[0]) / shape
+        middle, half = self.box.mean(axis=0), np.ptp(self.box, axis=0) / 2
+        half = half * (1 + LEAST) + LEAST  # a state that nothing moves has no width
+        low, width = middle - half, 2 * half / shape
         reached, new = np.zeros((2, *shape), dtype=bool)
         new[tuple(np.clip(np.floor(-low / width), 0, shape - 1).astype(int))] = True
         found, size = [], np.ones(len(shape), dtype=int)

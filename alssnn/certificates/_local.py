@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_lyapunov
 
-from ._amplitudes import peaks_of, sizes_in_words
+from ._amplitudes import checked_sizes, peaks_of, sizes_in_words
 from ._cells import Network
 from ._covers import Affine, ByCells, ByNeurons, covers
 from ._grid import CELLS, Grid
@@ -132,7 +132,15 @@ class LocalCertificate:
         if not self.holds or self.proof is None:
             return -np.inf
         margin, bounds = self.proof.check()
-        return margin if np.all(bounds <= self.output_bounds * (1 + 1e-9)) else -np.inf
+        ranges = (self.x_low, self.x_high), (self.z_low, self.z_high)
+        proved = self.proof.range_of_states(), self.proof.channels()
+        is_said = np.array_equal(self.amplitude, self.proof.amplitude)
+        is_said &= bool(np.all(bounds <= self.output_bounds * (1 + 1e-9)))
+        for (low, high), found in zip(ranges, proved, strict=True):
+            slack = 1e-9 * np.maximum(np.abs(found).max(axis=0, initial=0.0), 1e-300)
+            is_said &= bool(np.all(low <= found[0] + slack))
+            is_said &= bool(np.all(high >= found[1] - slack))
+        return margin if is_said else -np.inf
 
     def __repr__(self):
         """Return the certificate as a few lines."""
@@ -165,6 +173,10 @@ class Proof:
         Linear design.
     scale : ndarray of shape (ny,)
         Units of the outputs.
+    amplitude : ndarray of shape (nr,)
+        Units of the inputs.
+    basis : ndarray of shape (nx, nx)
+        The states are ``basis @ x``.
     cells : int, default=0
         Cells of a grid that bounds the outputs, too; 0 for none.
     """
@@ -173,6 +185,8 @@ class Proof:
     region: np.ndarray
     design: Affine
     scale: np.ndarray
+    amplitude: np.ndarray
+    basis: np.ndarray
     cells: int = 0
 
     def check(self):
@@ -251,10 +265,17 @@ class Proof:
         return system.reach(np.hstack(parts)[ny:])
 
     def states(self):
-        """Return the range of the states, (2, nx)."""
+        """Return the range of the scaled states, (2, nx)."""
         system = self.cover.system(self.region)
         nx, n = len(system.A), system.B.shape[1] + len(system.radius)
         return system.reach(np.eye(nx, nx + n + 1))
+
+    def range_of_states(self):
+        """Return the range of the states in the basis of the loop, (2, nx)."""
+        states = self.states()
+        middle, radius = states.mean(axis=0), np.ptp(states, axis=0) / 2
+        middle, radius = self.basis @ middle, np.abs(self.basis) @ radius
+        return np.array([middle - radius, middle + radius])
 
 
 def distance(system, design):
@@ -334,7 +355,12 @@ def local_certificate(
     """
     start = time.perf_counter()
     ny = len(design[2])
-    amplitude = np.asarray(amplitude, dtype=float)
+    amplitude = checked_sizes("amplitude", amplitude, lure.nu, zero=True)
+    if not amplitude.any():
+        raise ValueError(
+            "`amplitude` must be positive for an input, got zeros. A loop without inputs "
+            "has no worst one."
+        )
     scale = np.ones(ny) if scale is None else np.asarray(scale, dtype=float)
     linear = peaks_of(design, amplitude)
     if isinstance(linear, str):
@@ -358,7 +384,7 @@ def local_certificate(
         if region is None:
             reasons.append(reason)
             continue
-        proof = Proof(cover, region, scaled, scale)
+        proof = Proof(cover, region, scaled, scale, amplitude, T)
         proofs.append((proof.check()[1], proof))
     if not proofs:
         return _none(lure, amplitude, lower, worst, peak, reasons[-1], start)
@@ -369,8 +395,7 @@ def local_certificate(
     if np.any(lower > bounds * (1 + 1e-9) + NOTHING * peak):  # never seen
         reason = "Numbers contradict each other: units or weights are extreme."
         return _none(lure, amplitude, lower, worst, peak, reason, start)
-    middle, radius = proof.states().mean(axis=0), np.ptp(proof.states(), axis=0) / 2
-    middle, radius = T @ middle, np.abs(T) @ radius
+    x_low, x_high = proof.range_of_states()
     low, high = proof.channels()
     return LocalCertificate(
         holds=True,
@@ -379,8 +404,8 @@ def local_certificate(
         lower_bounds=lower,
         worst_input=worst,
         design_peak=peak,
-        x_low=middle - radius,
-        x_high=middle + radius,
+        x_low=x_low,
+        x_high=x_high,
         z_low=low,
         z_high=high,
         method=proof.cover.name,

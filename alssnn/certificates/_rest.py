@@ -20,7 +20,8 @@ from ._cells import differences
 from ._whole import WholeLoop
 
 LONG = 5_000  # samples after which a loop without inputs should rest
-STILL = 1e-8  # of the width of the region: what moves so little rests
+STILL = 1e-10  # of the largest state: what moves so little rests
+ALIKE = 1e-9  # what neurons of one weight may see apart, relative
 
 
 def at_rest(loop):
@@ -33,18 +34,21 @@ def at_rest(loop):
 
     Returns
     -------
-    rest : ndarray of shape (nw,)
+    seen : ndarray of shape (nw,)
         Inputs of the neurons; of those with twins the difference.
-    moves : ndarray of shape (nx,)
-        How far the state still moves, from the origin, after some thousand samples.
+    x : ndarray of shape (nx,)
+        The state; nan if it still moves after some thousand samples.
     """
     lure, still = loop.lure, np.zeros((LONG, loop.lure.nu))
     with np.errstate(all="ignore"):  # a loop may diverge
-        X = simulate(lure, still, np.zeros(lure.nx))[-2:]
-        seen = lure.rows_v @ regressors(lure, X[-1:], still[-1:])[0]
+        X = simulate(lure, still, np.zeros(lure.nx))
+        width = np.abs(X).max(axis=0) + np.finfo(float).tiny
+        rests = np.all(np.abs(X[-1] - X[-2]) <= STILL * width)
+        x = X[-1] if rests else np.full(lure.nx, np.nan)
+        seen = lure.rows_v @ regressors(lure, x[None], still[-1:])[0]
     rest, paired = seen.copy(), loop.twins >= 0
     rest[paired] -= seen[loop.twins[paired]]
-    return rest, np.abs(X[1] - X[0])
+    return rest, x
 
 
 def from_rest(loop, n_free):
@@ -210,6 +214,8 @@ class LoopProof:
         Largest correction of the estimate, of an observer that has a gate.
     n_plant : int
         States of the plant.
+    x_rest : ndarray of shape (nX,)
+        Where the loop rests without inputs.
     """
 
     loop: WholeLoop
@@ -218,6 +224,7 @@ class LoopProof:
     n_free: int
     gate: np.ndarray | None
     n_plant: int
+    x_rest: np.ndarray
 
     @classmethod
     def of(cls, loop, local, controller):
@@ -238,15 +245,40 @@ class LoopProof:
             The proof, or why there is none.
         """
         own = controller.own
-        rest, moves = at_rest(loop)
-        if not np.all(moves <= STILL * (local.x_high - local.x_low)):
+        rest, x = at_rest(loop)
+        if np.isnan(x).any():
             return "Without inputs the loop does not come to rest."
+        paired = loop.twins >= 0
+        others = np.abs(rest[loop.twins[paired]])
+        if np.any(np.abs(rest[paired]) > ALIKE * (1 + others)):
+            return "Without inputs the loop rests at a limit of an actuator."
         sectors, reach = local.proof.sectors(loop.lure.sigma, rest)
         watches = loop.lure.nz > own.ny + own.nv
         gate = getattr(controller.observer, "largest_innovation", None)
         nr = own.ny if controller.tracks else own.nv
         gate = gate if watches else None
-        return cls(loop, sectors, reach, nr + own.nd, gate, own.nx)
+        return cls(loop, sectors, reach, nr + own.nd, gate, own.nx, x)
+
+    def is_of(self, local):
+        """Return whether the sectors are those of a region.
+
+        Parameters
+        ----------
+        local : LocalCertificate
+            Certificate of the region.
+
+        Returns
+        -------
+        is_of : bool
+            Whether they follow from it.
+        """
+        rest, x = at_rest(self.loop)
+        sectors, reach = local.proof.sectors(self.loop.lure.sigma, rest)
+        return (
+            np.array_equal(x, self.x_rest)
+            and np.array_equal(sectors, self.sectors)
+            and np.array_equal(reach, self.reach)
+        )
 
     def distance(self, error=None):
         """Return the form from references to y - y_design, and its sectors.

@@ -39,16 +39,17 @@ class LoopCertificate:
         Distance from the linear design, for all references and noises within
         ``local.amplitude``: references, measured disturbances, noise of each sensor.
     gain : GainCertificate
-        Gain in l2 from references and measured disturbances to y - y_design, from
-        rest, while the loop stays in the region of `local` and the plant differs from
-        the model by no more than `error`.
+        Gain in l2 from references and measured disturbances to y - y_design, while the
+        loop stays in the region of `local` and the plant differs from the model by no
+        more than `error`. It starts where it rests without inputs (`x_rest`), and y and
+        u count from there.
     rate : GainCertificate
         Certificate of the rate ``rate.decay`` per sample at which the loop comes to
         rest while its inputs are zero, in the norm of ``rate.P``.
     basin : ndarray of shape (nx, nx)
-        The loop comes to rest from all states with ``x' basin x <= 1``, deviations in
-        the basis of `A_`, where observer and plant start alike and integrators are at
-        rest. Zeros where nothing limits them; nan if none is proved.
+        The loop comes to rest from all states with ``x' basin x <= 1``, where x counts
+        from `x_rest`, in the basis of `A_`, observer and plant start alike, and
+        integrators are at rest. Zeros where nothing limits them; nan if none is proved.
     u_low, u_high : ndarray of shape (nv,)
         Proved range of u, in its units.
     reaches_limits : ndarray of bool, shape (nv,)
@@ -87,6 +88,12 @@ class LoopCertificate:
         return self.local.holds
 
     @property
+    def x_rest(self):
+        """Return where the plant rests without inputs, a deviation, shape (nx,)."""
+        n = len(self.basin)
+        return np.full(n, np.nan) if self.proof is None else self.proof.x_rest[:n]
+
+    @property
     def decay(self):
         """Return the proved rate per sample, 1 if there is none below."""
         return self.rate.decay
@@ -104,21 +111,23 @@ class LoopCertificate:
         margin : float
             The smallest of the margins; not negative if and only if all are valid.
         """
-        margin = self.local.verify()
-        if self.proof is None or not (self.gain.holds or self.rate.holds):
-            return margin
+        margin, proof = self.local.verify(), self.proof
+        if proof is None:  # then nothing but the region can be valid
+            return -np.inf if self.gain.holds or self.rate.holds else margin
         found = [margin]
+        if not (self.local.holds and proof.is_of(self.local)):
+            return -np.inf
         for certificate, form, sectors in (
-            (self.gain, *self.proof.distance(self.error)),
-            (self.rate, *self.proof.deviations()),
+            (self.gain, *proof.distance(self.error)),
+            (self.rate, *proof.deviations()),
         ):
             if certificate.holds:
                 is_same = certificate.is_of(form, sectors)
                 found.append(certificate.verify() if is_same else -np.inf)
-        if self.rate.holds and not np.isnan(self.basin).any():
-            proved = self.proof.basin(self.rate.P)
-            is_inside = np.linalg.eigvalsh(self.basin - proved * (1 - 1e-9))[0]
-            found.append(0.0 if is_inside >= -1e-9 * np.abs(proved).max() else -np.inf)
+        if not np.isnan(self.basin).all():
+            proved = proof.basin(self.rate.P) if self.rate.holds else np.inf
+            is_same = np.allclose(self.basin, proved, rtol=1e-6, atol=0)
+            found.append(0.0 if is_same else -np.inf)
         return float(min(found))
 
     def __repr__(self):
@@ -150,7 +159,7 @@ class LoopCertificate:
                 f", for every plant with |y_plant - y_model| <= {plain(self.error)} |u|"
                 f" (proved up to {self.largest_error:.3g} times that)"
             )
-        return f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2{near}"
+        return f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2, from rest{near}"
 
     def _of_rate(self):
         at = f" at {self.decay:.4g} per sample" if self.decay < 1 else ""
@@ -219,6 +228,9 @@ def certify_loop(controller, amplitude=None, *, noise=None, error=None, search=T
     local, proof, gain, tried = max(tries, key=lambda one: (one[0].holds, one[2].holds))
     if search:
         local = _gated(_local(loop, tried, own, search=True), controller)
+        if not local.holds:  # the search has found more
+            proof = local.reason
+            gain = _gain(proof, error)
     references = (
         own.outputs if controller.tracks else [own.inputs[i] for i in own.moved]
     )

@@ -1,6 +1,7 @@
 """`alssnn export`: a saved model for other languages."""
 
 from pathlib import Path
+from typing import Any
 
 from ._arguments import (
     add_command,
@@ -54,6 +55,40 @@ examples:
 """
 
 
+OPTIONS: dict[str, dict[str, Any]] = {  # that not every target has
+    "gate": {
+        "type": float,
+        "metavar": "SIGMA",
+        "help": "largest innovation of the observer, in standard deviations: spikes of "
+        "a sensor count as this (default: 100)",
+    },
+    "no-observer": {"action": "store_true", "help": "leave the observer out"},
+    "prefix": {
+        "metavar": "NAME",
+        "help": "begins the names of files, functions and blocks (default: plant)",
+    },
+    "dtype": {
+        "choices": ["double", "float"],
+        "help": "type of all numbers (default: double)",
+    },
+    "layout": {
+        "choices": ["flat", "arduino"],
+        "help": "all files in one folder, or a library of the Arduino IDE and "
+        "PlatformIO with an example sketch (default: flat)",
+    },
+    "both": {
+        "action": "store_true",
+        "help": "with --gain: the loop of model and controller",
+    },
+    "fmi": {"choices": ["3.0", "2.0"], "help": "version of the FMU (default: 3.0)"},
+    "units": {
+        "nargs": "+",
+        "metavar": "NAME=UNIT",
+        "help": "units of signals, such as speed=rad/s",
+    },
+}
+
+
 def add(commands):
     """Add the command.
 
@@ -87,52 +122,8 @@ def add(commands):
     )
     add_overwrite(parser)
     add_limits(parser)
-    add_option(
-        parser,
-        "gate",
-        type=float,
-        metavar="SIGMA",
-        help="largest innovation of the observer, in standard deviations: spikes of a "
-        "sensor count as this (default: 100)",
-    )
-    add_option(
-        parser, "no-observer", action="store_true", help="leave the observer out"
-    )
-    add_option(
-        parser,
-        "prefix",
-        metavar="NAME",
-        help="begins the names of files, functions and blocks (default: plant)",
-    )
-    add_option(
-        parser,
-        "dtype",
-        choices=["double", "float"],
-        help="type of all numbers (default: double)",
-    )
-    add_option(
-        parser,
-        "layout",
-        choices=["flat", "arduino"],
-        help="all files in one folder, or a library of the Arduino IDE and PlatformIO "
-        "with an example sketch (default: flat)",
-    )
-    add_option(
-        parser,
-        "both",
-        action="store_true",
-        help="with --gain: the loop of model and controller",
-    )
-    add_option(
-        parser, "fmi", choices=["3.0", "2.0"], help="version of the FMU (default: 3.0)"
-    )
-    add_option(
-        parser,
-        "units",
-        nargs="+",
-        metavar="NAME=UNIT",
-        help="units of signals, such as speed=rad/s",
-    )
+    for name, options in OPTIONS.items():
+        add_option(parser, name, **options)
 
 
 def add_option(parser, name, help, **options):
