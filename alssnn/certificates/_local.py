@@ -358,8 +358,8 @@ def local_certificate(
     amplitude = checked_sizes("amplitude", amplitude, lure.nu, zero=True)
     if not amplitude.any():
         raise ValueError(
-            "`amplitude` must be positive for an input, got zeros. A loop without inputs "
-            "has no worst one."
+            "`amplitude` must be positive for an input, got zeros. With no input there "
+            "is no worst one."
         )
     scale = np.ones(ny) if scale is None else np.asarray(scale, dtype=float)
     linear = peaks_of(design, amplitude)
