@@ -215,8 +215,14 @@ def test_solver_breakdown(monkeypatch):
 
 
 def test_interior_points_break_down(monkeypatch):
+    loop = linear_lure(*(np.array([[z]]) for z in (0.5, 1.0, 1.0)))
+    best = gain_certificate(loop)
     monkeypatch.setattr("alssnn.certificates._interior.STEPS", 3)
-    c = gain_certificate(linear_lure(*(np.array([[z]]) for z in (0.5, 1.0, 1.0))))
+    c = gain_certificate(loop)  # ends at a point that is valid, if not the best
+    assert c.holds and c.verify() > 0 and c.status == "stopped early: too many steps"
+    assert c.gamma > best.gamma
+    monkeypatch.setattr("alssnn.certificates._interior.STEPS", 0)
+    c = gain_certificate(loop)
     assert not c.holds and c.status == "error" and np.isinf(c.gamma)
     assert "broke down" in c.reason
     assert repr(c).startswith("GainCertificate: undecided. The interior-point")

@@ -784,7 +784,7 @@ def test_initial_states_at_rest(data, cls):
             model.predict(u, labels, x0="training"), model.predict(u, labels, x0="rest")
         )
     free = model.parameter_covariance(u, y, labels)
-    estimated = model.set_params(initial_state="estimate")
+    estimated = clone(model).set_params(initial_state="estimate").fit(u, y, labels)
     known = free.n_effective
     assert known < estimated.parameter_covariance(u, y, labels).n_effective
 
