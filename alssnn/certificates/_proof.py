@@ -1,4 +1,4 @@
-"""What a local certificate rests on: a region, and a system that has its trajectories."""
+"""What a local certificate rests on: a region, and the system that bounds it."""
 
 from dataclasses import dataclass
 
