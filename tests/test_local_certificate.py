@@ -475,3 +475,6 @@ def test_odd_states_and_amplitudes(rng):
     assert c.holds and c.verify() >= 0
     with pytest.raises(ValueError, match="`amplitude` must be positive for an input"):
         local_certificate(loop, design, [0.0])
+    for wrong in (-1, 0.5, np.nan, None):
+        with pytest.raises(ValueError, match="`cells` must be an integer"):
+            local_certificate(loop, design, [1.0], cells=wrong)

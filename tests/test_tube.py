@@ -348,6 +348,17 @@ def test_the_gain_of_a_known_error(rng):
     assert error.gain.shape == (1, 1) and error.n_blocks >= 9
     assert error.gain[0, 0] == pytest.approx(0.1, rel=0.1)
     assert f"{error.n_blocks} that were used" in repr(error)
+    still = np.full((500, 1), model.u_offset_[0])
+    lost = np.full((500, 1), np.nan)
+    units = (
+        [u[:500], u[500:1000], still, u[:500]],
+        [y[:500], y[500:1000], y[:500], lost],
+    )
+    some = error_gain(model, *units, block="experiment", level=0.5)
+    assert (
+        some.n_blocks == 2 and np.isfinite(some.gain).all()
+    )  # the others tell nothing
+    assert "No input leaves" in repr(error_gain(model, [still] * 9, [y[:500]] * 9))
     few = error_gain(model, u[:300], y[:300], block=100)
     assert np.isinf(few.gain).all() and "too few" in repr(few)
     with pytest.raises(ValueError, match="`level` must be between 0 and 1"):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._tube_bound import plain
+from ._tube_bound import in_words
 from ._units import (
     check_units,
     conformal_quantile,
@@ -32,7 +32,7 @@ class ErrorGain:
     level : float
         Share of units like these that keep it.
     n_blocks : int
-        Units of the calibration.
+        Units of the calibration, those in which an input moves.
     block : int or None
         Samples of a unit; None means whole experiments.
     reason : str
@@ -62,7 +62,7 @@ class ErrorGain:
             "experiments" if self.block is None else f"blocks of {self.block} samples"
         )
         return (
-            f"ErrorGain: |y_plant - y_model| <= {plain(self.gain)} |u| in l2 in "
+            f"ErrorGain: |y_plant - y_model| <= {in_words(self.gain)} |u| in l2 in "
             f"{self.level:.4g} of future {unit} like the {self.n_blocks} that were used"
         )
 
@@ -120,15 +120,23 @@ def error_gain(model, u, y, experiment=None, *, level=0.9, block="auto", gap=Non
         level=float(level),
         n_blocks=int(n.min(initial=len(scores))),
         block=length,
-        reason=no_quantile(quantile, n, level, length),
+        reason=_still(runs, plant) or no_quantile(quantile, n, level, length),
     )
 
 
 def _ratio(unit, plant):
     """Return the size of the error of every output over that of all inputs, scaled."""
+    missing = np.isnan(unit.y)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        e = np.sqrt(np.nanmean((unit.y - unit.y_hat) ** 2, axis=0))
+        e = np.where(missing, 0.0, unit.y - unit.y_hat)
+        e = np.sqrt(np.sum(e**2, axis=0) / np.maximum((~missing).sum(axis=0), 1))
         u = (unit.u - plant.u_offset)[:, plant.moved] / plant.v_scale
         ratio = e / np.sqrt(np.mean(np.sum(u**2, axis=1)))
-    known = ~np.isnan(unit.y).all(axis=0)
-    return np.where(np.isfinite(ratio), ratio, np.where(known, np.inf, np.nan))
+    ratio[~np.isfinite(ratio)] = np.inf  # a simulation that diverges
+    return np.where(missing.all(axis=0) | ~np.any(u), np.nan, ratio)
+
+
+def _still(runs, plant):
+    """Return that no input moves, if so: units without a motion tell nothing."""
+    moved = (np.any((run.u != plant.u_offset)[:, plant.moved]) for run in runs)
+    return "" if any(moved) else "No input leaves the operating point. Move the plant."

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
+from ..checks import is_count
 from ._amplitudes import checked_sizes, peaks_of, sizes_in_words
 from ._cells import Network
 from ._covers import Affine, covers
@@ -208,6 +209,11 @@ def local_certificate(
     """
     start = time.perf_counter()
     ny = len(design[2])
+    if not is_count(cells, 0):
+        raise ValueError(
+            f"`cells` must be an integer of at least 0, got {cells!r}. 0 leaves out the "
+            "grid."
+        )
     amplitude = checked_sizes("amplitude", amplitude, lure.nu, zero=True)
     if not amplitude.any():
         raise ValueError(

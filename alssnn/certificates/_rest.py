@@ -21,16 +21,19 @@ from ._whole import WholeLoop
 
 LONG = 5_000  # samples after which a loop without inputs should rest
 STILL = 1e-10  # of the largest state: what moves so little rests
+SAME = 1e-7  # relative: what is recomputed, perhaps on another machine
 ALIKE = 1e-9  # what neurons of one weight may see apart, relative
 
 
-def at_rest(loop):
+def at_rest(loop, extent=0.0):
     """Return what the neurons of a loop see where it rests without inputs.
 
     Parameters
     ----------
     loop : WholeLoop
         The loop.
+    extent : float or ndarray of shape (nx,), default=0.0
+        Sizes of the states, against which rounding is no motion.
 
     Returns
     -------
@@ -42,7 +45,7 @@ def at_rest(loop):
     lure, still = loop.lure, np.zeros((LONG, loop.lure.nu))
     with np.errstate(all="ignore"):  # a loop may diverge
         X = simulate(lure, still, np.zeros(lure.nx))
-        width = np.abs(X).max(axis=0) + np.finfo(float).tiny
+        width = np.abs(X).max(axis=0) + extent
         rests = np.all(np.abs(X[-1] - X[-2]) <= STILL * width)
         x = X[-1] if rests else np.full(lure.nx, np.nan)
         seen = lure.rows_v @ regressors(lure, x[None], still[-1:])[0]
@@ -245,7 +248,7 @@ class LoopProof:
             The proof, or why there is none.
         """
         own = controller.own
-        rest, x = at_rest(loop)
+        rest, x = at_rest(loop, local.x_high - local.x_low)
         if np.isnan(x).any():
             return "Without inputs the loop does not come to rest."
         paired = loop.twins >= 0
@@ -272,12 +275,14 @@ class LoopProof:
         is_of : bool
             Whether they follow from it.
         """
-        rest, x = at_rest(self.loop)
+        extent = local.x_high - local.x_low
+        rest, x = at_rest(self.loop, extent)
         sectors, reach = local.proof.sectors(self.loop.lure.sigma, rest)
+        # the last digits are those of a machine
         return (
-            np.array_equal(x, self.x_rest)
-            and np.array_equal(sectors, self.sectors)
-            and np.array_equal(reach, self.reach)
+            bool(np.all(np.abs(x - self.x_rest) <= SAME * (np.abs(x) + extent)))
+            and np.allclose(sectors, self.sectors, rtol=SAME, atol=SAME)
+            and np.allclose(reach, self.reach, rtol=SAME, atol=SAME)
         )
 
     def distance(self, error=None):

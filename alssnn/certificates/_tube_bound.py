@@ -94,3 +94,20 @@ def plain(values):
     """
     texts = [f"{value:.4g}" for value in np.ravel(values)]
     return texts[0] if len(set(texts)) == 1 else f"[{', '.join(texts)}]"
+
+
+def in_words(gain):
+    """Return a matrix of gains as text, row by row.
+
+    Parameters
+    ----------
+    gain : ndarray of shape (ny, nv)
+        Gains from every input to every output.
+
+    Returns
+    -------
+    text : str
+        A number if there is one, else a list for every output.
+    """
+    rows = ["[" + ", ".join(f"{value:.4g}" for value in row) + "]" for row in gain]
+    return f"{gain[0, 0]:.4g}" if gain.size == 1 else f"[{', '.join(rows)}]"

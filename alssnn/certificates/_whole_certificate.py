@@ -19,7 +19,7 @@ from ._gain import GainCertificate, gain_certificate
 from ._grid import CELLS
 from ._local import LocalCertificate, local_certificate
 from ._rest import LoopProof
-from ._tube_bound import plain
+from ._tube_bound import in_words, plain
 from ._whole import whole_loop
 
 DEVIATIONS = 3.0  # of the residual of the fit, the noise that is allowed for
@@ -126,7 +126,8 @@ class LoopCertificate:
                 found.append(certificate.verify() if is_same else -np.inf)
         if not np.isnan(self.basin).all():
             proved = proof.basin(self.rate.P) if self.rate.holds else np.inf
-            is_same = np.allclose(self.basin, proved, rtol=1e-6, atol=0)
+            slack = 1e-9 * float(np.max(np.abs(self.basin)))
+            is_same = np.allclose(self.basin, proved, rtol=1e-6, atol=slack)
             found.append(0.0 if is_same else -np.inf)
         return float(min(found))
 
@@ -151,12 +152,14 @@ class LoopCertificate:
     def _of_gain(self):
         near = ""
         if not self.gain.holds:
+            if self.error is not None and np.isfinite(self.largest_error):
+                near = " The `error` is too large for this loop."
             if self.largest_error > 0:
                 near = f" It holds for {self.largest_error:.3g} times this `error`."
             return f"no gain was proved. {self.gain.reason}{near}"
         if self.error is not None:
             near = (
-                f", for every plant with |y_plant - y_model| <= {plain(self.error)} |u|"
+                f", for every plant with |y_plant - y_model| <= {in_words(self.error)} |u|"
                 f" (proved up to {self.largest_error:.3g} times that)"
             )
         return f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2, from rest{near}"
@@ -343,9 +346,10 @@ def _error(own, error):
     except (TypeError, ValueError):
         gain = np.full(shape, np.nan)
     if not np.isfinite(gain).all() or np.any(gain < 0):
+        remedy = " Take `certificates.error_gain`, or None."
         raise ValueError(
             f"`error` must be at least 0 and finite, one number or of shape {shape}, "
-            f"got {error!r}. Take `certificates.error_gain`, or None."
+            f"got {error!r}{'' if isinstance(error, ErrorGain) else '.' + remedy}"
         )
     return gain.copy() if np.any(gain) else None
 
