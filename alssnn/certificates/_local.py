@@ -211,8 +211,8 @@ def local_certificate(
     ny = len(design[2])
     if not is_count(cells, 0):
         raise ValueError(
-            f"`cells` must be an integer of at least 0, got {cells!r}. 0 leaves out the "
-            "grid."
+            f"`cells` must be an integer of at least 0, got {cells!r}. 0 leaves out "
+            "the grid."
         )
     amplitude = checked_sizes("amplitude", amplitude, lure.nu, zero=True)
     if not amplitude.any():

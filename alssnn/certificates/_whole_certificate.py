@@ -158,8 +158,9 @@ class LoopCertificate:
                 near = f" It holds for {self.largest_error:.3g} times this `error`."
             return f"no gain was proved. {self.gain.reason}{near}"
         if self.error is not None:
+            size = in_words(self.error)
             near = (
-                f", for every plant with |y_plant - y_model| <= {in_words(self.error)} |u|"
+                f", for every plant with |y_plant - y_model| <= {size} |u|"
                 f" (proved up to {self.largest_error:.3g} times that)"
             )
         return f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2, from rest{near}"
