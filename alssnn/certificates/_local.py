@@ -236,18 +236,10 @@ def local_certificate(
     if steep:
         reason = f"The activation {steep[0]!r} has no bounded slope."
         return _none(lure, amplitude, lower, worst, peak, reason, start)
-    proofs, reasons = [], []
     network, scaled, T = _scaled(lure, design, amplitude, scale, twins, watched)
-    for cover in covers(network, scaled):
-        region, reason = _invariant(cover)
-        if region is None:
-            reasons.append(reason)
-            continue
-        proof = Proof(cover, region, scaled, scale, amplitude, T)
-        proofs.append((proof.check()[1], proof))
-    if not proofs:
-        return _none(lure, amplitude, lower, worst, peak, reasons[-1], start)
-    bounds, proof = min(proofs, key=lambda found: np.max(found[0] / scale))
+    bounds, proof = _least(network, scaled, scale, amplitude, T)
+    if proof is None:
+        return _none(lure, amplitude, lower, worst, peak, bounds, start)
     if cells and Grid.suits(network, scaled):
         proof = replace(proof, cells=int(cells))
         bounds = proof.check()[1]
@@ -272,6 +264,19 @@ def local_certificate(
         solve_time=time.perf_counter() - start,
         proof=proof,
     )
+
+
+def _least(network, scaled, scale, amplitude, T):
+    """Return the least bounds that a cover proves and its proof, or why none does."""
+    proofs, reason = [], ""
+    for cover in covers(network, scaled):
+        region, reason = _invariant(cover)
+        if region is not None:
+            proof = Proof(cover, region, scaled, scale, amplitude, T)
+            proofs.append((proof.check()[1], proof))
+    if not proofs:
+        return reason, None
+    return min(proofs, key=lambda found: np.max(found[0] / scale))
 
 
 def _scaled(lure, design, amplitude, scale, twins=(), watched=0):
