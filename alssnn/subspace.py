@@ -256,7 +256,8 @@ def _search(experiments, model, n_jobs):
 def _candidate_horizons(experiments, nx):
     """Return the horizons to try, ascending: within reach of record and order."""
     nu, ny = (signal.shape[1] for signal in experiments[0])
-    longest = max(len(u) for u, _ in experiments)
+    lengths = np.array([len(u) for u, _ in experiments])
+    longest = lengths.max()
     lowest = max(2, -(-nx // ny) + 1)  # Gamma without its last block has rank nx
     samples = 2 * lowest + nx
     if longest < samples:
@@ -265,7 +266,10 @@ def _candidate_horizons(experiments, nx):
             f"nx={nx}, got {longest}. Use a longer record or a smaller `nx`."
         )
     # more columns than rows in H, or else U_f leaves nothing of the past
-    highest = (longest + 1) // (2 * (nu + ny) + 2)
+    highest = sum(
+        np.maximum(lengths - 2 * horizon + 1, 0).sum() >= 2 * horizon * (nu + ny)
+        for horizon in range(1, max(HORIZONS) + 1)
+    )
     return sorted({max(lowest, min(horizon, highest)) for horizon in HORIZONS})
 
 
@@ -280,11 +284,12 @@ def largest_order(experiments):
     Returns
     -------
     nx : int
-        At least 1; the parameters of a model of this order are a tenth of the samples.
+        At least 1; the parameters of a model of this order, with the initial states of
+        further experiments, are a tenth of the samples.
     """
     nu, ny = (signal.shape[1] for signal in experiments[0])
-    longest = max(len(u) for u, _ in experiments)
-    return max(1, longest // (10 * (nu + ny)))
+    n_samples, more = sum(len(u) for u, _ in experiments), len(experiments) - 1
+    return max(1, n_samples // (10 * (nu + ny + more)))
 
 
 def without_gaps(experiments):

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import FlSsnn, LinearStateSpace
@@ -123,6 +124,19 @@ def test_records_limit_the_order(rng):
     assert largest_order([(u, y)]) == 2
     assert max(compare_orders([(u, y)], None).errors) <= 2
     assert largest_order([(u[:9], y[:9])]) == 1
+
+
+def test_all_experiments_together_limit_the_order(rng):
+    # each alone would allow 60 // (10 * 2) = 3 states
+    poles = np.array([0.95, 0.85 * np.exp(0.6j), 0.9 * np.exp(1.5j)])
+    b = np.poly([0.3, -0.5, 0.6, -0.2])
+    a = np.poly(np.concatenate([poles, poles[1:].conj()])).real
+    u = rng.standard_normal((20, 60, 1))
+    pairs = [(one, lfilter(np.append(0, b), a, one, axis=0)) for one in u]
+    assert largest_order(pairs) == 1200 // (10 * (2 + 19))
+    assert compare_orders(pairs, None).nx == 5
+    # every experiment has an initial state of its own
+    assert largest_order(pairs * 50) == 60_000 // (10 * (2 + 999))
 
 
 def test_a_comparison_ends_with_its_watch(rng):
