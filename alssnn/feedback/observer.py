@@ -21,8 +21,9 @@ import control
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..checks import as_numbers
 from ..plants import as_plant
-from .checks import as_numbers, check_gate, check_point, check_weight
+from .checks import check_gate, check_point, check_weight
 from .export import signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
