@@ -1,5 +1,6 @@
-"""Checks of arguments that what comes before a model shares."""
+"""Checks of arguments that several packages share."""
 
+import reprlib
 from numbers import Integral, Real
 
 import numpy as np
@@ -70,6 +71,38 @@ def count(name, value, smallest=1):
             f"`{name}` must be an integer of at least {smallest}, got {value!r}."
         )
     return int(value)
+
+
+def as_numbers(name, value):
+    """Return an array of real numbers.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like
+        The argument.
+
+    Returns
+    -------
+    value : ndarray of float
+        The numbers; nan and inf are left to the caller.
+
+    Raises
+    ------
+    ValueError
+        If they are none.
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in "biufO":  # text is no number, even if it reads as one
+            return given.astype(float)
+    except (TypeError, ValueError, OverflowError):  # ragged, or other objects
+        pass
+    raise ValueError(
+        f"`{name}` must be real numbers, got {type(value).__name__} "
+        f"{reprlib.repr(value)}. Give a number or an array of them."
+    )
 
 
 def sampling_time(dt):

@@ -1,5 +1,6 @@
 """Fitted models side by side, on one record: a table and a figure."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -251,6 +252,14 @@ def _named(models):
     """Return models by name."""
     if hasattr(models, "predict"):
         models = [models]
+    held = models.values() if isinstance(models, dict) else models
+    held = list(held) if isinstance(held, Iterable) else [held]
+    strange = [type(z).__name__ for z in held if not hasattr(z, "predict")]
+    if strange:
+        raise TypeError(
+            f"`models` must be fitted models, or a dict of them, got {strange[0]}. "
+            "Give what `fit` returns."
+        )
     if not isinstance(models, dict):
         named: dict[str, Any] = {}
         for model in models:

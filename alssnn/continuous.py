@@ -423,7 +423,7 @@ def converted(structure, p, hold="zoh"):
         gain = size / np.expm1(size)
     else:
         gain = np.exp(-logarithm)
-    gain = np.where(is_alternating(values), logarithm / (values - 1), gain)
+    np.divide(logarithm, values - 1, out=gain, where=is_alternating(values))
     inverse = np.linalg.inv(vectors)
     gain, A = (np.real(vectors * modes @ inverse) for modes in (gain, logarithm))
     changed = {name: gain @ p[name] for name in leading(structure) if name in p}

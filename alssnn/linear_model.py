@@ -456,7 +456,7 @@ def _state_covariance(model, experiments):
     lure = structure.lure(structure.join(vars(model)))
     count, total, square = 0, 0.0, 0.0
     for (u, _), x0 in zip(experiments, model.x0, strict=True):
-        for _, _, X in trajectory(lure, u, x0):
+        for _, _, X in trajectory(lure, u, x0, size=np.inf):
             count += len(X) - 1
             total = total + X[:-1].sum(axis=0)
             square = square + X[:-1].T @ X[:-1]

@@ -11,12 +11,9 @@ their operating point,
 What is linear is linear from v, x+ = A x + B dv + omega and y = C x + D dv + eta with
 dv = v - v_offset; omega and eta are what the linear model lacks, whatever equation the
 plant was declared by.  The law solves v = phi(u, s) for u.
-
 Measured disturbances d are none of v: they add G dd and H dd, and the law measures them
-beside s (eq. disturbance).
-Inputs that arrive late carry their past as further states, behind those of the model
-(`late`); a plant whose delays still stand beside it refuses to be stepped or closed, so
-that nobody forgets them.
+beside s (eq. disturbance).  Inputs that arrive late carry their past as further states
+(`late`); a plant whose delays still stand beside it refuses to be stepped or closed.
 """
 
 from dataclasses import dataclass, field, replace
@@ -189,8 +186,7 @@ class Plant(Signals):
         -------
         plant : Plant
             The plant with sum(delay) more states: for each input its last values,
-            oldest first. Its input is what is sent now, and so is its v: what h would
-            cancel has been sent already. The plant itself without delay.
+            oldest first. Its u and v are what is sent now. Itself without delay.
         """
         n = int(np.sum(self.delay))
         if n == 0:
@@ -203,6 +199,7 @@ class Plant(Signals):
             rates=None,
             form=forms.late_inputs(form, self.delay, self.moved),
             delay=np.zeros_like(self.delay),
+            x_scale=np.append(self.x_scale, np.repeat(self.u_scale, self.delay)),
             n_late=n,
         )
 
@@ -228,7 +225,9 @@ class Plant(Signals):
             If `kind` is unknown.
         """
         form = forms.disturbed(self.lure, kind, self.moved)
-        return replace(self, rates=None, form=form, K=self.gain_with(kind), drift=None)
+        size = {"output": self.y_scale, "input": self.v_scale}[kind]
+        parts = {"K": self.gain_with(kind), "x_scale": np.append(self.x_scale, size)}
+        return replace(self, rates=None, form=form, drift=None, **parts)
 
     def close(self):
         """Return the loop u = phi^-1(v, s), whatever makes v (eq. loop).

@@ -17,6 +17,8 @@ import numpy as np
 
 from .experiments import chunks
 
+EXTREME = 1e30  # size of signals from which products of some of them overflow
+
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
@@ -113,14 +115,15 @@ class Scaling:
                     operating_point, (nu, ny), "uy", strict=True
                 )
             )
-        usable = np.isfinite(u_std) & (u_std > 0)
-        if not usable.all() or not np.isfinite(y_std).all():
-            raise ValueError(
-                "`u` and `y` must be in units in which their squares are numbers, got "
-                f"standard deviations {u_std} and {y_std}. Rescale them."
-            )
         # a constant output needs no scale: it is predicted by its offset
         still = ~_moves(y_low, y_high)
+        sizes = np.append(u_std, y_std[~still])
+        if not np.all((sizes > 1 / EXTREME) & (sizes < EXTREME)):  # nor is nan
+            raise ValueError(
+                "`u` and `y` must be in units in which their squares are numbers, with "
+                f"standard deviations from {1 / EXTREME:g} to {EXTREME:g}, got {u_std} "
+                f"and {y_std}. Rescale them."
+            )
         if still.any():
             warnings.warn(
                 f"`y` does not move in column {_columns(still)}, which is predicted by "

@@ -1,9 +1,8 @@
 """Simulation and sensitivities of a Lur'e form: the only loops over time.
 
 `simulate` runs  x+ = M_x [x; u] + W_x w + c_x,  w = sigma(V [x; u] + E w + b)  from x0.
-Everything that depends on u alone is computed in bulk, so that one step costs two
-small matrix-vector products.  The step loop is plain NumPy; when numba is
-installed (extra `fast`) a twin is compiled.
+What depends on u alone is computed in bulk, so that one step costs two small products.
+The step loop is plain NumPy; with numba (extra `fast`) a twin is compiled.
 
 `sensitivities` differentiates the channels along the trajectory (eq. sens)
 
@@ -12,15 +11,13 @@ installed (extra `fast`) a twin is compiled.
     J  = H S + D,    H = dz/dx,   G, D = direct derivatives (`structures`)
 
 for S = d x / d (theta, x0).  It works through the record in chunks that fit the
-cache and hands out J chunk by chunk; inputs are only ever sliced, so that a record may
-live on disk.  Nothing here grows with the record but what `simulate` returns.
+cache and hands out J chunk by chunk; inputs are only sliced: a record may live on disk.
+Only what `simulate` returns grows with the record.
 
-A form of many layers, such as one that samples a derivative (eq. rk4), has a long E
-that is nearly empty.  There W R goes through a list of the weights that are not zero
-(`kernels.back_propagate`), for as many samples at a time as fit the cache.
+A form of many layers, as one that samples a derivative (eq. rk4), has a long E, nearly
+empty: W R then goes through a list of its weights (`kernels.back_propagate`).
 
-Neither function knows what the channels mean or how they are weighted beyond one
-factor per channel; that is the matter of `criterion`.
+Neither function knows what channels mean, but one factor of each (`criterion`).
 """
 
 from itertools import cycle
@@ -36,7 +33,7 @@ WHOLE_CHUNK = 8192  # samples whose neurons are kept at a time
 SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
 MANY_LAYERS = 8  # beyond: their weights as a list, most of them being zero
 GAINS_BYTES = 1_600_000  # gains of some samples then: more leave the caches
-DIVERGED = 1e8  # |x| in scaled units beyond which a trajectory is given up
+DIVERGED = 1e8  # |x| over its size beyond which a trajectory is given up
 
 
 def weight_lists(E):
@@ -70,10 +67,12 @@ class Stepper:
         Model.
     dtype : dtype, default=float
         Type of the states.
+    size : float or ndarray of shape (nx,), default=1.0
+        Usual size of the states; inf for one that is not known.
     """
 
-    def __init__(self, lure, dtype=float):
-        self.lure, self.dtype = lure, np.dtype(dtype)
+    def __init__(self, lure, dtype=float, size=1.0):
+        self.lure, self.dtype, self._largest = lure, np.dtype(dtype), DIVERGED * size
         nx, layers = lure.nx, lure.layers
         self._P = np.vstack([lure.V[:, :nx], lure.M[:nx, :nx]]).astype(dtype)
         self._Pu = np.vstack([lure.V[:, nx:], lure.M[:nx, nx:]]).T
@@ -104,7 +103,7 @@ class Stepper:
 
     def __reduce__(self):
         """Leave out the kernel, which cannot be pickled."""
-        return Stepper, (self.lure, self.dtype)
+        return Stepper, (self.lure, self.dtype, self._largest / DIVERGED)
 
     def __call__(self, u, x, X):
         """Fill the states that follow a state.
@@ -120,12 +119,11 @@ class Stepper:
         """
         base = (u @ self._Pu + self._c).astype(self.dtype, copy=False)
         self._kernel(base, self._P, self._E, self._layers, self._sigma, self._W, x, X)
-        # "not <": nan must count as diverged
-        if not np.abs(X).max(initial=0.0) < DIVERGED:
+        if not (np.abs(X) < self._largest).all():  # nor is nan below it
             X[:] = np.inf
 
 
-def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
+def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK, size=1.0):
     """Yield the states of a Lur'e form, chunk by chunk.
 
     Parameters
@@ -138,6 +136,8 @@ def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
         State at the first sample.
     chunk : int, default=1024
         Samples per chunk.
+    size : float or ndarray of shape (nx,), default=1.0
+        Usual size of the states, as for `Stepper`.
 
     Yields
     ------
@@ -150,7 +150,7 @@ def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
         within the chunk, all but the first are inf, and it is the last chunk.
     """
     dtype = np.result_type(lure.Theta, u.dtype, x0, float)
-    step = Stepper(lure, dtype)
+    step = Stepper(lure, dtype, size)
     x = x0
     for start in range(0, len(u), chunk):
         part = slice(start, min(start + chunk, len(u)))
@@ -165,7 +165,7 @@ def trajectory(lure, u, x0, chunk=SIMULATION_CHUNK):
             return
 
 
-def simulate(lure, u, x0):
+def simulate(lure, u, x0, size=1.0):
     """Simulate the states of a Lur'e form.
 
     Parameters
@@ -176,6 +176,8 @@ def simulate(lure, u, x0):
         Inputs.
     x0 : ndarray of shape (nx,)
         State at the first sample.
+    size : float or ndarray of shape (nx,), default=1.0
+        Usual size of the states, as for `Stepper`.
 
     Returns
     -------
@@ -190,7 +192,7 @@ def simulate(lure, u, x0):
     dtype = np.result_type(lure.Theta, u.dtype, x0, float)
     X = np.full((len(u) + 1, lure.nx), np.inf, dtype=dtype)
     X[0] = x0
-    for part, _, X_part in trajectory(lure, u, x0):
+    for part, _, X_part in trajectory(lure, u, x0, size=size):
         X[part.start + 1 : part.stop + 1] = X_part[1:]
     return X
 

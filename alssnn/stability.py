@@ -30,6 +30,8 @@ from scipy.linalg import (
     block_diag,
     cholesky,
     eigh,
+    matrix_balance,
+    schur,
     solve_discrete_lyapunov,
     svd,
 )
@@ -46,6 +48,7 @@ NEAREST = 1e-7  # distance of a start to a limit of one
 SLOWEST = 5.0  # time constants in a record, of the slowest pole that it can tell
 FASTEST = 0.5  # distance from the unit circle, to which poles are held off it
 HELD_OFF = "its poles are held off the unit circle, to simulate its own record"
+LARGE = 1e3  # entry of a state matrix of poles below one, whose square costs digits
 LARGEST = 1e10  # eigenvalue of I + Q'Q; above it rounding reaches the least one, 1
 ROUNDING = 1e-9  # norms this close to one are taken for one, and moved inside
 
@@ -177,7 +180,7 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
         return replace(model, A=A)  # nothing to do: keep the basis
     with warnings.catch_warnings():  # the search tells what it is worth
         warnings.simplefilter("ignore", LinAlgWarning)
-        P = solve_discrete_lyapunov((A / r).T, V * np.maximum(excess, 0.0) @ V.T)
+        P = _lyapunov(A / r, V * np.maximum(excess, 0.0) @ V.T)
     try:
         T = cholesky(P)  # P = T'T
     except np.linalg.LinAlgError:  # P >= I has lost its digits
@@ -188,6 +191,16 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
     return replace(
         model, A=T @ A @ T_inv, B=T @ model.B, C=model.C @ T_inv, x0=model.x0 @ T.T
     )
+
+
+def _lyapunov(A, Q):
+    """Return P = A'P A + Q; in another basis where A is large and its poles are not."""
+    if np.abs(A).max() < LARGE:
+        return solve_discrete_lyapunov(A.T, Q)
+    S, U = schur(A)
+    S, D = matrix_balance(S, permute=False)
+    T, T_inv = U @ D, np.linalg.inv(D) @ U.T
+    return T_inv.T @ solve_discrete_lyapunov(S.T, T.T @ Q @ T) @ T_inv
 
 
 def hold_off(model, experiments, error):

@@ -57,6 +57,7 @@ def steady_state(lure, u, initial_state, n_x0):
     return x
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _root(miss, J, learns):
     """Return where a state comes back, by steps J times its miss; nan if nowhere."""
     x = np.zeros(len(J))

@@ -41,11 +41,13 @@ def test_a_dead_sensor_is_named_and_harms_nobody(constant):
     )
 
 
-@pytest.mark.parametrize("factor", [1e155, 1e-170])
+@pytest.mark.parametrize("factor", [1e155, 1e35, 1e-35, 1e-170])
 def test_units_beyond_the_range_of_squares_are_refused(factor):
     u, y = record()
     with pytest.raises(ValueError, match=r"squares are numbers.*Rescale"):
         LinearStateSpace(nx=1).fit(factor * u, y)
+    with pytest.raises(ValueError, match=r"squares are numbers.*Rescale"):
+        LinearStateSpace(nx=1).fit(u, factor * y)
 
 
 def test_one_input_needs_no_column():

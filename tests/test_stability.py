@@ -119,6 +119,17 @@ def test_a_basis_may_leave_out_what_is_slower_than_the_record(rng):
     np.testing.assert_allclose(found, [0.5, 0.99], rtol=1e-9)
 
 
+@pytest.mark.parametrize("size", [1.0, 0.98, 0.5, 1e-2])
+def test_states_that_nearly_cancel(size):
+    """Its Lyapunov equation is singular in the digits of a double."""
+    A = [[202677.63871075, -202677.31027121], [202676.68219429, -202676.35375427]]
+    A, B = size * np.array(A), np.ones((2, 1))
+    model = LinearModel(A, B, B.T, np.zeros((1, 1)), np.zeros((1, 2)))
+    new = contractive_basis(model, 1e-5)
+    assert np.linalg.norm(new.A, 2) < 1
+    np.testing.assert_allclose(np.trace(new.A), np.trace(A), rtol=1e-6)
+
+
 def test_a_basis_that_nearly_contracts_is_nearly_kept():
     A, eye = np.diag([0.9, 0.7, -0.5, 0.2]), np.eye(4)
     A[0, 3] = 0.6  # |A| = 1.08

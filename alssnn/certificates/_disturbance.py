@@ -114,7 +114,7 @@ def data_bound(model, records, K=None):
     for record in records:
         r = record.u - plant.u_offset
         x0 = np.pad(record.x0, (0, nx - len(record.x0)))  # late inputs rested
-        opened, closed = (simulate(z, r, x0)[:-1] for z in (form, loop))
+        opened, closed = (simulate(z, r, x0, plant.x_scale)[:-1] for z in (form, loop))
         if not (np.isfinite(opened).all() and np.isfinite(closed).all()):
             return np.inf, np.full(ny, np.inf)
         for X, u in ((opened, r), (closed, channels(loop, closed, r)[:, ny:])):

@@ -18,6 +18,7 @@ inequality says that trajectories of equal inputs approach each other at that ra
 """
 
 import time
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -226,8 +227,14 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
             f"and {lure.nw} neurons. Fit fewer states; late inputs are states, too."
         )
         return _none(lure, decay, "too large", reason)
-    stirred, T, unit = _scaled(lure, decay)
     start = time.perf_counter()
+    try:
+        with warnings.catch_warnings():  # of units far apart: any basis is one
+            warnings.simplefilter("ignore")
+            stirred, T, unit = _scaled(lure, decay)
+    except np.linalg.LinAlgError:
+        reason = "The states have no basis in which the loop contracts. Rescale them."
+        return _none(lure, decay, "not solved", reason)
     for n_solves, tol in enumerate(TOLERANCES, 1):
         try:
             blocks = _blocks(_change(stirred, T), unit, decay)

@@ -26,6 +26,7 @@ import time
 import warnings
 from dataclasses import dataclass, field
 from functools import partial
+from numbers import Real
 
 import numpy as np
 from scipy.linalg import (
@@ -475,16 +476,16 @@ def _check(A, C, eps, eta, phi, objective, method):
         )
     if not np.any(C):
         raise ValueError("`C` must not be zero, got zeros. Pass None for y = x.")
-    if not eps >= 0:
-        raise ValueError(f"`eps` must be at least 0, got {eps}. Pass a bound on |g|.")
+    if not (isinstance(eps, Real) and float(eps) >= 0):
+        raise ValueError(f"`eps` must be at least 0, got {eps!r}. Pass a bound on |g|.")
     eta = np.asarray(eta, dtype=float)
     if eta.shape not in ((), (len(C),)) or not np.all(eta >= 0):
         raise ValueError(
             f"`eta` must be at least 0, one number or one per output, got {eta}."
         )
-    if phi is not None and not 0 < phi < 1:
+    if phi is not None and not (isinstance(phi, Real) and 0 < float(phi) < 1):
         raise ValueError(
-            f"`phi` must be between 0 and 1, got {phi}. Pass None to search it."
+            f"`phi` must be between 0 and 1, got {phi!r}. Pass None to search it."
         )
     for name, value, options in (
         ("objective", objective, OBJECTIVES),

@@ -12,6 +12,7 @@ The smallest region is searched by repetition, from that of the design outwards.
 """
 
 import time
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +33,7 @@ SETTLED = 2e-3  # relative change of the region at which the search ends
 PROOFS = 20  # repetitions with bounded remainders
 GROWTH = 1.01  # of the region before each of them
 LEAST = 1e-9  # half width of a range that is a point
+FLAT = 1e-10  # variance of a direction over the largest: less is rounding
 TOO_LARGE = 1e3  # region over that of the design
 
 
@@ -307,9 +309,16 @@ def _scaled(lure, design, amplitude, scale, twins=(), watched=0):
 
 def _basis(A, B):
     """Return the principal axes of what inputs of variance one make of the states."""
-    Q = solve_discrete_lyapunov(A, B @ B.T)
+    with warnings.catch_warnings():  # of units far apart: any basis is one
+        warnings.simplefilter("ignore")
+        Q = solve_discrete_lyapunov(A, B @ B.T)
     sizes, axes = np.linalg.eigh((Q + Q.T) / 2)
-    return axes * np.sqrt(np.maximum(sizes, 1e-10 * sizes[-1] + 1e-300))
+    if sizes[0] > FLAT * sizes[-1]:
+        return axes * np.sqrt(sizes)
+    # states in units far apart: each in one of its own
+    unit = np.sqrt(np.maximum(np.diag(Q), FLAT**2 * sizes[-1] + 1e-300))
+    sizes, axes = np.linalg.eigh((Q + Q.T) / (2 * np.outer(unit, unit)))
+    return unit[:, None] * axes * np.sqrt(np.maximum(sizes, FLAT * sizes[-1]))
 
 
 def _linear_part(lure):

@@ -44,7 +44,7 @@ def at_rest(loop, extent=0.0):
     """
     lure, still = loop.lure, np.zeros((LONG, loop.lure.nu))
     with np.errstate(all="ignore"):  # a loop may diverge
-        X = simulate(lure, still, np.zeros(lure.nx))
+        X = simulate(lure, still, np.zeros(lure.nx), np.inf)
         width = np.abs(X).max(axis=0) + extent
         rests = np.all(np.abs(X[-1] - X[-2]) <= STILL * width)
         x = X[-1] if rests else np.full(lure.nx, np.nan)

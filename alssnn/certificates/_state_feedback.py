@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..checks import as_numbers
 from ..lure import Lure
 from ..plants import as_plant
 
@@ -64,7 +65,7 @@ def full_gain(model, K):
     nu, nx = plant.nv, plant.nx - plant.n_late
     if K is None:
         return np.zeros((nu, plant.nx))
-    K = np.asarray(K, dtype=float)
+    K = as_numbers("K", K)
     if K.shape not in ((nu, nx), (nu, plant.nx)) or not np.isfinite(K).all():
         late = f" or {(nu, plant.nx)}, past inputs included" if plant.n_late else ""
         raise ValueError(

@@ -90,7 +90,9 @@ class _Pair:
         """Return ``|y - y_lin|`` of every sample, inf where the loop diverges."""
         with np.errstate(all="ignore"):  # a loop may diverge
             y = [
-                channels(z, simulate(z, r, np.zeros(z.nx))[:-1], r)[:, : self.ny]
+                channels(z, simulate(z, r, np.zeros(z.nx), np.inf)[:-1], r)[
+                    :, : self.ny
+                ]
                 for z in (self.lure, self.linear)
             ]
             e = np.abs(y[0] - y[1])
@@ -160,7 +162,7 @@ class _Pair:
     def _gradient(self, r, output):
         """Return the derivative of the distance at the last sample by all inputs."""
         (y, by_loop), (y_lin, by_design) = (
-            _adjoint(form, simulate(form, r, np.zeros(form.nx))[:-1], r, output)
+            _adjoint(form, simulate(form, r, np.zeros(form.nx), np.inf)[:-1], r, output)
             for form in (self.lure, self.linear)
         )
         return np.sign(y - y_lin) * (by_loop - by_design)

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ..checks import sampling_time
 from ..warn import warn_user
 from ._columns import as_signal
 from ._record import Record
@@ -91,9 +92,7 @@ def on_grid(
     seen = [(t - start, z) for t, z in seen]
     steps = [np.median(np.diff(t)) for t, _ in (*sent, *seen) if len(t) > 1]
     step = min(steps, default=1.0 if dt is None else dt)
-    dt = _chosen(sent, seen, step, hold) if dt is None else float(dt)
-    if not 0 < dt < np.inf:
-        raise ValueError(f"`dt` must be a positive time in seconds, got {dt!r}.")
+    dt = _chosen(sent, seen, step, hold) if dt is None else sampling_time(dt)
     stop = max(t[-1] for t, _ in seen)
     if hold != "zoh":  # nothing is known behind the last sample of an input
         stop = min(stop, *(t[-1] for t, _ in sent))

@@ -9,6 +9,8 @@ x_{k-n+1|k-n}: for all starting points at once.  One step is the error that a fi
 sees, infinitely many are a simulation.
 """
 
+from numbers import Real
+
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
@@ -65,7 +67,8 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
     from ..feedback import Observer
 
     check_is_fitted(model)
-    if not (steps == np.inf or (steps >= 1 and steps == int(steps))):
+    known = isinstance(steps, Real) and float(steps) >= 1
+    if not (known and (steps == np.inf or steps == int(steps))):
         raise ValueError(
             f"`steps` must be a positive integer or inf, got {steps!r}. It counts "
             "samples."

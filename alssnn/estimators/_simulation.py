@@ -8,6 +8,7 @@ from sklearn.metrics import r2_score
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
+from ..checks import as_numbers
 from ..containers import as_columns, index_of, part_of
 from ..continuous import with_nodes
 from ..experiments import (
@@ -187,7 +188,7 @@ def start_states(model, x0, labels):
                 "`estimate_x0`."
             )
         return model.x0_
-    x0 = np.asarray(x0, dtype=float)
+    x0 = as_numbers("x0", x0)
     if x0.shape not in [(model.nx_,), (len(labels), model.nx_)]:
         raise ValueError(
             f"`x0` must have shape ({model.nx_},) or ({len(labels)}, {model.nx_})"

@@ -4,39 +4,7 @@ import reprlib
 
 import numpy as np
 
-from ..checks import is_positive
-
-
-def as_numbers(name, value):
-    """Return an array of real numbers.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for the message.
-    value : array_like
-        The argument.
-
-    Returns
-    -------
-    value : ndarray of float
-        The numbers; nan and inf are left to the caller.
-
-    Raises
-    ------
-    ValueError
-        If they are none.
-    """
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind in "biufO":  # text is no number, even if it reads as one
-            return given.astype(float)
-    except (TypeError, ValueError, OverflowError):  # ragged, or other objects
-        pass
-    raise ValueError(
-        f"`{name}` must be real numbers, got {type(value).__name__} "
-        f"{reprlib.repr(value)}. Give a number or an array of them."
-    )
+from ..checks import as_numbers, is_positive
 
 
 def check_point(name, value, size, missing=False):

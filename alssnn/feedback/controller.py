@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
+from ..checks import as_numbers
 from ..shown import short_repr
 from .checks import check_dt
 
@@ -107,7 +108,7 @@ def split_gain(gain, plant):
         If the gain has the wrong shape or is not finite.
     """
     nx, nu, ny = plant.nx, plant.nv, plant.ny
-    K = np.asarray(gain, dtype=float)
+    K = as_numbers("gain", gain)
     if K.shape not in [(nu, nx), (nu, nx + ny)] or not np.isfinite(K).all():
         raise ValueError(
             f"`gain` must be finite and have shape ({nu}, {nx}) or ({nu}, {nx + ny}), "

@@ -67,7 +67,7 @@ def lqr(model, Q, R, N=None):
     Q = check_weight("Q", Q, len(A))
     R = check_weight("R", R, B.shape[1], definite=True)
     cross = _check_cross(Q, R, N)
-    _check_controllable(A, B, radius=1.0)
+    _check_controllable(A, B, as_plant(model).late().x_scale, radius=1.0)
     return _solve(control.dlqr, A, B, Q, R, *cross)
 
 
@@ -172,12 +172,11 @@ def lqi(model, Q, R, N=None):
     R = check_weight("R", R, nu, definite=True)
     cross = _check_cross(Q, R, N)
     states, eye = np.hstack([A, np.zeros((nx, ny))]), np.eye(ny)
-    size = np.linalg.norm(C, axis=1, keepdims=True)
-    size[size == 0] = 1.0  # an output of D alone
-    scaled = np.vstack([states, np.hstack([C / size, eye])])
-    _check_controllable(scaled, np.vstack([B, D / size]), radius=1.0)
-    augmented = np.vstack([states, np.hstack([C, eye])])
-    return _solve(control.dlqr, augmented, np.vstack([B, D]), Q, R, *cross)
+    A, B = np.vstack([states, np.hstack([C, eye])]), np.vstack([B, D])
+    plant = as_plant(model).late()
+    size = np.append(plant.x_scale, plant.y_scale)
+    _check_controllable(A, B, size, radius=1.0)
+    return _solve(control.dlqr, A, B, Q, R, *cross)
 
 
 def place(model, poles):
@@ -220,7 +219,7 @@ def place(model, poles):
             f"`poles` must have shape ({len(A)},), got {poles.shape}. Give one pole "
             "per state."
         )
-    _check_controllable(A, B, radius=0.0)
+    _check_controllable(A, B, as_plant(model).late().x_scale, radius=0.0)
     try:
         return np.asarray(control.place(A, B, poles))
     except ValueError as error:
@@ -302,7 +301,7 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     weighted = np.sqrt(output) * C / plant.y_scale[:, None]
     Q[:nx, :nx] = weighted.T @ weighted
     own = np.arange(nx - plant.n_late)  # the past of late inputs is weighed as v is
-    Q[own, own] += state / plant.x_scale**2
+    Q[own, own] += state / plant.x_scale[own] ** 2
     Q[nx:, nx:] = np.diag(integral / plant.y_scale**2)
     return Q, np.diag(control / plant.v_scale**2)
 
@@ -361,8 +360,9 @@ def _check_cross(Q, R, N):
     return (N,)
 
 
-def _check_controllable(A, B, radius):
-    """Refuse modes from a radius on that B does not reach."""
+def _check_controllable(A, B, x_size, radius):
+    """Refuse modes from a radius on that B does not reach; states have given sizes."""
+    A, B = A * x_size / x_size[:, None], B / x_size[:, None]
     size = np.linalg.norm(B, axis=0)
     B = B / np.where(size > 0, size, 1.0)  # the units of u do not matter
     for mode in np.linalg.eigvals(A):
@@ -378,12 +378,15 @@ def _check_controllable(A, B, radius):
             )
 
 
-def _solve(design, *args, **options):
+def _solve(design, A, B, Q, R, N=None):
+    # in units that give R a diagonal near one: those of u do not matter
+    size = 2.0 ** np.round(np.log2(np.diag(R)) / 2)
+    cross = () if N is None else (N / size,)
     try:
-        K, _, _ = design(*args, **options)
+        K, _, _ = design(A, B / size, Q, R / np.outer(size, size), *cross)
     except np.linalg.LinAlgError as error:
         raise ValueError(
             "`Q` and `R` must give a stable loop, got a Riccati equation without "
             "solution. Weigh every state in `Q`, or make the weights more alike."
         ) from error
-    return np.asarray(K)
+    return np.asarray(K) / size[:, None]

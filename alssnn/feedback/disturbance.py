@@ -89,10 +89,10 @@ class DisturbanceObserver(Observer):
                 Q_d = K_b @ plant.noise_covariance @ K_b.T + FIT_FLOOR * Q_d
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
         self.Q = block_diag(self.Q, Q_d)
-        self._start = block_diag(self._start, np.eye(len(scale)))
+        self._start = block_diag(self._start, np.diag(scale**2))
         A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
-        size = np.concatenate([np.ones(plant.nx - len(scale)), scale])
-        _check_detectable(A * size / size[:, None], C / plant.y_scale[:, None])
+        size = plant.x_scale
+        _check_detectable(A * size / size[:, None], C * size / plant.y_scale[:, None])
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self._set_gain(C)
         if plant.K is not None and is_free:

@@ -18,9 +18,10 @@ what the law cancels; it solves for the one u of every v (eq. inverse).
 import control
 import numpy as np
 
+from ..checks import as_numbers
 from ..plants import as_plant
 from ..warn import warn_user
-from .checks import as_numbers, check_limits, seen_inputs
+from .checks import check_limits, seen_inputs
 from .export import signal_names
 
 BEYOND = 0.1  # of the range of an input in training, by which a limit may exceed it

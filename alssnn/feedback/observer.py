@@ -21,8 +21,9 @@ import control
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..checks import as_numbers
 from ..plants import as_plant
-from .checks import as_numbers, check_gate, check_point, check_weight
+from .checks import check_gate, check_point, check_weight
 from .export import signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
@@ -108,11 +109,12 @@ class Observer:
         self.plant = plant = as_plant(model).late()
         ny, n_late = plant.ny, plant.n_late
         nx = plant.nx - n_late
-        self._start = np.diag(np.repeat([1.0, 0.0], [nx, n_late]))
+        own = np.arange(plant.nx) < nx
+        self._start = np.diag(np.where(own, plant.x_scale, 0.0) ** 2)
         K, is_free = plant.K, Q is None and R is None
         least = np.diag(FIT_FLOOR * plant.y_scale**2)
         if Q is None:
-            Q = PROCESS_NOISE * np.eye(nx)
+            Q = np.diag(PROCESS_NOISE * plant.x_scale[:nx] ** 2)
             if K is not None:
                 Q = K @ plant.noise_covariance @ K.T + FIT_FLOOR * Q
         if R is None:

@@ -10,6 +10,7 @@ from importlib import import_module
 
 import numpy as np
 
+from ..checks import as_numbers
 from ..deferred import deferred
 from ..forms import at_once
 from ..plants import as_plant
@@ -359,5 +360,6 @@ def _check_sizes(name, sizes, expected):
 
 def _given(name, value, last):
     """Return a signal; what is not finite is the last one."""
-    value = check_point(name, np.atleast_1d(value), len(last), missing=True)
+    value = np.atleast_1d(as_numbers(name, value))
+    value = check_point(name, value, len(last), missing=True)
     return np.where(np.isnan(value), last, value)

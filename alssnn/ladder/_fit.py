@@ -317,7 +317,7 @@ def _estimators(models, options):
         estimators = {str(name): clone(model) for name, model in models.items()}
     else:
         keys = LADDER if models is None else models
-        keys = [keys] if isinstance(keys, str) else list(keys)
+        keys = list(keys) if isinstance(keys, list | tuple) else [keys]
         for key in keys:
             if key not in list(PRESETS):  # `key` may be unhashable
                 raise ValueError(

@@ -156,7 +156,7 @@ def _carried(plant, records, v, opened, closed):
             y = loop.y
             if beside is not None and np.isfinite(r).all():
                 driven = np.hstack([dv, r])
-                X = simulate(beside, driven, record.x0)[:-1]
+                X = simulate(beside, driven, record.x0, plant.x_scale)[:-1]
                 y = channels(beside, X, driven)[:, : plant.ny]
             y_linear = loop.y - loop.e
             off = y + r - y_linear  # (eq. carried)
@@ -209,18 +209,18 @@ def _run(plant, record, driven, loop=None):
     by_input = plant.every_input(B, plant.disturbed_by()[0] if plant.nd else None)
     u = driven
     form, ny, nv = plant.observed, plant.ny, plant.nv
-    X = simulate(form if loop is None else loop, driven, record.x0)[:-1]
+    X = simulate(loop or form, driven, record.x0, plant.x_scale)[:-1]
     with np.errstate(over="ignore", invalid="ignore"):
         if loop is not None:
             u = channels(loop, X, driven)[:, ny:]
         Z = channels(form, X, u)
         y, v, g, eta = np.split(Z, np.cumsum([ny, nv, plant.nx]), axis=1)
-        e = output_residual(A, C, g) + eta
+        e = output_residual(A, C, g, plant.x_scale) + eta
         linear, h = X @ A.T + driven @ by_input.T, v - u[:, plant.moved]
     return _Run(X, u, y, linear, h, g, np.where(np.isfinite(e), e, np.inf))
 
 
-def output_residual(A, C, g):
+def output_residual(A, C, g, size=1.0):
     """Return the part of the output that g makes (eq. gauge).
 
     Parameters
@@ -231,6 +231,8 @@ def output_residual(A, C, g):
         Output matrix.
     g : ndarray of shape (N, nx)
         Residual nonlinearity along a trajectory.
+    size : float or ndarray of shape (nx,), default=1.0
+        Usual size of the states.
 
     Returns
     -------
@@ -240,7 +242,7 @@ def output_residual(A, C, g):
     nx = len(A)
     # a Lur'e form without neurons whose input is g itself
     Theta = np.hstack([A, np.eye(nx), np.zeros((nx, 1))])
-    zeta = simulate(Lure(Theta, nx, nx, 0), g, np.zeros(nx))[:-1]
+    zeta = simulate(Lure(Theta, nx, nx, 0), g, np.zeros(nx), size)[:-1]
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(zeta).all(axis=1)[:, None], zeta @ C.T, np.inf)
 

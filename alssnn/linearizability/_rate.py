@@ -107,5 +107,5 @@ def _faster(record, parts, hold, plant):
 
 def _outputs(plant, du, x0):
     """Return simulated outputs, deviations."""
-    X = simulate(plant.lure, du, x0)[:-1]
+    X = simulate(plant.lure, du, x0, plant.x_scale)[:-1]
     return channels(plant.lure, X, du)[:, : plant.ny]

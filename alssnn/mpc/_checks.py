@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..checks import as_numbers
 from ..feedback import DisturbanceObserver, Observer
-from ..feedback.checks import as_numbers, check_disturbances, check_limits
+from ..feedback.checks import check_disturbances, check_limits
 
 
 def check_ahead(name, value, horizon, n, last):

@@ -209,7 +209,9 @@ class LinearizingMPC(Controller):
             options,
         )
         self._planner = Planner(self._model, program, self._limits)
-        target = Target(self._model.C, Q_target, self._soft.rows, penalty, options)
+        sx = self._model.x_scale
+        sides = self._model.C * sx, Q_target, self._soft.rows * sx
+        target = Target(*sides, penalty, options)
         self._rest = StatesOfRest(self._model, self._limits, target)
         self.reset()
 

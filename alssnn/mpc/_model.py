@@ -34,16 +34,19 @@ class DisturbedModel:
         Operating point and standard deviation of the inputs that are moved.
     y_scale : ndarray of shape (ny,)
         Standard deviation of y.
+    x_scale : ndarray of shape (nx,)
+        Usual size of the states.
     dt : float
         Sampling time, in seconds.
     """
 
     def __init__(self, plant, disturbed):
         self._own, self._disturbed = plant, disturbed
-        self._stepper = Stepper(disturbed.lure)
+        self._stepper = Stepper(disturbed.lure, size=disturbed.x_scale)
         self._map = None if plant.is_explicit else InputMap(plant)
         self.u_offset, self.dt = plant.v_offset, plant.dt
         self.u_scale, self.y_scale = plant.v_scale, plant.y_scale
+        self.x_scale = plant.x_scale
         self.A, B, C, _ = plant.linear()
         self.B, self.C = B * self.u_scale, C / self.y_scale[:, None]
 

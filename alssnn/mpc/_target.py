@@ -98,8 +98,9 @@ class StatesOfRest:
             Whether none has moved any more.
         """
         A, B, W = self.model.tangent(self.X, self.U, d, m)
-        u_e, su = self.model.u_offset, self.model.u_scale
-        X, U, statuses = self.X.copy(), (self.U - u_e) / su, []
+        u_e, su, sx = self.model.u_offset, self.model.u_scale, self.model.x_scale
+        A, B, W = A * sx / sx[:, None], B / sx[:, None], W / sx
+        X, U, statuses = self.X / sx, (self.U - u_e) / su, []
         for i, goal in enumerate(goals):
             last, linear = (X[i], U[i]), (A[i], B[i], W[i])
             X[i], U[i], status = self.target.improve(
@@ -107,8 +108,9 @@ class StatesOfRest:
             )
             statuses.append(status)
         # a measured disturbance that moves may move the input of rest alone
-        moved = max(np.abs(X - self.X).max(), np.abs(U - (self.U - u_e) / su).max())
-        self._keep(X, self.limits.clip(u_e + U * su), m)
+        was = self.X / sx, (self.U - u_e) / su
+        moved = max(np.abs(X - was[0]).max(), np.abs(U - was[1]).max())
+        self._keep(X * sx, self.limits.clip(u_e + U * su), m)
         failed = [s for s in statuses if s not in ("closed form", "solved")]
         return (failed or statuses)[-1], not moved > SETTLED
 

@@ -157,9 +157,9 @@ def local_polynomial(
 def _lines(longest, n_frequencies):
     """Return the lines that are evaluated, evenly spread."""
     lines = np.arange(1, (longest - 1) // 2 + 1)
-    if n_frequencies is None or len(lines) <= n_frequencies:
+    n = len(lines) if n_frequencies is None else count("n_frequencies", n_frequencies)
+    if len(lines) <= n:
         return lines
-    n = count("n_frequencies", n_frequencies, 1)
     return lines[np.linspace(0, len(lines) - 1, n).round().astype(int)]
 
 

@@ -27,9 +27,7 @@ def vectors(export, numbers):
     def normal(scale):
         return scale * rng.standard_normal((SAMPLES, len(scale)))
 
-    x_scale = np.ones(late.nx)  # of disturbances and past inputs, too
-    x_scale[: len(plant.x_scale)] = plant.x_scale
-    x, du = normal(x_scale), normal(plant.u_scale)
+    x, du = normal(late.x_scale), normal(plant.u_scale)
     u = plant.u_offset + du
     y = late.output(x, u)
     arrays = {"x_in": x, "u_in": u, "y_out": y, "x_out": late.step(x, u)}

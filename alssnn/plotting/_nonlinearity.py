@@ -103,7 +103,10 @@ class NonlinearityDisplay(Display):
         (every, names), inputs = column_names(model), moved_names(model)
         if plant.feedback == "state":
             form, names = plant.arrived().lure, [f"x{i}" for i in range(plant.nx)]
-            runs = [simulate(form, record.du, record.x0)[:-1] for record in records]
+            runs = [
+                simulate(form, record.du, record.x0, plant.x_scale)[:-1]
+                for record in records
+            ]
         else:
             runs = [record.y for record in records]
         u = np.vstack([record.du + plant.u_offset for record in records])

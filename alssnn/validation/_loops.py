@@ -219,8 +219,8 @@ def loop_deviation(model, u, y, experiment=None, *, K=None):
     for record in model.prepare_records(u, y, experiment):
         r = record.u - plant.u_offset  # and disturbances as they were
         x0 = np.pad(record.x0, (0, nx - len(record.x0)))  # late inputs rested
-        X = simulate(loop, r, x0)[:-1]
+        X = simulate(loop, r, x0, plant.x_scale)[:-1]
         with np.errstate(invalid="ignore"):
-            Z = X - simulate(linear, r, x0)[:-1]
+            Z = X - simulate(linear, r, x0, plant.x_scale)[:-1]
         runs.append(LoopDeviation(X, Z))
     return runs

@@ -89,11 +89,19 @@ COMMON = {
     "nx": st.sampled_from([1, 2, 2, 2, 3, 6]),
     "input_delay": st.sampled_from([0, 0, 0, 1, 2]),
     "operating_point": st.sampled_from(["mean", "mean", "zero"]),
-    "initial_state": st.sampled_from(["estimate", "estimate", "rest"]),
+    "initial_state": st.sampled_from(["estimate"] * 4 + ["rest"] * 2 + ["periodic"]),
     "integrators": st.sampled_from(["auto", 0, 0, 0, 1]),
     "dt": st.sampled_from([1.0, 1e-6, 3600.0]),
     "max_iter": st.integers(1, 4),
     "n_init_samples": st.sampled_from([1, 5, 50]),
+    "noise": st.sampled_from(["output"] * 6 + ["innovations"]),
+    "horizon": st.sampled_from([1] * 8 + [3]),
+    "time": st.sampled_from(["discrete"] * 6 + ["continuous"]),
+    "hold": st.sampled_from(["zoh"] * 8 + ["linear", "cubic"]),
+    "drift": st.sampled_from([None] * 8 + ["output", "input"]),
+    "disturbances": st.sampled_from([None] * 8 + [[1], [0]]),
+    "period": st.sampled_from([None] * 10 + [20, 1]),
+    "noise_floor": st.sampled_from([None] * 8 + [0.1, 1e-9]),
 }
 NETWORKS = {
     "alpha": st.sampled_from([0.0, 0.0, 0.0, 1e-3]),
@@ -104,18 +112,26 @@ NETWORKS = {
     "stability": st.sampled_from(["auto", "auto", None]),
     "method": st.sampled_from(["lm", "lm", "trf"]),
     "validation_fraction": st.sampled_from([None, None, None, 0.3]),
+    "activation": st.sampled_from(["tanh"] * 4 + ["relu"]),
+}
+LAWS = {
+    "input_map": st.sampled_from(["identity"] * 4 + ["monotone"]),
+    "gamma_h": st.sampled_from([0.0, 0.0, 1e-4]),
+    "odd": st.sampled_from([False, False, False, True]),
 }
 SIZES = st.sampled_from([0, 1, 2, 2])
 OWN = {
     LinearStateSpace: {"feedthrough": st.booleans()},
-    FlSsnn: {"n_h": SIZES, "feedback": st.sampled_from(["state", "output"])},
-    AlSsnn: {
+    FlSsnn: LAWS | {"n_h": SIZES, "feedback": st.sampled_from(["state", "output"])},
+    AlSsnn: LAWS
+    | {
         "n_h": SIZES,
         "n_g": SIZES,
         "gamma": st.sampled_from([0.0, 0.01, 1e6]),
         "penalty": st.sampled_from(["state", "output"]),
         "feedback": st.sampled_from(["state", "output"]),
         "n_k": st.sampled_from([0, 0, 0, 1]),
+        "feedthrough": st.sampled_from([False, False, False, True]),
     },
     GrSsnn: {"n_f": SIZES},
 }
