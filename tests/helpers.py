@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from alssnn.activations import ACTIVATIONS
 from alssnn.forms import of_structure
 from alssnn.kernels import differentiate
 from alssnn.lure import Lure
@@ -118,6 +119,26 @@ def plant_of(lure, K=0.0, k=0.0, **fields):
         "delay": np.zeros(nu, dtype=int),
     }
     return Plant(**{**given, **fields})
+
+
+def stable(rng, n, radius):
+    A = rng.standard_normal((n, n))
+    return A * radius / np.abs(np.linalg.eigvals(A)).max()
+
+
+def small_loop(rng, nx=2, nu=1, nw=4, size=0.1, radius=0.8, activation="tanh"):
+    """Return a loop with two layers of neurons, and the design that ignores them."""
+    ny = 1
+    Theta = 0.5 * rng.standard_normal((nx + ny + nw, nx + nu + nw + 1))
+    A, B = stable(rng, nx, radius), rng.standard_normal((nx, nu))
+    Theta[:nx, : nx + nu] = np.hstack([A, B])
+    Theta[: nx + ny, nx + nu :] *= size
+    Theta[: nx + ny, -1] = 0.01
+    layer = np.arange(nw) >= nw // 2
+    Theta[nx + ny :, nx + nu : -1] *= layer[:, None] & ~layer[None, :]
+    loop = Lure(Theta, nx, nu, nw, (ACTIVATIONS[activation],) * nw)
+    M = loop.M
+    return loop, (A, B, M[nx:, :nx], M[nx:, nx:])
 
 
 def as_records(experiments):

@@ -24,27 +24,13 @@ from alssnn.certificates._local import _scaled
 from alssnn.certificates._peaks import TooSlow
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
-from helpers import linear_plant, plant_of_structure, random_theta
-
-
-def stable(rng, n, radius):
-    A = rng.standard_normal((n, n))
-    return A * radius / np.abs(np.linalg.eigvals(A)).max()
-
-
-def small_loop(rng, nx=2, nu=1, nw=4, size=0.1, radius=0.8, activation="tanh"):
-    """Return a loop with two layers of neurons, and the design that ignores them."""
-    ny = 1
-    Theta = 0.5 * rng.standard_normal((nx + ny + nw, nx + nu + nw + 1))
-    A, B = stable(rng, nx, radius), rng.standard_normal((nx, nu))
-    Theta[:nx, : nx + nu] = np.hstack([A, B])
-    Theta[: nx + ny, nx + nu :] *= size
-    Theta[: nx + ny, -1] = 0.01
-    layer = np.arange(nw) >= nw // 2
-    Theta[nx + ny :, nx + nu : -1] *= layer[:, None] & ~layer[None, :]
-    loop = Lure(Theta, nx, nu, nw, (ACTIVATIONS[activation],) * nw)
-    M = loop.M
-    return loop, (A, B, M[nx:, :nx], M[nx:, nx:])
+from helpers import (
+    linear_plant,
+    plant_of_structure,
+    random_theta,
+    small_loop,
+    stable,
+)
 
 
 def distances(loop, design, r):

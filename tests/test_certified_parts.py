@@ -1,0 +1,564 @@
+"""What certificates are made of: every bound holds, and is no wider than it must be."""
+
+from fractions import Fraction
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from alssnn.activations import ACTIVATIONS, Activation
+from alssnn.certificates import _peaks, peaks, worst_input
+from alssnn.certificates._cells import Network, Strips, differences, remainder
+from alssnn.certificates._covers import Affine, ByCells, ByNeurons, covers
+from alssnn.certificates._grid import Grid, _over_boxes
+from alssnn.certificates._lines import chords, lines
+from alssnn.certificates._local import _scaled
+from alssnn.certificates._proof import distance
+from alssnn.certificates._worst import _Pair
+from alssnn.lure import Lure
+from alssnn.simulation import channels, simulate
+from helpers import small_loop, stable
+
+IDENTITY = ACTIVATIONS["identity"]
+
+# -- peak gains ------------------------------------------------------------------------
+
+
+def test_peak_gains_of_whole_numbers_round_upwards():
+    """Nothing follows the second sample, and all sums are exact."""
+    A = np.array([[0.0, 1.0], [0.0, 0.0]])
+    B, C = np.array([[1.0, 0.0], [0.0, -2.0]]), np.array([[3.0, 4.0], [0.0, -1.0]])
+    D, c, d = np.array([[1.0, -1.0], [0.0, 5.0]]), np.array([1.0, 2.0]), np.ones(2)
+    found = peaks(A, B, C, D, c, d)
+    exact = np.array([[4.0, 1 + 8 + 6], [0.0, 5 + 2]])
+    reached = exact > 0
+    assert np.all(found.gain[reached] > exact[reached])
+    np.testing.assert_allclose(found.gain, exact, rtol=2e-9)
+    # x = 0, [1, 2], [3, 2], [3, 2], ..., y = C x + 1
+    assert found.high[0] > 18.0 and found.high[0] == pytest.approx(18, rel=2e-9)
+    assert found.low[1] < -1.0 and found.low[1] == pytest.approx(-1, rel=2e-9)
+    assert found.low[0] == found.high[1] == 1.0
+    assert found.n_terms >= 2
+
+
+@pytest.mark.parametrize("end", [0.7, 0.01, 1e-9])
+@pytest.mark.parametrize("pole", [0.5, 0.97, 0.999, -0.9])
+def test_peak_gains_hold_wherever_the_sum_ends(monkeypatch, end, pole):
+    """The bound of what follows is exact for one pole: b / (1 - |a|) in all."""
+    monkeypatch.setattr(_peaks, "SMALL", end)
+    A, B, C = np.full((1, 1), pole), np.array([[2.0, 0.5]]), np.array([[-3.0]])
+    found = peaks(A, B, C, np.array([[0.25, 0.0]]), np.ones(1), np.array([0.5]))
+    exact = np.array([[6.25, 1.5]]) + np.array([[6.0, 1.5]]) * abs(pole) / (
+        1 - abs(pole)
+    )
+    assert np.all(found.gain > exact * (1 - 1e-12))
+    np.testing.assert_allclose(found.gain, exact, rtol=1e-8)
+    x, seen = 0.0, []
+    for _ in range(30_000):
+        seen.append(0.5 - 3 * x)
+        x = pole * x + 1
+    assert found.low[0] <= min(seen) and found.high[0] >= max(seen)
+    if end == 1e-9:
+        np.testing.assert_allclose(found.low, min(seen), rtol=1e-5)
+        np.testing.assert_allclose(found.high, max(seen), rtol=1e-5)
+
+
+@pytest.mark.parametrize("end", [0.5, 0.1])
+def test_peak_gains_of_several_poles_hold_wherever_the_sum_ends(monkeypatch, rng, end):
+    for _ in range(20):
+        A, B = stable(rng, 3, 0.9), rng.standard_normal((3, 2))
+        C, D, c, d = (
+            rng.standard_normal((2, 3)),
+            *rng.standard_normal((3, 2, 2))[:1],
+            (rng.standard_normal(3)),
+            rng.standard_normal(2),
+        )
+        whole = peaks(A, B, C, D, c, d)
+        with monkeypatch.context() as patched:
+            patched.setattr(_peaks, "SMALL", end)
+            early = peaks(A, B, C, D, c, d)
+        assert early.n_terms < whole.n_terms
+        assert np.all(early.gain >= whole.gain * (1 - 3e-9))
+        assert np.all(early.low <= whole.low + 1e-8 * np.abs(whole.low))
+        assert np.all(early.high >= whole.high - 1e-8 * np.abs(whole.high))
+
+
+def test_a_system_without_states_passes_its_inputs_at_once():
+    none = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.array([[1.0, -2.0]])
+    found = peaks(*none, d=np.array([3.0]))
+    np.testing.assert_array_equal(found.gain, [[1.0, 2.0]])
+    assert found.low == found.high == 3.0 and found.n_terms == 0
+
+
+# -- lines and chords ------------------------------------------------------------------
+
+
+def exactly(value):
+    return Fraction(float(value))
+
+
+@pytest.mark.parametrize("name", ["relu", "identity"])
+@pytest.mark.parametrize("slopes", [1, 5])
+def test_a_line_covers_its_own_rounding(name, slopes, rng):
+    """Activations that are lines themselves, in exact arithmetic."""
+    low = rng.uniform(0.1, 5.0, 200)
+    high = low + rng.exponential(1.0, 200)
+    s, m, d = lines(ACTIVATIONS[name], low, high, 1, slopes)
+    for i in range(200):
+        for nu in (low[i], high[i], (low[i] + high[i]) / 2):
+            error = exactly(nu) - exactly(s[i]) * exactly(nu) - exactly(m[i])
+            assert abs(error) <= exactly(d[i])
+    assert np.all(d > 0) and np.all(d <= 1e-13 * (1 + high))
+
+
+def test_the_line_of_a_point_is_its_value():
+    at = np.array([-0.5, 0.0, 2.0])
+    s, m, d = lines(ACTIVATIONS["tanh"], at, at)
+    np.testing.assert_allclose(s * at + m, np.tanh(at))
+    assert np.all(d >= 0) and np.all(d <= 1e-15)
+
+
+@pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
+def test_more_slopes_find_the_best_line(name):
+    activation = ACTIVATIONS[name]
+    low, high = np.array([-3.0, -0.2, -1.0]), np.array([1.0, 2.5, 4.0])
+    s, m, d = lines(activation, low, high, 400, 33)
+    chord = lines(activation, low, high, 400, 1)[2]
+    for i in range(3):
+        nu = np.linspace(low[i], high[i], 2_001)
+        w = activation.value(nu)
+        best = min(np.ptp(w - t * nu) / 2 for t in np.linspace(-1, 1, 801))
+        assert np.abs(w - s[i] * nu - m[i]).max() <= d[i] <= chord[i]
+        assert d[i] <= 1.05 * best + 1e-3 * np.ptp(w)
+
+
+def sloped(a, b=None):
+    """Return an activation with a slope that is known nowhere better than [a, b]."""
+    value = lambda v: a * v  # noqa: E731
+    return Activation("sloped", value, lambda v, w: a + 0 * v, slope=(a, b or a))
+
+
+@pytest.mark.parametrize("slope", [0.1, -0.3, 1.0, 1 / 3])
+def test_chords_are_rounded_outwards(slope):
+    about, low, high = np.array([0.3]), np.array([-1.0]), np.array([2.0])
+    least, largest = chords(sloped(slope), about, low, high)
+    assert least < slope < largest
+    np.testing.assert_allclose([least[0], largest[0]], slope, rtol=1e-12)
+
+
+def test_chords_start_at_their_point():
+    """The chord of relu from 1 to -1 is a half, from 1 to 3 one, from 0 any."""
+    about = np.array([1.0, 0.0, -1.0])
+    least, largest = chords(ACTIVATIONS["relu"], about, about - 2, about + 2)
+    np.testing.assert_allclose(least, [1 / 2, 0, 0], atol=0.02)
+    np.testing.assert_allclose(largest, [1, 1, 1 / 2], atol=0.02)
+    assert np.all(least <= [1 / 2, 0, 0]) and np.all(largest >= [1, 1, 1 / 2])
+    alone = chords(ACTIVATIONS["tanh"], about, about, about)
+    derivative = 1 - np.tanh(about) ** 2
+    np.testing.assert_allclose(alone, [derivative, derivative], rtol=1e-9)
+
+
+# -- cells -----------------------------------------------------------------------------
+
+
+def test_cells_that_strips_exclude_have_no_point_of_the_region(rng):
+    rows = np.array([[1.0, 1.0], [1.0, -2.0]])
+    box = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    low, high = np.array([-0.6, -1.0]), np.array([0.5, 1.5])
+    strips = Strips(box, rows, low, high, np.zeros((2, 0)))
+    z = strips.samples(4_000, rng)
+    along = z[:, :2] @ rows.T
+    assert len(z) > 200 and np.all((along >= low) & (along <= high))
+    assert np.all(np.abs(z) <= 1) and np.mean(np.abs(z) == 1) > 0.05
+    side = np.full((1, 3), 0.125)
+    steps = np.arange(8) / 4 - 0.875
+    centers = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
+    possible = strips.possible(centers, np.repeat(side, len(centers), axis=0))
+    for center, is_possible in zip(centers, possible, strict=True):
+        points = center[:2] + rng.uniform(-0.125, 0.125, (400, 2))
+        there = points @ rows.T
+        if np.all((there >= low) & (there <= high), axis=1).any():
+            assert is_possible
+    assert 0.2 < possible.mean() < 0.7
+    # a region of points: what is drawn is kept
+    thin = Strips(box, rows, np.zeros(2), np.zeros(2), np.zeros((2, 0)))
+    assert len(thin.samples(100, rng)) == 100
+
+
+def test_a_cell_without_a_point_of_the_range_of_a_neuron_is_impossible(rng):
+    loop, _ = small_loop(rng)
+    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
+    lure, n = network.lure, 300
+    centers, halves = rng.uniform(-2, 2, (n, 3)), rng.uniform(0, 0.5, (n, 3))
+    low, high = np.full((2, lure.nw), np.inf) * [[-1], [1]]
+    assert network.over(centers, halves, low, high)[3].all()
+    low[0], high[0] = -0.2, 0.3
+    possible = network.over(centers, halves, low, high)[3]
+    middle = centers @ lure.V[0] + lure.b[0]
+    radius = halves @ np.abs(lure.V[0])
+    np.testing.assert_array_equal(
+        possible, (middle + radius >= -0.2) & (middle - radius <= 0.3)
+    )
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "sin"])
+def test_intervals_of_cells_hold_every_point(rng, activation):
+    loop, _ = small_loop(rng, size=1.0, activation=activation)
+    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
+    lure, n = network.lure, 60
+    centers, halves = rng.uniform(-2, 2, (n, 3)), rng.uniform(0, 0.5, (n, 3))
+    known = np.full((2, lure.nw), np.inf) * [[-1], [1]]
+    *line, _ = network.over(centers, halves, *known)
+    middle, radius, curved = network.affine(
+        lure.W, lure.M, lure.c, line, centers, halves
+    )
+    assert np.all(radius >= curved.sum(axis=-1)) and np.all(curved >= 0)
+    widest = np.zeros_like(radius)
+    for _ in range(400):
+        share = rng.choice([-1.0, 1.0, 0.0, 0.5], (n, 3))
+        q = network.values(centers + share * halves)
+        off = np.abs(q - middle)
+        assert np.all(off <= radius + 1e-12)
+        widest = np.maximum(widest, off)
+    assert np.median(radius / np.maximum(widest, 1e-9)) < 1.5
+
+
+def test_a_budget_ends_the_subdivision_with_a_bound(rng):
+    loop, _ = small_loop(rng, size=1.0)
+    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
+    box = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    known = np.full((2, network.lure.nw), np.inf) * [[-1], [1]]
+    region = Strips(box, np.zeros((0, 2)), np.zeros(0), np.zeros(0), known)
+    z = region.samples(3_000, rng)
+    q = network.values(z)
+    by_z = np.column_stack([z, np.ones(len(z))])
+    fit = np.linalg.lstsq(by_z, q, rcond=None)[0].T
+    q -= by_z @ fit.T
+    widths = []
+    for budget in (0, 2_000, 100_000):
+        low, high = remainder(network, region, np.eye(3), fit, q[:50], budget)
+        assert np.all(q >= low - 1e-12) and np.all(q <= high + 1e-12)
+        widths.append(high - low)
+    assert np.all(widths[0] >= widths[1]) and np.all(widths[1] >= widths[2])
+    assert widths[0].sum() > 1.003 * widths[2].sum()
+    assert np.all(widths[2] <= 1.1 * np.ptp(q, axis=0))
+
+
+def paired_loop(rng, size=0.1, n=3, activation="tanh"):
+    """Return a loop whose last neurons are those of the first at another point."""
+    loop, design = small_loop(rng, 3, 2, 2 * n, size, 0.6, activation)
+    Theta = loop.Theta.copy()
+    rows = slice(len(Theta) - n, None)
+    Theta[4 + n :, :3] = Theta[4 : 4 + n, :3]
+    Theta[rows, :2] += 0.05 * rng.standard_normal((n, 2))
+    Theta[4:, 5:-1] = 0.0  # one layer
+    twins = np.r_[np.arange(n) + n, np.full(n, -1)]
+    return Lure(Theta, 3, 2, 2 * n, loop.sigma), design, twins
+
+
+def test_differences_are_the_same_loop(rng):
+    loop, _, twins = paired_loop(rng)
+    other = differences(loop, twins)
+    z = rng.standard_normal(5)
+    nu = loop.V @ z + loop.b
+    w = np.tanh(nu)
+    dw, dnu = w.copy(), nu.copy()
+    dw[:3] -= w[3:]
+    dnu[:3] -= nu[3:]
+    np.testing.assert_allclose(other.V @ z + other.E @ dw + other.b, dnu)
+    np.testing.assert_allclose(
+        other.M @ z + other.W @ dw + other.c, loop.M @ z + loop.W @ w + loop.c
+    )
+
+
+# -- covers ----------------------------------------------------------------------------
+
+
+def test_a_linear_loop_reaches_its_region(rng):
+    """The range of a signal is attained: inputs and remainders at their limits."""
+    A, B, G = stable(rng, 2, 0.8), *rng.standard_normal((2, 2, 1))
+    c, radius = rng.standard_normal(2), np.array([0.3])
+    signals = rng.standard_normal((3, 5))
+    none = np.zeros((0, 2)), np.zeros((0, 1)), np.zeros(0)
+    system = Affine(A, B, c, *none, G, np.zeros((0, 1)), radius, signals)
+    low, high = system.region()
+    np.testing.assert_array_equal([low, high], system.reach(signals))
+    n, both = 300, np.hstack([B, G * radius])
+    for i, row in enumerate(signals):
+        at_once = row[2:4] * [1.0, radius[0]]
+        response, x = [at_once], both
+        for _ in range(n):
+            response.append(row[:2] @ x)
+            x = A @ x
+        rest = np.linalg.solve(np.eye(2) - A, c)
+        most = np.abs(response).sum()
+        assert high[i] >= row[:2] @ rest + row[4] + most - 1e-9
+        assert low[i] <= row[:2] @ rest + row[4] - most + 1e-9
+    # from rest at the origin, without constants, the range is symmetric and attained
+    plain = Affine(A, B, 0 * c, *none, G, np.zeros((0, 1)), radius, signals)
+    low, high = plain.reach(np.pad(signals[:, :4], ((0, 0), (0, 1))))
+    for i, row in enumerate(signals):
+        most, x = np.abs(row[2:4] * [1.0, radius[0]]).sum(), both
+        for _ in range(n):
+            most += np.abs(row[:2] @ x).sum()
+            x = A @ x
+        np.testing.assert_allclose([low[i], high[i]], [-most, most], rtol=1e-8)
+
+
+def held(system, network, z, x_next, y):
+    """Return what the remainders of a system are at points, and the rest of x+, y."""
+    nx, nu = system.B.shape
+    x, r = z[:, :nx], z[:, nx : nx + nu]
+    left = np.hstack(
+        [
+            x_next - x @ system.A.T - r @ system.B.T - system.c,
+            y - x @ system.C.T - r @ system.D.T - system.d,
+        ]
+    )
+    return left
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "sigmoid"])
+def test_lines_of_neurons_hold_every_point(rng, activation):
+    loop, _ = small_loop(rng, size=0.5, activation=activation)
+    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
+    z = rng.uniform(-1, 1, (500, 3))
+    nu, w = seen_by(network.lure, z)
+    cover = ByNeurons(network)
+    region = np.array([nu.min(axis=0), nu.max(axis=0)])
+    system = cover.system(region)
+    rho, watched = remainders(system, cover, region, z, nu, w)
+    assert np.all(np.abs(rho) <= system.radius)
+    q = network.values(z)
+    left = held(system, network, z, q[:, :2], q[:, 2:])
+    np.testing.assert_allclose(
+        left, rho @ np.vstack([system.G, system.H]).T, atol=1e-12
+    )
+    np.testing.assert_allclose(watched, nu, atol=1e-12)
+    least, largest = cover.slopes(region)
+    slopes = network.lure.sigma[0].derivative(nu, w)
+    assert np.all(slopes >= least - 1e-12) and np.all(slopes <= largest + 1e-12)
+    np.testing.assert_array_equal(cover.seen(region), region)
+    assert np.all(largest - least <= 1) and np.all(system.radius <= 0.5 * np.ptp(w, 0))
+
+
+def seen_by(lure, z):
+    """Return what neurons see at points, and their values, one after the other."""
+    nu, w = np.zeros((len(z), lure.nw)), np.zeros((len(z), lure.nw))
+    for i in range(lure.nw):
+        nu[:, i] = z @ lure.V[i] + w @ lure.E[i] + lure.b[i]
+        w[:, i] = lure.sigma[i].value(nu[:, i])
+    return nu, w
+
+
+def remainders(system, cover, region, z, nu, w):
+    """Return the remainders of neurons that have lines, and what is watched."""
+    s, m, _ = cover._lines(region)
+    rho = w - s * nu - m
+    n = np.column_stack([z, rho, np.ones(len(z))])
+    return rho, n @ system.watched.T
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "sin"])
+def test_lines_of_differences_hold_every_point(rng, activation):
+    loop, _, twins = paired_loop(rng, 0.5, activation=activation)
+    network = Network.of(loop, 1, np.eye(3), np.ones(2), np.ones(1), twins)
+    assert list(network.twins) == list(twins)
+    z = rng.uniform(-1.5, 1.5, (800, 5))
+    nu = z @ loop.V.T + loop.b
+    w = loop.sigma[0].value(nu)
+    derivative = loop.sigma[0].derivative(nu, w)
+    both, dw = nu.copy(), w.copy()
+    both[:, :3] -= nu[:, 3:]
+    dw[:, :3] -= w[:, 3:]
+    cover = ByNeurons(network)
+    assert np.array_equal(cover.start, [network.rest] * 2)
+    region = np.array([both.min(axis=0), both.max(axis=0)])
+    system = cover.system(region)
+    rho, watched = remainders(system, cover, region, z, both, dw)
+    assert np.all(np.abs(rho) <= system.radius + 1e-12)
+    np.testing.assert_allclose(watched, both, atol=1e-12)
+    least, largest = cover.slopes(region)
+    assert np.all(derivative[:, 3:] >= least[3:] - 1e-12)
+    assert np.all(derivative[:, 3:] <= largest[3:] + 1e-12)
+    # a chord between a neuron and its twin is the mean of slopes on the way
+    theta = dw[:, :3] / np.where(both[:, :3] == 0, 1, both[:, :3])
+    assert np.all(theta >= least[:3] - 1e-9) and np.all(theta <= largest[:3] + 1e-9)
+    x_next, y = (loop.M @ z.T + loop.W @ w.T + loop.c[:, None]).T[:, :3], None
+    y = (loop.M @ z.T + loop.W @ w.T + loop.c[:, None]).T[:, 3:4]
+    left = held(system, network, z, x_next, y)
+    np.testing.assert_allclose(
+        left, rho @ np.vstack([system.G, system.H]).T, atol=1e-12
+    )
+    # they stay as narrow as the differences are
+    assert np.all(system.radius[:3] <= np.abs(region[:, :3]).max(axis=0))
+
+
+@pytest.mark.parametrize("activation", ["tanh", "sin"])
+def test_a_map_of_cells_holds_every_point(rng, activation):
+    loop, design = small_loop(rng, size=0.5, activation=activation)
+    network, scaled, _ = _scaled(loop, design, np.ones(1), np.ones(1))
+    cover = ByCells(network, scaled)
+    system = cover.system(cover.start)
+    nx, low, high = 2, *cover.start
+    z = np.hstack(
+        [rng.uniform(low[:nx], high[:nx], (4_000, nx)), rng.uniform(-1, 1, (4_000, 1))]
+    )
+    along = z[:, :nx] @ cover.rows.T
+    z = z[np.all((along >= low) & (along <= high), axis=1)]
+    assert len(z) > 300
+    q = network.values(z)
+    left = held(system, network, z, q[:, :nx], q[:, nx:])
+    rho = np.linalg.lstsq(np.vstack([system.G, system.H]), left.T, rcond=None)[0].T
+    np.testing.assert_allclose(rho @ np.vstack([system.G, system.H]).T, left, atol=1e-9)
+    assert np.all(np.abs(rho) <= system.radius * (1 + 1e-9))
+    assert np.all(system.radius <= 1.2 * np.abs(rho).max(axis=0) + 1e-9)
+    nu, w = seen_by(network.lure, z)
+    seen = cover.seen(cover.start)
+    assert np.all(nu >= seen[0] - 1e-9) and np.all(nu <= seen[1] + 1e-9)
+    first = ~network.lure.E.any(axis=1)
+    assert np.isinf(seen[:, ~first]).all() and np.isfinite(seen[:, first]).all()
+    least, largest = cover.slopes(cover.start)
+    slopes = network.lure.sigma[0].derivative(nu, w)
+    assert np.all(slopes >= least - 1e-9) and np.all(slopes <= largest + 1e-9)
+    # of samples, while the region is searched: about the same, in no time
+    guess = cover.system(cover.start, exact=False)
+    assert np.all(guess.radius <= 1.03 * system.radius)
+    assert np.all(guess.radius >= 0.8 * system.radius)
+
+
+def test_covers_suit_a_loop(rng):
+    for nx, nu, names in (
+        (2, 1, ["cells", "neurons"]),
+        (4, 1, ["cells", "neurons"]),
+        (5, 1, ["neurons"]),
+    ):
+        loop, design = small_loop(rng, nx, nu)
+        network, scaled, _ = _scaled(loop, design, np.ones(nu), np.ones(1))
+        assert [cover.name for cover in covers(network, scaled)] == names
+    loop, design, twins = paired_loop(rng)
+    network, scaled, _ = _scaled(loop, design, np.ones(2), np.ones(1), twins)
+    assert [cover.name for cover in covers(network, scaled)] == ["neurons"]
+    linear = Lure(np.delete(loop.Theta[:4], np.s_[5:11], axis=1), 3, 2, 0)
+    network, scaled, _ = _scaled(linear, design, np.ones(2), np.ones(1))
+    assert [cover.name for cover in covers(network, scaled)] == ["neurons"]
+
+
+def test_the_distance_of_systems_is_what_remainders_and_constants_make(rng):
+    A, B, C = stable(rng, 2, 0.7), rng.standard_normal((2, 1)), np.ones((1, 2))
+    G, H = rng.standard_normal((2, 1)), np.array([[0.5]])
+    none = np.zeros((2, 0)), np.zeros((1, 0)), np.zeros(0), np.zeros((0, 4))
+    design = Affine(A, B, np.zeros(2), C, np.ones((1, 1)), np.zeros(1), *none)
+    for constant in (0.0, 0.4, -0.4):
+        system = Affine(
+            A, B, np.zeros(2), C, np.ones((1, 1)), np.array([constant]),
+            G, H, np.array([0.3]), np.zeros((0, 5)),
+        )  # fmt: skip
+        most, x = 0.5, G
+        for _ in range(400):
+            most, x = most + abs(float((C @ x)[0, 0])), A @ x
+        expected = 0.3 * most + abs(constant)
+        assert distance(system, design)[0] == pytest.approx(expected, rel=1e-6)
+        assert distance(system, design)[0] > expected * (1 - 1e-12)
+    # the design may have a gain of its own
+    less = Affine(A, 0.9 * B, np.zeros(2), C, np.ones((1, 1)), np.zeros(1), *none)
+    most, x = 0.0, 0.1 * B
+    for _ in range(400):
+        most, x = most + abs(float((C @ x)[0, 0])), A @ x
+    assert distance(design, less)[0] == pytest.approx(most, rel=1e-6)
+
+
+# -- grid ------------------------------------------------------------------------------
+
+
+def test_the_largest_value_over_boxes(rng):
+    values = rng.standard_normal((6, 5))
+    for size in ((1, 1), (2, 3), (3, 1)):
+        ahead, behind = (_over_boxes(values, size, way) for way in (1, -1))
+        for i in range(6):
+            for j in range(5):
+                box = values[i : i + size[0], j : j + size[1]]
+                assert ahead[i, j] == box.max()
+                first = max(0, i - size[0] + 1), max(0, j - size[1] + 1)
+                box = values[first[0] : i + 1, first[1] : j + 1]
+                assert behind[i, j] == box.max()
+
+
+@pytest.mark.parametrize("gain", [0.3, -0.3])
+def test_a_grid_bounds_all_inputs_and_comes_close(gain):
+    """x+ = x / 2 + r / 2 + gain (tanh(x) - x), y = x + 0.1 tanh(x): all sequences."""
+    Theta = np.zeros((3, 4))
+    Theta[0] = [0.5 - gain, 0.5, gain, 0.0]
+    Theta[1, [0, 2]] = 1.0, 0.1
+    Theta[2, 0] = 1.0
+    loop = Lure(Theta, 1, 1, 1)
+    design = np.array([[0.5]]), np.array([[0.5]]), np.ones((1, 1)), np.zeros((1, 1))
+    network, scaled, T = _scaled(loop, design, np.ones(1), np.ones(1))
+    half = 1.5 / abs(T[0, 0])
+    box = np.array([[-half], [half]])
+    found = worst_input(loop, design, np.ones(1), 60)[0][0]
+    bounds = [Grid(network, scaled, box, n).bounds()[0] for n in (500, 20_000)]
+    assert found <= bounds[1] < bounds[0]
+    assert bounds[1] <= 1.05 * found
+
+
+def test_a_grid_of_a_linear_loop_adds_nothing(rng):
+    """The bound of no distance is what the cells are wide, and rounds upwards."""
+    loop, design = small_loop(rng, nx=1, nu=1, nw=1, size=0.0)
+    Theta = loop.Theta.copy()
+    Theta[1, 2] = 1e-9  # a neuron that hardly reaches y
+    Theta[:2, -1] = 0.0
+    loop = Lure(Theta, 1, 1, 1)
+    network, scaled, _ = _scaled(loop, design, np.ones(1), np.ones(1))
+    bound = Grid(network, scaled, np.array([[-4.0], [4.0]]), 2_000).bounds()[0]
+    assert 0 < bound < 1.1e-9
+
+
+def test_grids_suit_few_states_and_inputs():
+    def suits(nx, nu, nw=1, twins=(), implicit=None, states=None):
+        lure = SimpleNamespace(nx=nx, nu=nu, nw=nw, implicit=implicit or {})
+        network = SimpleNamespace(lure=lure, twins=twins)
+        design = SimpleNamespace(A=np.eye(nx if states is None else states))
+        return Grid.suits(network, design)
+
+    assert suits(1, 1) is suits(3, 2) is True
+    for other in (
+        suits(0, 1), suits(4, 1), suits(1, 3), suits(1, 1, nw=0), suits(2, 1, states=3),
+        suits(1, 1, twins=(0,)), suits(1, 1, implicit={0: 1}),
+    ):  # fmt: skip
+        assert other is False
+
+
+# -- worst inputs ----------------------------------------------------------------------
+
+
+def test_the_gradient_of_the_distance(rng):
+    loop, design = small_loop(rng, 2, 2, 6, 0.5)
+    pair = _Pair(loop, design, np.ones(2), 12)
+    r = rng.uniform(-1, 1, (12, 2))
+    gradient = pair._gradient(r, 0)
+    for k in range(12):
+        for j in range(2):
+            ends = []
+            for step in (1e-5, -1e-5):
+                moved = r.copy()
+                moved[k, j] += step
+                ends.append(pair.distance(moved)[-1, 0])
+            slope = (ends[0] - ends[1]) / 2e-5
+            assert gradient[k, j] == pytest.approx(slope, rel=1e-4, abs=1e-9)
+
+
+def test_the_worst_input_of_a_linear_difference_is_its_peak(rng):
+    A, B, C = stable(rng, 2, 0.9), rng.standard_normal((2, 2)), np.ones((1, 2))
+    Theta = np.zeros((3, 5))
+    Theta[:2, :2], Theta[:2, 2:4], Theta[2, :2], Theta[2, 3] = A, B, C, 0.7
+    design = A, 0.8 * B, C, np.array([[0.2, 0.0]])
+    amplitude = np.array([0.5, 2.0])
+    found, r = worst_input(Lure(Theta, 2, 2, 0), design, amplitude, 200)
+    whole = peaks(A, 0.2 * B, C, np.array([[-0.2, 0.7]])).gain @ amplitude
+    assert found == pytest.approx(whole, rel=1e-5)
+    assert np.all(np.abs(r) == amplitude)
+    y = channels(
+        Lure(Theta, 2, 2, 0), simulate(Lure(Theta, 2, 2, 0), r, np.zeros(2))[:-1], r
+    )
+    assert np.isfinite(y).all()
