@@ -1,5 +1,6 @@
 """What certificates are made of: every bound holds, and is no wider than it must be."""
 
+from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from alssnn.activations import ACTIVATIONS, Activation
-from alssnn.certificates import _peaks, peaks, worst_input
+from alssnn.certificates import _local, _peaks, local_certificate, peaks, worst_input
 from alssnn.certificates._cells import Network, Strips, differences, remainder
 from alssnn.certificates._covers import Affine, ByCells, ByNeurons, covers
 from alssnn.certificates._grid import Grid, _over_boxes
@@ -17,7 +18,7 @@ from alssnn.certificates._proof import distance
 from alssnn.certificates._worst import _Pair
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
-from helpers import small_loop, stable
+from helpers import simulate_linear, small_loop, stable
 
 IDENTITY = ACTIVATIONS["identity"]
 
@@ -562,3 +563,169 @@ def test_the_worst_input_of_a_linear_difference_is_its_peak(rng):
         Lure(Theta, 2, 2, 0), simulate(Lure(Theta, 2, 2, 0), r, np.zeros(2))[:-1], r
     )
     assert np.isfinite(y).all()
+
+
+# -- what a certificate says of itself -------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def local():
+    """One state, one input, and a channel behind y that is watched."""
+    Theta = np.array(
+        [
+            [0.5, 1.0, 0.05, -0.02, 0.01],
+            [1.0, 0.0, 0.1, 0.0, 0.0],
+            [2.0, -1.0, 0.0, 0.3, 0.0],
+            [1.0, 0.5, 0.0, 0.0, 0.2],
+            [-0.5, 0.0, 1.0, 0.0, 0.0],
+        ]
+    )
+    loop = Lure(Theta, 1, 1, 2)
+    design = np.array([[0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    options = {"search": False, "cells": 0, "watched": 1}
+    return loop, design, local_certificate(loop, design, [0.5], **options)
+
+
+def test_ranges_hold_what_inputs_do(local):
+    loop, (A, B, C, _), c = local
+    rng, amplitude, n = np.random.default_rng(0), 0.5, 400
+    assert c.holds and c.verify() >= 0 and np.isnan(c.ratio)
+    most = np.full((2, 4), -np.inf)
+    for hold in (1, 2, 5, 100):
+        for _ in range(20):
+            r = amplitude * rng.choice([-1.0, 1.0], (n // hold, 1)).repeat(hold, axis=0)
+            X = simulate(loop, r, np.zeros(1))[:-1]
+            z = channels(loop, X, r)
+            linear = simulate_linear(A, B, C, r)
+            seen = np.column_stack([X, z, z[:, 0] - linear[:, 0]])
+            most = np.maximum(most, [seen.max(axis=0), -seen.min(axis=0)])
+    assert c.x_high >= most[0, 0] and -c.x_low >= most[1, 0]
+    assert c.z_high >= most[0, 2] and -c.z_low >= most[1, 2]
+    assert c.output_bounds >= most[:, 3].max()
+    # and are not much wider
+    for bound, (high, low) in (
+        ((c.x_low, c.x_high), most[:, 0]),
+        ((c.z_low, c.z_high), most[:, 2]),
+    ):
+        assert (bound[1] - bound[0])[0] <= 1.15 * (high + low)
+    assert c.output_bounds <= 2 * most[:, 3].max()
+    assert c.design_peak == pytest.approx(amplitude * 2, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", ["output_bounds", "x_low", "x_high", "z_low", "z_high", "amplitude"]
+)
+def test_more_than_was_proved_is_detected(local, name):
+    """A bound that is tighter by a millionth; a wider one is still one."""
+    c = local[2]
+    value = getattr(c, name)
+    wider = -1 if name.endswith("low") else 1
+    size = 1e-6 * np.maximum(np.abs(value), 1e-3)
+    assert replace(c, **{name: value - wider * size}).verify() == -np.inf
+    if name != "amplitude":
+        assert replace(c, **{name: value + wider * size}).verify() == c.verify()
+        assert replace(c, **{name: value - wider * 1e-12}).verify() == c.verify()
+    else:
+        assert replace(c, **{name: value + size}).verify() == -np.inf
+
+
+def test_what_does_not_hold_has_no_margin(local):
+    c = local[2]
+    assert replace(c, holds=False).verify() == -np.inf
+    assert replace(c, proof=None).verify() == -np.inf
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_the_margin_is_what_is_left_of_the_region(local, side):
+    """On either side, over the width: what follows has to lie within the region."""
+    proof = local[2].proof
+    found = proof.cover.system(proof.region).region()
+    width = np.ptp(proof.region, axis=0)
+    left = np.minimum(found[0] - proof.region[0], proof.region[1] - found[1])
+    assert proof.check()[0] == pytest.approx(np.min(left / width))
+    tight = proof.region.copy()
+    tight[side] *= 0.9
+    assert replace(proof, region=tight).check()[0] < 0
+    wide = proof.region.copy()
+    wide[side] *= 1.001
+    assert 0 <= replace(proof, region=wide).check()[0] <= 0.1
+
+
+def test_ranges_are_those_of_states_in_the_basis_of_the_loop(local):
+    c = local[2]
+    states = c.proof.states()
+    T = c.proof.basis[0, 0]
+    np.testing.assert_allclose(
+        np.sort([T * states[0, 0], T * states[1, 0]]), [c.x_low[0], c.x_high[0]]
+    )
+    # any other basis: the box of the same set is a wider one
+    T = np.array([[1.0, 2.0], [-1.0, 1.0]])
+    box = np.array([[-1.0, 0.0], [3.0, 2.0]])
+    proof = replace(c.proof, basis=T)
+    object.__setattr__(proof, "states", lambda: box)
+    np.testing.assert_allclose(proof.range_of_states(), [[-1.0, -3.0], [7.0, 3.0]])
+
+
+def test_sectors_hold_from_rest(local):
+    """Chords from what neurons see at rest, as far as the region goes."""
+    loop, _, c = local
+    rest = loop.b + np.array([0.05, -0.1])
+    sectors, reach = c.proof.sectors(loop.sigma, rest)
+    seen = c.proof.cover.seen(c.proof.region)
+    assert c.proof.cover.network.live.tolist() == [0, 1]
+    for i in range(2):
+        if not np.isfinite(seen[:, i]).all():
+            assert np.isinf(reach[i]) and sectors[:, i].tolist() == [0, 1]
+            continue
+        expected = min(seen[1, i] - rest[i], rest[i] - seen[0, i])
+        assert reach[i] == pytest.approx(expected) and expected > 0
+        nu = np.linspace(seen[0, i], seen[1, i], 999)
+        chord = (np.tanh(nu) - np.tanh(rest[i])) / (nu - rest[i])
+        assert np.all(chord >= sectors[0, i]) and np.all(chord <= sectors[1, i])
+        assert sectors[0, i] >= chord.min() - 0.02
+        assert sectors[1, i] <= chord.max() + 0.02
+    assert np.isfinite(reach).any()
+    # a rest beyond the region: chords from there, and no room on that side
+    far = rest + 100.0
+    sectors, reach = c.proof.sectors(loop.sigma, far)
+    finite = np.isfinite(seen).all(axis=0)
+    np.testing.assert_allclose(reach[finite], 0.0)
+    chord = (np.tanh(seen[:, finite]) - 1) / (seen[:, finite] - far[finite])
+    assert np.all(sectors[0, finite] <= chord) and np.all(sectors[1, finite] >= chord)
+
+
+def test_a_loop_that_grows_has_no_region():
+    """x+ = x / 2 + r + relu(0.6 x): unstable for positive x, in its design stable."""
+    Theta = np.array([[0.5, 1.0, 0.6, 0.0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    loop = Lure(Theta, 1, 1, 1, (ACTIVATIONS["relu"],))
+    design = np.array([[0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    c = local_certificate(loop, design, [0.1], search=False)
+    assert not c.holds and c.verify() == -np.inf and c.ratio == np.inf
+    assert np.isinf(c.output_bounds).all() and "No region was found" in c.reason
+    assert np.isinf(c.x_high).all() and c.verdict == "undecided"
+    # with less of it there is one, and a bound: (0.1 / (1 - 0.9) - 0.1 / 0.5)
+    Theta[0, 2] = 0.4
+    c = local_certificate(Lure(Theta, 1, 1, 1, loop.sigma), design, [0.1], search=False)
+    assert c.holds and c.output_bound >= 1 - 0.2 and c.x_high >= 1.0
+
+
+def test_inputs_beyond_the_range_of_the_bounds_contradict_them(monkeypatch, local):
+    """What was found may not be larger than what is proved."""
+    loop, design, c = local
+    for found, holds in ((1.01, False), (0.99, True)):
+        seen = found * c.output_bounds, np.ones((5, 1))
+        monkeypatch.setattr(_local, "worst_input", lambda *_, seen=seen: seen)
+        again = local_certificate(loop, design, [0.5], cells=0, watched=1)
+        assert again.holds == holds
+        assert holds or "contradict" in again.reason
+    assert again.ratio == pytest.approx(1 / 0.99)
+
+
+def test_the_grid_counts_where_it_is_tighter(local):
+    loop, design, c = local
+    fine = local_certificate(loop, design, [0.5], search=False, cells=3_000, watched=1)
+    assert fine.proof.cells == 3_000 and fine.verify() >= 0
+    assert fine.output_bound < c.output_bound
+    coarse = replace(fine.proof, cells=10)
+    assert fine.output_bound < coarse.check()[1] <= c.output_bounds
+    assert replace(fine, proof=coarse).verify() == -np.inf
