@@ -1,8 +1,10 @@
 """The derivative oracle and small building blocks of the tests."""
 
 import numpy as np
+from structures import declare
 
 from alssnn.activations import ACTIVATIONS
+from alssnn.feedback import LinearizingController, Observer, lqi, lqr
 from alssnn.forms import of_structure
 from alssnn.kernels import differentiate
 from alssnn.lure import Lure
@@ -169,3 +171,28 @@ def plant_of_structure(structure, theta, rng, delay=0):
         name="plant",
         delay=np.broadcast_to(delay, nu).copy(),
     )
+
+
+def controlled(name, seed=0, *, integrates=True, limits=None, scale=1.0, size=0.3):
+    """Return a controller of a random plant of a structure."""
+    rng = np.random.default_rng(seed)
+    structure = declare(name, rng)
+    theta = random_theta(structure, rng, 0.5)
+    p = structure.split(theta)
+    for key in ("W_h", "W_g"):
+        if key in p:
+            p[key] = size * p[key]
+    plant = plant_of_structure(structure, structure.join(p), rng)
+    nx, ny, nv = plant.nx, plant.ny, plant.nv
+    if integrates:
+        K = lqi(plant, np.eye(nx + ny), 10 * np.eye(nv))
+    else:
+        K = lqr(plant, np.eye(nx), 10 * np.eye(nv))
+    observer = Observer(plant, R=0.1 * np.eye(ny))
+    bounds = {}
+    if limits is not None:
+        bounds = {
+            "u_min": plant.v_offset - limits,
+            "u_max": plant.v_offset + limits,
+        }
+    return LinearizingController(plant, scale * K, observer=observer, **bounds)
