@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from alssnn.activations import ACTIVATIONS
-from alssnn.certificates import LocalCertificate, _whole_certificate, certify_loop
+from alssnn.certificates import (
+    GainCertificate,
+    LocalCertificate,
+    _whole_certificate,
+    certify_loop,
+)
 from alssnn.certificates._rest import (
     at_rest,
     corrections,
@@ -330,3 +335,51 @@ def test_models_are_the_same_if_nothing_of_them_differs():
         ("law_form", other(own.law_form)),
     ):
         assert not _same(own, replace(own, **{name: value}))
+
+
+def test_what_a_certificate_says_of_gain_and_rate(certified):
+    c = certified[1]
+    assert "|y - y_design| <=" in repr(c) and "every plant" not in repr(c)
+    assert "nothing is proved for the whole range" not in repr(c)
+    wider = replace(c, full=2 * c.full)
+    assert "nothing is proved for the whole range, |r of y[0]| <= 0.1," in repr(wider)
+    error = np.array([[0.25]])
+    near = replace(c, error=error, largest_error=3.0)
+    assert "|y_plant - y_model| <= 0.25 |u| (proved up to 3 times that)" in repr(near)
+    none = replace(c, gain=GainCertificate.none("Because."))
+    assert "no gain was proved. Because.\n" in repr(none) + "\n"
+    for largest, said in (
+        (0.0, "Because. The `error` is too large for this loop."),
+        (0.5, "Because. It holds for 0.5 times this `error`."),
+        (np.nan, "Because."),
+    ):
+        text = repr(replace(none, error=error, largest_error=largest))
+        assert f"{said}\n" in text + "\n"
+    slow = replace(c.rate, decay=1.0)
+    for basin, rate, said in (
+        (c.basin, c.rate, f"rest at {c.decay:.4g} per sample, from states in an"),
+        (np.full((2, 2), np.nan), slow, "comes to rest, from states near rest"),
+        (np.zeros((2, 2)), slow, "comes to rest, from every state"),
+        (np.diag([4.0, 1 / 9]), slow, "in an ellipsoid of |x| <= [0.5, 3]"),
+    ):
+        assert said in repr(replace(c, basin=basin, rate=rate))
+    unproved = replace(c, rate=GainCertificate.none("None."))
+    assert "comes to rest" not in repr(unproved)
+    for reaches in (False, True):
+        text = repr(replace(c, reaches_limits=np.array([reaches])))
+        assert ("(at a limit)" in text) == reaches
+
+
+def test_a_certificate_without_a_proof_has_no_margin(certified):
+    c = certified[1]
+    nothing = GainCertificate.none("")
+    bare = replace(c, proof=None, gain=nothing, rate=nothing)
+    assert bare.verify() == c.local.verify()
+    for other in (replace(bare, gain=c.gain), replace(bare, rate=c.rate)):
+        assert other.verify() == -np.inf
+    assert np.isnan(bare.x_rest).all() and not np.isnan(c.x_rest).any()
+    assert len(c.x_rest) == len(c.basin) == 2
+    failed = replace(c, local=replace(c.local, holds=False))
+    assert failed.verify() == -np.inf and not failed.holds
+    least = min(c.local.verify(), c.gain.verify(), c.rate.verify())
+    assert c.verify() == min(least, 0.0) or c.verify() == pytest.approx(0.0)

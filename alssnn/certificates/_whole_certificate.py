@@ -152,7 +152,7 @@ class LoopCertificate:
     def _of_gain(self):
         near = ""
         if not self.gain.holds:
-            if self.error is not None and np.isfinite(self.largest_error):
+            if self.largest_error == 0:
                 near = " The `error` is too large for this loop."
             if self.largest_error > 0:
                 near = f" It holds for {self.largest_error:.3g} times this `error`."
