@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from alssnn.activations import ACTIVATIONS, Activation
-from alssnn.certificates import _local, _peaks, local_certificate, peaks, worst_input
+from alssnn.certificates import (
+    _grid,
+    _local,
+    _peaks,
+    local_certificate,
+    peaks,
+    worst_input,
+)
 from alssnn.certificates._cells import Network, Strips, differences, remainder
 from alssnn.certificates._covers import Affine, ByCells, ByNeurons, covers
 from alssnn.certificates._grid import Grid, _over_boxes
@@ -193,6 +200,7 @@ def test_a_cell_without_a_point_of_the_range_of_a_neuron_is_impossible(rng):
     centers, halves = rng.uniform(-2, 2, (n, 3)), rng.uniform(0, 0.5, (n, 3))
     low, high = np.full((2, lure.nw), np.inf) * [[-1], [1]]
     assert network.over(centers, halves, low, high)[3].all()
+    assert network.over(centers, 0 * halves, low, high)[3].all()  # a cell of a point
     low[0], high[0] = -0.2, 0.3
     possible = network.over(centers, halves, low, high)[3]
     middle = centers @ lure.V[0] + lure.b[0]
@@ -243,6 +251,21 @@ def test_a_budget_ends_the_subdivision_with_a_bound(rng):
     assert np.all(widths[0] >= widths[1]) and np.all(widths[1] >= widths[2])
     assert widths[0].sum() > 1.003 * widths[2].sum()
     assert np.all(widths[2] <= 1.1 * np.ptp(q, axis=0))
+
+
+def test_what_has_no_value_has_no_bound():
+    """A root has none below zero: nothing is known of a region that reaches there."""
+    root = Activation("root", np.sqrt, lambda v, w: 0.5 / w, slope=(0.0, 1.0))
+    Theta = np.array([[0.5, 1.0, 1.0, 0.0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    loop = Lure(Theta, 1, 1, 1, (root,))
+    network = Network.of(loop, 1, np.eye(1), np.ones(1), np.ones(1))
+    known, box = np.array([[-np.inf], [np.inf]]), np.array([[-1.0, 0.0], [1.0, 0.0]])
+    region = Strips(box, np.zeros((0, 1)), np.zeros(0), np.zeros(0), known)
+    with np.errstate(invalid="ignore"):
+        low, high = remainder(
+            network, region, np.eye(2), np.zeros((2, 3)), np.zeros((1, 2)), 100
+        )
+    assert low[0] == -np.inf and high[0] == np.inf
 
 
 def paired_loop(rng, size=0.1, n=3, activation="tanh"):
@@ -485,8 +508,9 @@ def test_the_largest_value_over_boxes(rng):
                 assert behind[i, j] == box.max()
 
 
+@pytest.mark.parametrize("tail", [1e-3, 0.6])
 @pytest.mark.parametrize("gain", [0.3, -0.3])
-def test_a_grid_bounds_all_inputs_and_comes_close(gain):
+def test_a_grid_bounds_all_inputs_and_comes_close(monkeypatch, gain, tail):
     """x+ = x / 2 + r / 2 + gain (tanh(x) - x), y = x + 0.1 tanh(x): all sequences."""
     Theta = np.zeros((3, 4))
     Theta[0] = [0.5 - gain, 0.5, gain, 0.0]
@@ -498,9 +522,32 @@ def test_a_grid_bounds_all_inputs_and_comes_close(gain):
     half = 1.5 / abs(T[0, 0])
     box = np.array([[-half], [half]])
     found = worst_input(loop, design, np.ones(1), 60)[0][0]
-    bounds = [Grid(network, scaled, box, n).bounds()[0] for n in (500, 20_000)]
+    monkeypatch.setattr(_grid, "TAIL", tail)  # what follows is bounded, wherever it is
+    bounds = [Grid(network, scaled, box, n).bounds()[0] for n in (500, 10_000)]
     assert found <= bounds[1] < bounds[0]
-    assert bounds[1] <= 1.05 * found
+    assert bounds[1] <= (1.06 if tail < 0.1 else 4) * found
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_grid_of_a_constant_rounds_upwards(sign):
+    """y - y_lin = sign tanh(0.3) at every sample, whatever the cells are."""
+    Theta = np.array([[0.5, 1.0, 0, 0], [1.0, 0, sign, 0], [0, 0, 0, 0.3]])
+    design = np.array([[0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    network, scaled, _ = _scaled(Lure(Theta, 1, 1, 1), design, np.ones(1), np.ones(1))
+    bound = Grid(network, scaled, np.array([[-2.0], [2.0]]), 500).bounds()[0]
+    assert np.tanh(0.3) < bound < np.tanh(0.3) * (1 + 2e-9)
+
+
+def test_a_grid_starts_at_rest():
+    """x+ = x / 2 + 1 - 1.2 tanh(3 x): at once y - y_lin = 1, then 0.3 and less."""
+    Theta = np.zeros((3, 4))
+    Theta[0] = [0.5, 0.01, -1.2, 1.0]
+    Theta[1, 0], Theta[2, 0] = 1.0, 3.0
+    design = np.array([[0.5]]), np.array([[0.01]]), np.ones((1, 1)), np.zeros((1, 1))
+    network, scaled, T = _scaled(Lure(Theta, 1, 1, 1), design, np.ones(1), np.ones(1))
+    half = 2.0 / abs(T[0, 0])
+    bound = Grid(network, scaled, np.array([[-half], [half]]), 20_000).bounds()[0]
+    assert 1.0 <= bound <= 1.3
 
 
 def test_a_grid_of_a_linear_loop_adds_nothing(rng):
@@ -549,6 +596,26 @@ def test_the_gradient_of_the_distance(rng):
             assert gradient[k, j] == pytest.approx(slope, rel=1e-4, abs=1e-9)
 
 
+def test_the_worst_input_is_as_bad_as_said(rng):
+    loop, design = small_loop(rng, 2, 1, 4, 0.3)
+    found, r = worst_input(loop, design, np.array([0.7]), 30)
+    pair = _Pair(loop, design, np.array([0.7]), 30)
+    e = channels(loop, simulate(loop, r, np.zeros(2))[:-1], r)[:, :1]
+    e -= simulate_linear(*design[:3], r) + r @ design[3].T
+    np.testing.assert_allclose(pair.distance(r), np.abs(e))
+    assert found == pytest.approx(np.abs(e).max()) and np.abs(r).max() <= 0.7
+    for _ in range(100):
+        other = 0.7 * rng.choice([-1.0, 1.0], (30, 1))
+        assert pair.distance(other).max() <= found * (1 + 1e-9)
+
+
+def test_a_loop_that_diverges_is_infinitely_far():
+    Theta = np.array([[1e200, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    design = np.array([[0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    found, r = worst_input(Lure(Theta, 1, 1, 0), design, np.ones(1), 20)
+    assert found[0] == np.inf and np.abs(r).max() == 1
+
+
 def test_the_worst_input_of_a_linear_difference_is_its_peak(rng):
     A, B, C = stable(rng, 2, 0.9), rng.standard_normal((2, 2)), np.ones((1, 2))
     Theta = np.zeros((3, 5))
@@ -559,10 +626,6 @@ def test_the_worst_input_of_a_linear_difference_is_its_peak(rng):
     whole = peaks(A, 0.2 * B, C, np.array([[-0.2, 0.7]])).gain @ amplitude
     assert found == pytest.approx(whole, rel=1e-5)
     assert np.all(np.abs(r) == amplitude)
-    y = channels(
-        Lure(Theta, 2, 2, 0), simulate(Lure(Theta, 2, 2, 0), r, np.zeros(2))[:-1], r
-    )
-    assert np.isfinite(y).all()
 
 
 # -- what a certificate says of itself -------------------------------------------------
