@@ -23,6 +23,7 @@ from alssnn.certificates._rest import (
 )
 from alssnn.certificates._whole import WholeLoop, _same, whole_loop
 from alssnn.certificates._whole_certificate import _inputs
+from alssnn.feedback import LinearizingController, Observer
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
 from helpers import controlled
@@ -383,3 +384,16 @@ def test_a_certificate_without_a_proof_has_no_margin(certified):
     assert failed.verify() == -np.inf and not failed.holds
     least = min(c.local.verify(), c.gain.verify(), c.rate.verify())
     assert c.verify() == min(least, 0.0) or c.verify() == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("integrates", "n_free"), [(True, 1), (False, 2)])
+def test_a_proof_knows_its_references_and_its_gate(integrates, n_free):
+    """Two inputs and one output: references are those of y, or those of v."""
+    controller = controlled("al-split", integrates=integrates, size=0.05)
+    own, K = controller.own, controller.gain
+    gated = LinearizingController(own, K, observer=Observer(own, gate=500.0))
+    proof = certify_loop(gated, 0.02, noise=0.002, search=False).proof
+    assert proof.n_free == n_free and proof.n_plant == own.nx == 3
+    np.testing.assert_array_equal(proof.gate, gated.observer.largest_innovation)
+    assert certify_loop(gated, 0.02, noise=0.0, search=False).proof.gate is None
+    assert proof.distance()[0].nu == proof.deviations()[0].nu == n_free
