@@ -1,7 +1,6 @@
 """What certificates are made of: every bound holds, and is no wider than it must be."""
 
 from dataclasses import replace
-from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,15 +10,19 @@ from alssnn.activations import ACTIVATIONS, Activation
 from alssnn.certificates import (
     _grid,
     _local,
-    _peaks,
     local_certificate,
     peaks,
     worst_input,
 )
-from alssnn.certificates._cells import Network, Strips, differences, remainder
+from alssnn.certificates._cells import (
+    Network,
+    Strips,
+    differences,
+    reaching,
+    remainder,
+)
 from alssnn.certificates._covers import Affine, ByCells, ByNeurons, covers
 from alssnn.certificates._grid import Grid, _over_boxes
-from alssnn.certificates._lines import chords, lines
 from alssnn.certificates._local import _scaled
 from alssnn.certificates._proof import distance
 from alssnn.certificates._worst import _Pair
@@ -27,146 +30,47 @@ from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
 from helpers import simulate_linear, small_loop, stable
 
-IDENTITY = ACTIVATIONS["identity"]
-
-# -- peak gains ------------------------------------------------------------------------
-
-
-def test_peak_gains_of_whole_numbers_round_upwards():
-    """Nothing follows the second sample, and all sums are exact."""
-    A = np.array([[0.0, 1.0], [0.0, 0.0]])
-    B, C = np.array([[1.0, 0.0], [0.0, -2.0]]), np.array([[3.0, 4.0], [0.0, -1.0]])
-    D, c, d = np.array([[1.0, -1.0], [0.0, 5.0]]), np.array([1.0, 2.0]), np.ones(2)
-    found = peaks(A, B, C, D, c, d)
-    exact = np.array([[4.0, 1 + 8 + 6], [0.0, 5 + 2]])
-    reached = exact > 0
-    assert np.all(found.gain[reached] > exact[reached])
-    np.testing.assert_allclose(found.gain, exact, rtol=2e-9)
-    # x = 0, [1, 2], [3, 2], [3, 2], ..., y = C x + 1
-    assert found.high[0] > 18.0 and found.high[0] == pytest.approx(18, rel=2e-9)
-    assert found.low[1] < -1.0 and found.low[1] == pytest.approx(-1, rel=2e-9)
-    assert found.low[0] == found.high[1] == 1.0
-    assert found.n_terms >= 2
-
-
-@pytest.mark.parametrize("end", [0.7, 0.01, 1e-9])
-@pytest.mark.parametrize("pole", [0.5, 0.97, 0.999, -0.9])
-def test_peak_gains_hold_wherever_the_sum_ends(monkeypatch, end, pole):
-    """The bound of what follows is exact for one pole: b / (1 - |a|) in all."""
-    monkeypatch.setattr(_peaks, "SMALL", end)
-    A, B, C = np.full((1, 1), pole), np.array([[2.0, 0.5]]), np.array([[-3.0]])
-    found = peaks(A, B, C, np.array([[0.25, 0.0]]), np.ones(1), np.array([0.5]))
-    exact = np.array([[6.25, 1.5]]) + np.array([[6.0, 1.5]]) * abs(pole) / (
-        1 - abs(pole)
-    )
-    assert np.all(found.gain > exact * (1 - 1e-12))
-    np.testing.assert_allclose(found.gain, exact, rtol=1e-8)
-    x, seen = 0.0, []
-    for _ in range(30_000):
-        seen.append(0.5 - 3 * x)
-        x = pole * x + 1
-    assert found.low[0] <= min(seen) and found.high[0] >= max(seen)
-    if end == 1e-9:
-        np.testing.assert_allclose(found.low, min(seen), rtol=1e-5)
-        np.testing.assert_allclose(found.high, max(seen), rtol=1e-5)
-
-
-@pytest.mark.parametrize("end", [0.5, 0.1])
-def test_peak_gains_of_several_poles_hold_wherever_the_sum_ends(monkeypatch, rng, end):
-    for _ in range(20):
-        A, B = stable(rng, 3, 0.9), rng.standard_normal((3, 2))
-        C, D, c, d = (
-            rng.standard_normal((2, 3)),
-            *rng.standard_normal((3, 2, 2))[:1],
-            (rng.standard_normal(3)),
-            rng.standard_normal(2),
-        )
-        whole = peaks(A, B, C, D, c, d)
-        with monkeypatch.context() as patched:
-            patched.setattr(_peaks, "SMALL", end)
-            early = peaks(A, B, C, D, c, d)
-        assert early.n_terms < whole.n_terms
-        assert np.all(early.gain >= whole.gain * (1 - 3e-9))
-        assert np.all(early.low <= whole.low + 1e-8 * np.abs(whole.low))
-        assert np.all(early.high >= whole.high - 1e-8 * np.abs(whole.high))
-
-
-def test_a_system_without_states_passes_its_inputs_at_once():
-    none = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.array([[1.0, -2.0]])
-    found = peaks(*none, d=np.array([3.0]))
-    np.testing.assert_array_equal(found.gain, [[1.0, 2.0]])
-    assert found.low == found.high == 3.0 and found.n_terms == 0
-
-
-# -- lines and chords ------------------------------------------------------------------
-
-
-def exactly(value):
-    return Fraction(float(value))
-
-
-@pytest.mark.parametrize("name", ["relu", "identity"])
-@pytest.mark.parametrize("slopes", [1, 5])
-def test_a_line_covers_its_own_rounding(name, slopes, rng):
-    """Activations that are lines themselves, in exact arithmetic."""
-    low = rng.uniform(0.1, 5.0, 200)
-    high = low + rng.exponential(1.0, 200)
-    s, m, d = lines(ACTIVATIONS[name], low, high, 1, slopes)
-    for i in range(200):
-        for nu in (low[i], high[i], (low[i] + high[i]) / 2):
-            error = exactly(nu) - exactly(s[i]) * exactly(nu) - exactly(m[i])
-            assert abs(error) <= exactly(d[i])
-    assert np.all(d > 0) and np.all(d <= 1e-13 * (1 + high))
-
-
-def test_the_line_of_a_point_is_its_value():
-    at = np.array([-0.5, 0.0, 2.0])
-    s, m, d = lines(ACTIVATIONS["tanh"], at, at)
-    np.testing.assert_allclose(s * at + m, np.tanh(at))
-    assert np.all(d >= 0) and np.all(d <= 1e-15)
-
-
-@pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
-def test_more_slopes_find_the_best_line(name):
-    activation = ACTIVATIONS[name]
-    low, high = np.array([-3.0, -0.2, -1.0]), np.array([1.0, 2.5, 4.0])
-    s, m, d = lines(activation, low, high, 400, 33)
-    chord = lines(activation, low, high, 400, 1)[2]
-    for i in range(3):
-        nu = np.linspace(low[i], high[i], 2_001)
-        w = activation.value(nu)
-        best = min(np.ptp(w - t * nu) / 2 for t in np.linspace(-1, 1, 801))
-        assert np.abs(w - s[i] * nu - m[i]).max() <= d[i] <= chord[i]
-        assert d[i] <= 1.05 * best + 1e-3 * np.ptp(w)
-
-
-def sloped(a, b=None):
-    """Return an activation with a slope that is known nowhere better than [a, b]."""
-    value = lambda v: a * v  # noqa: E731
-    return Activation("sloped", value, lambda v, w: a + 0 * v, slope=(a, b or a))
-
-
-@pytest.mark.parametrize("slope", [0.1, -0.3, 1.0, 1 / 3])
-def test_chords_are_rounded_outwards(slope):
-    about, low, high = np.array([0.3]), np.array([-1.0]), np.array([2.0])
-    least, largest = chords(sloped(slope), about, low, high)
-    assert least < slope < largest
-    np.testing.assert_allclose([least[0], largest[0]], slope, rtol=1e-12)
-
-
-def test_chords_start_at_their_point():
-    """The chord of relu from 1 to -1 is a half, from 1 to 3 one, from 0 any."""
-    about = np.array([1.0, 0.0, -1.0])
-    least, largest = chords(ACTIVATIONS["relu"], about, about - 2, about + 2)
-    np.testing.assert_allclose(least, [1 / 2, 0, 0], atol=0.02)
-    np.testing.assert_allclose(largest, [1, 1, 1 / 2], atol=0.02)
-    assert np.all(least <= [1 / 2, 0, 0]) and np.all(largest >= [1, 1, 1 / 2])
-    alone = chords(ACTIVATIONS["tanh"], about, about, about)
-    derivative = 1 - np.tanh(about) ** 2
-    np.testing.assert_allclose(alone, [derivative, derivative], rtol=1e-9)
-
-
 # -- cells -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu", "sin"])
+@pytest.mark.parametrize("budget", [100, 20_000])
+def test_no_point_of_a_region_exceeds_its_remainder(rng, activation, budget):
+    loop, _ = small_loop(rng, size=1.0, activation=activation)
+    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
+    box = np.array([[-1.0, -0.5, -1.0], [0.7, 2.0, 1.0]])
+    rows = np.array([[1.0, 1.0]])
+    seen = np.full((2, network.lure.nw), np.inf) * [[-1], [1]]
+    region = Strips(box, rows, np.array([-0.6]), np.array([1.2]), seen)
+    z = region.samples(20_000, rng)
+    fit = np.linalg.lstsq(
+        np.column_stack([z, np.ones(len(z))]), network.values(z), rcond=None
+    )[0].T
+    true = network.values(z) - z @ fit[:, :-1].T - fit[:, -1]
+    low, high = remainder(network, region, np.eye(3), fit, true[:500], budget)
+    assert np.all(true >= low - 1e-12) and np.all(true <= high + 1e-12)
+    if budget > 100:  # and hardly more
+        assert np.all(high - low <= 1.4 * np.ptp(true, axis=0) + 1e-9)
+
+
+def test_a_network_is_its_loop_in_other_coordinates(rng):
+    loop, _ = small_loop(rng)
+    T, unit, scale = rng.standard_normal((2, 2)), np.array([3.0]), np.array([0.2])
+    network = Network.of(loop, 1, T, unit, scale)
+    z = rng.standard_normal((20, 3))
+    x, r = z[:, :2] @ T.T, z[:, 2:] * unit
+    for k in range(20):
+        after = simulate(loop, r[k : k + 1], x[k])[1]
+        y = channels(loop, x[k : k + 1], r[k : k + 1])[0]
+        expected = np.concatenate([np.linalg.solve(T, after), y / scale])
+        np.testing.assert_allclose(network.values(z[k : k + 1])[0], expected)
+
+
+def test_neurons_that_reach_nothing_are_left_out(rng):
+    loop, _ = small_loop(rng)
+    Theta = loop.Theta.copy()
+    Theta[:3, 3 + np.array([1, 3])] = 0.0  # one is still seen by another
+    assert list(reaching(replace(loop, Theta=Theta), 1)) == [0, 1, 2]
 
 
 def test_cells_that_strips_exclude_have_no_point_of_the_region(rng):

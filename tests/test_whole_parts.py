@@ -14,6 +14,7 @@ from alssnn.certificates import (
     certify_loop,
 )
 from alssnn.certificates._rest import (
+    LoopProof,
     at_rest,
     corrections,
     from_design,
@@ -392,8 +393,15 @@ def test_a_proof_knows_its_references_and_its_gate(integrates, n_free):
     controller = controlled("al-split", integrates=integrates, size=0.05)
     own, K = controller.own, controller.gain
     gated = LinearizingController(own, K, observer=Observer(own, gate=500.0))
-    proof = certify_loop(gated, 0.02, noise=0.002, search=False).proof
+
+    def proof_of(observer):
+        loop = whole_loop(gated, observer=observer)
+        sizes = np.full(loop.lure.nu, 0.01)
+        local = _whole_certificate._local(loop, sizes, own, search=False)
+        return LoopProof.of(loop, local, gated)
+
+    proof = proof_of(observer=True)
     assert proof.n_free == n_free and proof.n_plant == own.nx == 3
     np.testing.assert_array_equal(proof.gate, gated.observer.largest_innovation)
-    assert certify_loop(gated, 0.02, noise=0.0, search=False).proof.gate is None
+    assert proof_of(observer=False).gate is None
     assert proof.distance()[0].nu == proof.deviations()[0].nu == n_free
