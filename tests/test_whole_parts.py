@@ -405,3 +405,49 @@ def test_a_proof_knows_its_references_and_its_gate(integrates, n_free):
     np.testing.assert_array_equal(proof.gate, gated.observer.largest_innovation)
     assert proof_of(observer=False).gate is None
     assert proof.distance()[0].nu == proof.deviations()[0].nu == n_free
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "largest", "tried"),
+    [
+        (1.0, 0.3, [1.0]),
+        (None, 0.3, [1.0, 0.5, 0.25]),
+        (None, 2.0, [1.0]),
+        (None, 0.0, [1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125]),
+    ],
+)
+def test_amplitudes_halve_until_one_is_proved(monkeypatch, amplitude, largest, tried):
+    """Those of references: a given one is kept, and noise is what it is."""
+    controller, found = controlled("al-siso", size=0.1), []
+
+    def local(loop, sizes, own, search):
+        found.append(sizes.copy())
+        ones = [np.ones(1)] * 7
+        return LocalCertificate(
+            bool(sizes[0] <= largest),
+            sizes,
+            *ones,
+            np.zeros(2),
+            np.zeros(2),
+            "",
+            "",
+            0.0,
+        )
+
+    def proof(loop, local, controller):
+        return "" if local.holds else "No region was proved."
+
+    def gain(proof, error):
+        return replace(GainCertificate.none(proof), holds=not proof)
+
+    sizes = np.array([1.0, 0.1])
+    for name, stub in (("_local", local), ("_proof", proof), ("_gain", gain)):
+        monkeypatch.setattr(_whole_certificate, name, stub)
+    monkeypatch.setattr(_whole_certificate, "_sizes", lambda *_: sizes)
+    c = certify_loop(controller, amplitude, noise=0.1, search=False)
+    np.testing.assert_array_equal(found, [[size, 0.1] for size in tried])
+    assert c.holds == c.gain.holds == (tried[-1] <= largest)
+    last = tried[-1] if c.holds else 1.0
+    np.testing.assert_array_equal(c.local.amplitude, [last, 0.1])
+    np.testing.assert_array_equal(c.full, sizes)
+    assert c.local.labels == ("r of y[0]", "noise of y[0]")
