@@ -52,7 +52,7 @@ TESTS = {
     "certificates/_state_feedback": ["test_certificates.py"],
     "certificates/_interior": ["test_certificates.py"],
     "certificates/_hinf": ["test_certificates.py"],
-    "certificates/_amplitudes": ["test_local_certificate.py", "test_whole_loop.py"],
+    "certificates/_amplitudes": ["test_whole_parts.py", "test_local_certificate.py"],
     "certificates/_lines": ["test_peaks_and_lines.py"],
     "certificates/_peaks": ["test_peaks_and_lines.py"],
     "certificates/_cells": ["test_certified_parts.py"],

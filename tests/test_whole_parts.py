@@ -23,7 +23,7 @@ from alssnn.certificates._rest import (
     with_error,
 )
 from alssnn.certificates._whole import WholeLoop, _same, whole_loop
-from alssnn.certificates._whole_certificate import _inputs
+from alssnn.certificates._whole_certificate import _inputs, _noise, _sizes
 from alssnn.feedback import LinearizingController, Observer
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
@@ -451,3 +451,32 @@ def test_amplitudes_halve_until_one_is_proved(monkeypatch, amplitude, largest, t
     np.testing.assert_array_equal(c.local.amplitude, [last, 0.1])
     np.testing.assert_array_equal(c.full, sizes)
     assert c.local.labels == ("r of y[0]", "noise of y[0]")
+
+
+def test_sizes_are_those_of_the_record():
+    """One input that is moved, one that is measured, and an output."""
+    low, high = np.array([-1.0, -2.0, -3.0]), np.array([0.5, 4.0, 2.0])
+    own = SimpleNamespace(
+        nu=2, ny=1, moved=np.array([0]), given=(1,), noise=0.04,
+        y_scale=np.array([5.0]), region=SimpleNamespace(low=low, high=high),
+    )  # fmt: skip
+    np.testing.assert_allclose(_noise(own, None), [3 * 0.2 * 5.0])
+    np.testing.assert_array_equal(_noise(own, 0.3), [0.3])
+    np.testing.assert_array_equal(_noise(own, [0.0]), [0.0])
+    unknown = SimpleNamespace(noise=-1.0, y_scale=own.y_scale)
+    np.testing.assert_array_equal(_noise(unknown, None), [0.0])
+    noise, gains = np.array([0.1]), np.array([[1.0, 1.0, 0.0]])
+    half = np.array([[0.5]])
+    design = half, gains, np.ones((1, 1)), np.zeros((1, 3))  # peak gains of 2
+    for tracks, of_record in ((True, 3.0), (False, 1.0)):
+        controller = SimpleNamespace(own=own, tracks=tracks)
+        given = _sizes(controller, design, 0.7, noise)
+        np.testing.assert_array_equal(given, [0.7, 4.0, 0.1])
+        alone = half, gains[:, :2], np.ones((1, 1)), np.zeros((1, 2))
+        without = _sizes(controller, alone, 0.7, np.zeros(1))
+        np.testing.assert_array_equal(without, [0.7, 4.0])
+        share = 3.0 / (2 * of_record + 2 * 4.0)  # the design stays within |y| <= 3
+        found = _sizes(controller, design, None, noise)
+        np.testing.assert_allclose(found, [share * of_record, 4.0, 0.1])
+    weak = half, 0.01 * gains, np.ones((1, 1)), np.zeros((1, 3))
+    np.testing.assert_array_equal(_sizes(controller, weak, None, noise), [1, 4, 0.1])
