@@ -454,6 +454,19 @@ def test_a_grid_starts_at_rest():
     assert 1.0 <= bound <= 1.3
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rest_may_be_at_an_end_of_the_box(sign):
+    """|y - y_lin| = 1 / 2 at rest, at the end of all states, and then less."""
+    Theta = np.array([[0.5, 0.1, 0, -0.2], [1, 0, 1, 0], [5, 0, 0, 0]])
+    Theta[[0, 1, 2], [3, 2, 0]] *= sign  # all signals change their sign
+    loop = Lure(Theta, 1, 1, 1, (ACTIVATIONS["sigmoid"],))
+    design = np.array([[0.5]]), np.array([[0.1]]), np.ones((1, 1)), np.zeros((1, 1))
+    network, scaled, T = _scaled(loop, design, np.ones(1), np.ones(1))
+    ends = np.sort([0.0, -0.7 * sign / T[0, 0]])
+    bound = Grid(network, scaled, ends[:, None], 400).bounds()[0]
+    assert 0.5 <= bound < 0.56
+
+
 def test_a_grid_of_a_linear_loop_adds_nothing(rng):
     """The bound of no distance is what the cells are wide, and rounds upwards."""
     loop, design = small_loop(rng, nx=1, nu=1, nw=1, size=0.0)
