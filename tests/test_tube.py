@@ -448,6 +448,9 @@ def test_lengths_of_blocks():
     block, gap = lengths([run], 0.9, 7, None)
     assert block == 7 and gap in (2, 3)
     assert lengths([run], 0.9, 7, 4) == (7, 4)
+    slow = 50 * np.sin(np.arange(400) / 100)[:, None]  # of the plant and its model
+    same = run._replace(y=slow + noise, y_hat=slow)
+    assert lengths([same], 0.9, 7, None) == (block, gap)
     # what diverges counts as no error, as what was not measured does
     missing = run._replace(y=np.r_[noise[:350], np.full((50, 1), np.nan)])
     for end in (np.inf, -np.inf, np.nan):
@@ -498,7 +501,8 @@ def test_the_gain_of_the_error_is_that_of_its_size(monkeypatch):
     u = np.column_stack([[7.0, 7.0, 7.0, 7.0], [1.0, 5.0, 1.0, 5.0]])
     still = run_of(np.tile([9.0, 3.0], (4, 1)), np.ones(4), np.zeros(4))
     size = np.array([1.0, -1.0, 1.0, 1.0])
-    runs = [run_of(u, k * size, 0 * size) for k in range(1, 10)]
+    says = np.array([3.0, 1.0, -2.0, 5.0])  # the model
+    runs = [run_of(u, says + k * size, says) for k in range(1, 10)]
     plant = SimpleNamespace(
         ny=1,
         moved=np.array([1]),
@@ -527,8 +531,11 @@ def test_the_gain_of_the_error_is_that_of_its_size(monkeypatch):
     found = gain([*runs[:8], diverges])
     assert np.isinf(found.gain) and "diverges" in found.reason
     # missing samples are left out of the mean
-    half = runs[8]._replace(y=np.array([[9.0], [np.nan], [np.nan], [9.0]]))
-    np.testing.assert_allclose(gain([*runs[:8], half]).gain, [[9 / 0.5 / 4]])
+    for measured in ([0, 3], [2]):
+        some = np.full((4, 1), np.nan)
+        some[measured, 0] = says[measured] + 9.0
+        found = gain([*runs[:8], runs[8]._replace(y=some)])
+        np.testing.assert_allclose(found.gain, [[9 / 0.5 / 4]])
     assert "No input leaves the operating point" in repr(gain([still] * 9))
     blocks = gain([run_of(np.tile(u, (2, 1)), np.tile(size, 2), np.zeros(8))] * 9)
     np.testing.assert_allclose(blocks.gain, [[1 / 0.5 / 4]])
