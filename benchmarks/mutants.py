@@ -76,6 +76,13 @@ TESTS = {
 }
 # What a change comes to, by module: line before and after, and why nothing changes.
 EQUIVALENT: dict[str, dict[str, str]] = {
+    "certificates/_cells": {
+        "return ((low + high) / 2 + grid * half, np.broadcast_to(half / k, "
+        "grid.shape).copy())  ->  return ((low + high) / 2 - grid * half, "
+        "np.broadcast_to(half / k, grid.shape).copy())": (
+            "the grid is symmetric: the same cells in another order"
+        ),
+    },
     "certificates/_error_gain": {
         "scores = np.array([_ratio(unit, plant) for unit in units_of(runs, length, "
         "gap)]).reshape(-1, plant.ny)  ->  scores = np.array([_ratio(unit, plant) for "
@@ -88,8 +95,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "stride, start, gain = (first[-1] @ A, first[1], 1.0)": (
             "the power zero has the norm that `gain` starts with"
         ),
-        "gain = np.where(spread > 0, every_v.std(axis=0) / np.maximum(spread, TINY), "
-        "1.0)  ->  gain = np.where(spread > 0, every_v.std(axis=0) / "
+        "gain = np.where(moves, every_v.std(axis=0) / np.maximum(spread, TINY), "
+        "1.0)  ->  gain = np.where(moves, every_v.std(axis=0) / "
         "np.maximum(spread, TINY), 2.0)": "what rests is multiplied as a deviation: 0",
         "POWERS = 256  ->  POWERS = 512": "the size of a block, not what it finds",
     },

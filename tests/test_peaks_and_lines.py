@@ -192,10 +192,10 @@ def test_the_line_of_a_point_is_its_value():
 @pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
 def test_more_slopes_find_the_best_line(name):
     activation = ACTIVATIONS[name]
-    low, high = np.array([-3.0, -0.2, -1.0]), np.array([1.0, 2.5, 4.0])
+    low, high = np.array([-3.0, -0.2, -1.0, -6.0]), np.array([1.0, 2.5, 4.0, 6.0])
     s, m, d = lines(activation, low, high, 400, 33)
     chord = lines(activation, low, high, 400, 1)[2]
-    for i in range(3):
+    for i in range(4):
         nu = np.linspace(low[i], high[i], 2_001)
         w = activation.value(nu)
         best = min(np.ptp(w - t * nu) / 2 for t in np.linspace(-1, 1, 801))
@@ -215,6 +215,8 @@ def test_chords_are_rounded_outwards(slope):
     least, largest = chords(sloped(slope), about, low, high)
     assert least < slope < largest
     np.testing.assert_allclose([least[0], largest[0]], slope, rtol=1e-12)
+    alone = chords(sloped(slope), about[0], low[0], high[0])  # of one neuron
+    np.testing.assert_array_equal(alone, [least[0], largest[0]])
 
 
 def test_chords_start_at_their_point():

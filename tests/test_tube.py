@@ -311,6 +311,9 @@ def test_a_tube_with_a_bound(two_outputs):
         both.half_width(u[50]), tube.half_width(u[50]) + certificate.output_bounds
     )
     assert "within the number that was given" in repr(both)
+    assert "With 0.9 of future experiments like" in both.statement
+    blocks = model.tube(u[:40], y[:40], block=20, gap=5).with_bound(0.1)
+    assert "With 0.9 of future blocks of 20 samples like" in blocks.statement
     assert "of them the tube says nothing until" in both.statement
     assert "plus 0.2.\n" in repr(tube.with_bound(0.2))
     assert "infinite" in repr(tube.with_bound(np.inf))
