@@ -513,6 +513,15 @@ def test_the_gradient_of_the_distance(rng):
             assert gradient[k, j] == pytest.approx(slope, rel=1e-4, abs=1e-9)
 
 
+def test_a_search_starts_within_the_amplitude(rng):
+    loop, design = small_loop(rng, 2, 2, 4, 0.3)
+    amplitude = np.array([0.5, 4.0])
+    starts = list(_Pair(loop, design, amplitude, 20).starts(rng))
+    assert len(starts) > 30
+    for r in starts:
+        assert r.shape == (20, 2) and np.all(np.abs(r) <= amplitude)
+
+
 def test_the_worst_input_is_as_bad_as_said(rng):
     loop, design = small_loop(rng, 2, 1, 4, 0.3)
     found, r = worst_input(loop, design, np.array([0.7]), 30)
