@@ -1,7 +1,10 @@
 """The derivative oracle and small building blocks of the tests."""
 
 import numpy as np
+from structures import declare
 
+from alssnn.activations import ACTIVATIONS
+from alssnn.feedback import LinearizingController, Observer, lqi, lqr
 from alssnn.forms import of_structure
 from alssnn.kernels import differentiate
 from alssnn.lure import Lure
@@ -120,6 +123,26 @@ def plant_of(lure, K=0.0, k=0.0, **fields):
     return Plant(**{**given, **fields})
 
 
+def stable(rng, n, radius):
+    A = rng.standard_normal((n, n))
+    return A * radius / np.abs(np.linalg.eigvals(A)).max()
+
+
+def small_loop(rng, nx=2, nu=1, nw=4, size=0.1, radius=0.8, activation="tanh"):
+    """Return a loop with two layers of neurons, and the design that ignores them."""
+    ny = 1
+    Theta = 0.5 * rng.standard_normal((nx + ny + nw, nx + nu + nw + 1))
+    A, B = stable(rng, nx, radius), rng.standard_normal((nx, nu))
+    Theta[:nx, : nx + nu] = np.hstack([A, B])
+    Theta[: nx + ny, nx + nu :] *= size
+    Theta[: nx + ny, -1] = 0.01
+    layer = np.arange(nw) >= nw // 2
+    Theta[nx + ny :, nx + nu : -1] *= layer[:, None] & ~layer[None, :]
+    loop = Lure(Theta, nx, nu, nw, (ACTIVATIONS[activation],) * nw)
+    M = loop.M
+    return loop, (A, B, M[nx:, :nx], M[nx:, nx:])
+
+
 def as_records(experiments):
     """Return (u, y, x0) of every experiment, deviations, as prepared records."""
     unit = Scaling(*(np.zeros(1), np.zeros(1), np.ones(1), np.ones(1)))
@@ -148,3 +171,28 @@ def plant_of_structure(structure, theta, rng, delay=0):
         name="plant",
         delay=np.broadcast_to(delay, nu).copy(),
     )
+
+
+def controlled(name, seed=0, *, integrates=True, limits=None, scale=1.0, size=0.3):
+    """Return a controller of a random plant of a structure."""
+    rng = np.random.default_rng(seed)
+    structure = declare(name, rng)
+    theta = random_theta(structure, rng, 0.5)
+    p = structure.split(theta)
+    for key in ("W_h", "W_g"):
+        if key in p:
+            p[key] = size * p[key]
+    plant = plant_of_structure(structure, structure.join(p), rng)
+    nx, ny, nv = plant.nx, plant.ny, plant.nv
+    if integrates:
+        K = lqi(plant, np.eye(nx + ny), 10 * np.eye(nv))
+    else:
+        K = lqr(plant, np.eye(nx), 10 * np.eye(nv))
+    observer = Observer(plant, R=0.1 * np.eye(ny))
+    bounds = {}
+    if limits is not None:
+        bounds = {
+            "u_min": plant.v_offset - limits,
+            "u_max": plant.v_offset + limits,
+        }
+    return LinearizingController(plant, scale * K, observer=observer, **bounds)

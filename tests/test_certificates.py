@@ -26,19 +26,22 @@ from alssnn.certificates import (
     state_feedback,
 )
 from alssnn.certificates._disturbance import _largest
+from alssnn.certificates._state_feedback import linear_form
 from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
 from alssnn.stability import contraction
-from helpers import as_records, plant_of, random_theta, simulate_linear
+from helpers import (
+    as_records,
+    plant_of,
+    plant_of_structure,
+    random_theta,
+    simulate_linear,
+    stable,
+)
 from models import al_ssnn
 
 METHODS = ["lyapunov", "sdp"]
-
-
-def stable(rng, n, radius):
-    A = rng.standard_normal((n, n))
-    return A * radius / np.abs(np.linalg.eigvals(A)).max()
 
 
 def linear_lure(A, B, C):
@@ -910,3 +913,56 @@ def test_the_corners_of_16_neurons_are_tried(rng):
     assert _largest(G[:, :16], c) == pytest.approx(tried(G[:, :16]))
     exact = tried(G)
     assert 1.001 * exact < _largest(G, c) < 3 * exact
+
+
+def test_certificates_know_measured_disturbances(rng):
+    """The law cancels h: what is left from v is linear, and says nothing of d."""
+    C = rng.standard_normal((2, 2))
+    options = {"n_h": 3, "C": C, "disturbances": (1,), "feedback": "state"}
+    structure = state_space(2, 3, 2, **options).observe("y")
+    plant = plant_of_structure(structure, random_theta(structure, rng), rng)
+    A, B, C, D = plant.linear()
+    G, H = plant.disturbed_by()
+    form = linear_form(plant)
+    order = [0, 2, 1]  # as the plant has them: moved, given, moved
+    expected = np.block([[A, B, G], [C, D, H]])[:, np.r_[0, 1, 2 + np.argsort(order)]]
+    np.testing.assert_array_equal(form.M, expected)
+    assert not form.c.any() and form.nw == 0
+    certificate = certify_gain(plant)
+    assert certificate.lure.nu == 2
+    assert certificate.gamma == pytest.approx(hinf_norm(A, B, C), rel=1e-3)
+    # what was found to be bounded needs no reason
+    bounded = certify_iss(plant, eps="global")
+    assert bounded.holds and bounded.reason == "" and bounded.eps < 1e-12
+    assert certify_iss(plant, eps=0.1).reason == ""
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.01, 1.234, 3.13, np.pi])
+def test_the_norm_of_a_sharp_resonance(angle):
+    """1 / (z^2 - 2 r cos(a) z + r^2) at exp(i a), where others are far smaller."""
+    r, others = 0.99999, 0.7 * np.diag([1.0, -1.0])
+    pair = r * np.array(
+        [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+    )
+    A = np.block([[pair, np.zeros((2, 2))], [np.zeros((2, 2)), others]])
+    rng = np.random.default_rng(0)
+    B, C = rng.standard_normal((4, 2)), rng.standard_normal((1, 4))
+    z = np.exp(1j * (angle + np.linspace(-1e-4, 1e-4, 4001)))
+    G = [C @ np.linalg.solve(z_k * np.eye(4) - A, B) for z_k in z]
+    expected = max(np.linalg.norm(G_k, 2) for G_k in G)
+    assert hinf_norm(A, B, C) == pytest.approx(expected, rel=1e-6)
+    assert hinf_norm(A, B, C) >= expected * (1 - 2e-8)
+    assert hinf_norm(A, 0 * B, C) == 0.0
+
+
+def test_the_norm_of_two_peaks_is_that_of_the_larger():
+    """Two resonances between the points of the grid, the narrower one higher."""
+    blocks, B = np.zeros((4, 4)), np.array([[1.0], [0.0], [1.0], [0.0]])
+    for i, (r, angle) in enumerate(((0.9, 0.8), (0.999, 2.0023))):
+        c, s = r * np.cos(angle), r * np.sin(angle)
+        blocks[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[c, s], [-s, c]]
+    C = np.array([[1.0, 0.0, 0.02, 0.0]])
+    z = np.exp(1j * np.linspace(2.0, 2.005, 20_001))[:, None, None]
+    G = C @ np.linalg.solve(z * np.eye(4) - blocks, np.broadcast_to(B, (len(z), 4, 1)))
+    expected = np.abs(G).max()
+    assert hinf_norm(blocks, B, C) == pytest.approx(expected, rel=1e-6)

@@ -13,38 +13,20 @@ from alssnn.certificates import (
     certify_local,
     linearized_loop,
     local_certificate,
-    peaks,
     worst_input,
 )
-from alssnn.certificates._cells import Network, Strips, reaching, remainder
 from alssnn.certificates._covers import ByCells, ByNeurons
 from alssnn.certificates._grid import Grid
-from alssnn.certificates._lines import chords, lines
 from alssnn.certificates._local import _scaled
-from alssnn.certificates._peaks import TooSlow
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
-from helpers import linear_plant, plant_of_structure, random_theta
-
-
-def stable(rng, n, radius):
-    A = rng.standard_normal((n, n))
-    return A * radius / np.abs(np.linalg.eigvals(A)).max()
-
-
-def small_loop(rng, nx=2, nu=1, nw=4, size=0.1, radius=0.8, activation="tanh"):
-    """Return a loop with two layers of neurons, and the design that ignores them."""
-    ny = 1
-    Theta = 0.5 * rng.standard_normal((nx + ny + nw, nx + nu + nw + 1))
-    A, B = stable(rng, nx, radius), rng.standard_normal((nx, nu))
-    Theta[:nx, : nx + nu] = np.hstack([A, B])
-    Theta[: nx + ny, nx + nu :] *= size
-    Theta[: nx + ny, -1] = 0.01
-    layer = np.arange(nw) >= nw // 2
-    Theta[nx + ny :, nx + nu : -1] *= layer[:, None] & ~layer[None, :]
-    loop = Lure(Theta, nx, nu, nw, (ACTIVATIONS[activation],) * nw)
-    M = loop.M
-    return loop, (A, B, M[nx:, :nx], M[nx:, nx:])
+from helpers import (
+    linear_plant,
+    plant_of_structure,
+    random_theta,
+    small_loop,
+    stable,
+)
 
 
 def distances(loop, design, r):
@@ -68,133 +50,6 @@ def some_inputs(rng, amplitude, n=300):
         yield amplitude * np.repeat(levels, hold, axis=0)[:n]
     t = np.arange(n)[:, None]
     yield amplitude * np.sin(rng.uniform(0.01, 3) * t + rng.uniform(0, 6, nr))
-
-
-# -- peak gains ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("radius", [0.3, 0.9, 0.999])
-def test_a_peak_gain_is_attained_by_the_sign_of_the_response(rng, radius):
-    A, B = stable(rng, 3, radius), rng.standard_normal((3, 2))
-    C, D = rng.standard_normal((2, 3)), rng.standard_normal((2, 2))
-    found = peaks(A, B, C, D)
-    for i in range(2):
-        h = [D[i]]
-        X = B
-        for _ in range(30_000):
-            h.append(C[i] @ X)
-            X = A @ X
-        exact = np.abs(h).sum(axis=0)
-        assert np.all(found.gain[i] >= exact * (1 - 1e-12))
-        np.testing.assert_allclose(found.gain[i], exact, rtol=1e-4)
-
-
-def test_the_response_to_constants_stays_in_its_range(rng):
-    A, C = stable(rng, 3, 0.97), rng.standard_normal((2, 3))
-    c, d = rng.standard_normal(3), rng.standard_normal(2)
-    found = peaks(A, np.zeros((3, 0)), C, np.zeros((2, 0)), c, d)
-    x, seen = np.zeros(3), []
-    for _ in range(3_000):
-        seen.append(C @ x + d)
-        x = A @ x + c
-    np.testing.assert_allclose(found.low, np.min(seen, axis=0), rtol=1e-5)
-    np.testing.assert_allclose(found.high, np.max(seen, axis=0), rtol=1e-5)
-    assert np.all(found.low <= np.min(seen, axis=0))
-    assert np.all(found.high >= np.max(seen, axis=0))
-
-
-@pytest.mark.parametrize(
-    ("radius", "match"), [(1.0, "not below one"), (1 - 1e-9, "modulus")]
-)
-def test_poles_at_the_circle_have_no_sum(radius, match):
-    A = np.array([[radius]])
-    with pytest.raises(TooSlow, match=match):
-        peaks(A, np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
-
-
-# -- lines -----------------------------------------------------------------------------
-
-SOFTSIGN = Activation(
-    "softsign",
-    lambda v: v / (1 + abs(v)),
-    lambda v, w: (1 - abs(w)) ** 2,
-    slope=(0, 1),
-    bound=1,
-)
-
-
-@pytest.mark.parametrize("activation", [*ACTIVATIONS.values(), SOFTSIGN])
-@settings(max_examples=40, deadline=None)
-@given(
-    low=st.floats(-8, 8),
-    width=st.floats(0, 10),
-    pieces=st.integers(1, 70),
-    slopes=st.sampled_from([1, 9]),
-)
-def test_a_line_holds_on_its_interval(activation, low, width, pieces, slopes):
-    a, b = np.array([low]), np.array([low + width])
-    s, m, d = lines(activation, a, b, pieces, slopes)
-    nu = np.linspace(low, low + width, 1_001)
-    error = np.abs(activation.value(nu) - s * nu - m)
-    assert error.max() <= d[0] * (1 + 1e-12) + 1e-15
-    least, largest = activation.slopes(a, b)
-    derivative = activation.derivative(nu, activation.value(nu))
-    inner = derivative[1:-1] if activation.name == "relu" else derivative
-    assert np.all(inner >= least - 1e-12) and np.all(inner <= largest + 1e-12)
-
-
-@pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
-def test_pieces_make_a_line_tight(name):
-    activation = ACTIVATIONS[name]
-    low, high = np.array([-2.0, 0.1, -0.5]), np.array([1.0, 0.4, 3.0])
-    s, m, d = lines(activation, low, high, 400, 1)
-    for i in range(3):
-        nu = np.linspace(low[i], high[i], 5_001)
-        error = np.abs(activation.value(nu) - s[i] * nu - m[i]).max()
-        assert d[i] <= 1.02 * error + 1e-12
-
-
-# -- cells -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu", "sin"])
-@pytest.mark.parametrize("budget", [100, 20_000])
-def test_no_point_of_a_region_exceeds_its_remainder(rng, activation, budget):
-    loop, _ = small_loop(rng, size=1.0, activation=activation)
-    network = Network.of(loop, 1, np.eye(2), np.ones(1), np.ones(1))
-    box = np.array([[-1.0, -0.5, -1.0], [0.7, 2.0, 1.0]])
-    rows = np.array([[1.0, 1.0]])
-    seen = np.full((2, network.lure.nw), np.inf) * [[-1], [1]]
-    region = Strips(box, rows, np.array([-0.6]), np.array([1.2]), seen)
-    z = region.samples(20_000, rng)
-    fit = np.linalg.lstsq(
-        np.column_stack([z, np.ones(len(z))]), network.values(z), rcond=None
-    )[0].T
-    true = network.values(z) - z @ fit[:, :-1].T - fit[:, -1]
-    low, high = remainder(network, region, np.eye(3), fit, true[:500], budget)
-    assert np.all(true >= low - 1e-12) and np.all(true <= high + 1e-12)
-    if budget > 100:  # and hardly more
-        assert np.all(high - low <= 1.4 * np.ptp(true, axis=0) + 1e-9)
-
-
-def test_a_network_is_its_loop_in_other_coordinates(rng):
-    loop, _ = small_loop(rng)
-    T, unit, scale = rng.standard_normal((2, 2)), np.array([3.0]), np.array([0.2])
-    network = Network.of(loop, 1, T, unit, scale)
-    z = rng.standard_normal((20, 3))
-    x, r = z[:, :2] @ T.T, z[:, 2:] * unit
-    for k in range(20):
-        after = simulate(loop, r[k : k + 1], x[k])[1]
-        y = channels(loop, x[k : k + 1], r[k : k + 1])[0]
-        expected = np.concatenate([np.linalg.solve(T, after), y / scale])
-        np.testing.assert_allclose(network.values(z[k : k + 1])[0], expected)
-
-
-def test_neurons_that_reach_nothing_are_left_out(rng):
-    loop, _ = small_loop(rng)
-    Theta = loop.Theta.copy()
-    Theta[:3, 3 + np.array([1, 3])] = 0.0  # one is still seen by another
-    assert list(reaching(replace(loop, Theta=Theta), 1)) == [0, 1, 2]
 
 
 # -- certificates ----------------------------------------------------------------------
@@ -349,22 +204,6 @@ def test_a_grid_knows_the_first_samples_after_a_rest_that_does_not_last():
     assert distances(loop, design, r).max() == pytest.approx(found[0])
 
 
-@pytest.mark.parametrize("name", ["tanh", "sigmoid", "relu", "sin"])
-def test_chords_lie_in_their_range(name, rng):
-    activation = ACTIVATIONS[name]
-    about = rng.normal(0, 2, 20)
-    low, high = about - rng.exponential(2, 20), about + rng.exponential(2, 20)
-    least, largest = chords(activation, about, low, high)
-    nu = low + (high - low) * rng.random((500, 20))
-    w = activation.value(nu) - activation.value(about)
-    chord = w / (nu - about)
-    assert np.all(chord >= least - 1e-9) and np.all(chord <= largest + 1e-9)
-    # and are tighter than slopes, and nearly attained
-    slopes = activation.slopes(low, high)
-    assert np.all(least >= slopes[0] - 1e-9) and np.all(largest <= slopes[1] + 1e-9)
-    assert np.all(largest - least <= np.ptp(chord, axis=0) + 0.1)
-
-
 def test_tampering_is_detected(rng):
     loop, design = small_loop(rng, size=0.1)
     c = local_certificate(loop, design, [1.0])
@@ -446,22 +285,6 @@ def test_units_change_no_bound(rng, unit):
     design = A, B / unit, C, D / unit
     same = local_certificate(scaled, design, [0.5 * unit], search=False)
     np.testing.assert_allclose(same.output_bounds, c.output_bounds, rtol=1e-6)
-
-
-def test_the_slopes_of_an_own_activation_may_be_one_number_for_all():
-    steep = Activation(
-        "steep",
-        lambda v: 2.0 * v,
-        lambda v, w: 2.0 + 0.0 * v,
-        slope=[2, 2],
-        bound=np.inf,
-        slope_range=lambda low, high: (2.0, 2.0),
-    )
-    low, high = np.array([-1.0, 0.5]), np.array([1.0, 0.5])
-    for activation in (steep, replace(steep, slope_range=None)):
-        np.testing.assert_array_equal(activation.slopes(low, high), np.full((2, 2), 2))
-    least, largest = chords(steep, np.zeros(2), low - 1, high + 1)
-    np.testing.assert_allclose([least, largest], 2.0)
 
 
 def test_odd_states_and_amplitudes(rng):

@@ -70,6 +70,10 @@ def test_gaps_of_outputs_are_kept(plain, table, tmp_path):
     [
         lambda dt: pd.date_range("2024-05-01", periods=N, freq=f"{1000 * dt:g}ms"),
         lambda dt: pd.to_timedelta(dt * np.arange(N), unit="s"),
+        # of a zone, where a clock goes back by an hour
+        lambda dt: pd.date_range(
+            "2024-10-27T00:59:59Z", periods=N, freq=f"{1000 * dt:g}ms"
+        ).tz_convert("Europe/Rome"),
     ],
 )
 def test_dates_tell_the_sampling_time(plain, table, index):

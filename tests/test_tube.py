@@ -1,11 +1,14 @@
 """Tubes of the plant around the model: the level is kept, what is missing is said."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from alssnn import LinearStateSpace
-from alssnn.certificates import error_gain, iss_certificate
+from alssnn.certificates import _error_gain, error_gain, iss_certificate
+from alssnn.certificates._tube_bound import in_words, plain
 from alssnn.certificates._units import (
     Run,
     conformal_quantile,
@@ -14,6 +17,8 @@ from alssnn.certificates._units import (
     lengths,
     measure,
     rank,
+    scale,
+    scores_of,
     simulated_runs,
     units_of,
 )
@@ -222,6 +227,8 @@ def test_shapes_and_containers():
     band = tube.around(u[200:])
     assert band.y.shape == band.upper.shape == (700,)
     np.testing.assert_allclose(band.y, model.predict(u[200:]))
+    wider = tube.with_bound(0.3).half_width(u[200:])
+    np.testing.assert_allclose(wider, tube.half_width(u[200:]) + 0.3)
     frame = LinearStateSpace(nx=1, dt=1.0).fit(
         pd.DataFrame({"u": u[:200]}), pd.DataFrame({"y": y[:200]})
     )
@@ -304,6 +311,9 @@ def test_a_tube_with_a_bound(two_outputs):
         both.half_width(u[50]), tube.half_width(u[50]) + certificate.output_bounds
     )
     assert "within the number that was given" in repr(both)
+    assert "With 0.9 of future experiments like" in both.statement
+    blocks = model.tube(u[:40], y[:40], block=20, gap=5).with_bound(0.1)
+    assert "With 0.9 of future blocks of 20 samples like" in blocks.statement
     assert "of them the tube says nothing until" in both.statement
     assert "plus 0.2.\n" in repr(tube.with_bound(0.2))
     assert "infinite" in repr(tube.with_bound(np.inf))
@@ -375,3 +385,193 @@ def test_fresh_records_keep_the_gain_of_the_error():
         one = error_gain(model, [u_k], [y_k], level=0.5, block="experiment")
         kept.append(one.gain[0, 0] <= error.gain[0, 0])
     assert 0.8 <= np.mean(kept) <= 0.98
+
+
+# -- units in exact numbers ------------------------------------------------------------
+
+
+def run_of(u, y, y_hat, start=0):
+    columns = (np.asarray(z, dtype=float).reshape(len(z), -1) for z in (u, y, y_hat))
+    return Run(*columns, start)
+
+
+def test_scores_are_errors_over_their_scale():
+    """The scale is 1 + 3 y_size + 2 u_size of the first output, 4 of the second."""
+    errors = np.array([[16.0, 1.0], [np.nan, np.inf], [8.0, 0.0]])
+    sizes = np.ones((3, 2, 3))
+    sizes[0, 0, 1:] = 1.0, 2.0
+    sizes[2, 0, 1:] = 0.0, np.inf
+    coefficients = np.array([[1.0, 3.0, 2.0], [4.0, 0.0, 0.0]])
+    expected = [[1 + 3 + 4, 4], [1 + 3 + 2, 4], [np.inf, 4]]
+    np.testing.assert_array_equal(scale(sizes, coefficients), expected)
+    scores = scores_of(errors, sizes, coefficients)
+    np.testing.assert_array_equal(scores, [[2, 1 / 4], [np.nan, np.inf], [0, 0]])
+    # of a run that diverges nothing else is known
+    errors, sizes[2, 0, 1:] = np.full((3, 2), np.inf), (np.inf, 1.0)
+    assert np.isinf(scores_of(errors, sizes, coefficients)).all()
+
+
+def test_units_are_measured_around_the_operating_point():
+    y = [[3.0, 1.0], [np.nan, 1.0], [0.0, 1.0]]
+    y_hat = [[1.0, 1.0], [9.0, -1.0], [-1.0, 2.0]]
+    unit = run_of([[5.0], [7.0], [3.0]], y, y_hat)
+    errors, sizes = measure([unit], np.array([5.0]), np.array([1.0, 0.0]))
+    np.testing.assert_array_equal(errors, [[2.0, 2.0]])
+    u_size = np.sqrt((0 + 4 + 4) / 3)
+    expected = [[1, np.sqrt((0 + 64 + 4) / 3), u_size], [1, np.sqrt(2), u_size]]
+    np.testing.assert_allclose(sizes[0], expected)
+    none = unit._replace(y=np.full((3, 2), np.nan), y_hat=np.full((3, 2), np.inf))
+    assert np.isnan(measure([none], np.zeros(1), np.zeros(2))[0]).all()
+    diverges = unit._replace(
+        y_hat=np.array([[1.0, 1.0], [np.nan, 1.0], [-1.0, np.nan]])
+    )
+    errors = measure([diverges], np.zeros(1), np.zeros(2))[0]
+    np.testing.assert_array_equal(errors, [[2.0, np.inf]])  # y was missing where it did
+
+
+def test_units_are_cut_with_gaps():
+    run = run_of(np.arange(20), np.arange(20), np.zeros(20), start=3)
+    whole = units_of([run, run_of([1, 2], [1, 2], [0, 0], start=2)], None, 0)
+    assert [len(unit.u) for unit in whole] == [17] and whole[0].u[0] == 3
+    first = [int(unit.y[0, 0]) for unit in units_of([run], 5, 1)]
+    assert first == [3, 9, 15] and units_of([run], 5, 1)[-1].y[-1] == 19
+    assert [int(unit.u[0, 0]) for unit in units_of([run], 6, 1)] == [3, 10]
+    assert units_of([run], 18, 0) == [] and whole[0].start == 0
+
+
+def test_lengths_of_blocks():
+    noise = np.random.default_rng(0).standard_normal((400, 1))
+    run = run_of(np.zeros(400), noise, np.zeros(400))
+    assert lengths([run], 0.9, "experiment", None) == (None, 0)
+    assert lengths([run] * 9, 0.9, "auto", None) == (None, 0)
+    assert lengths([run] * 8, 0.9, "auto", None)[0] == 10
+    # experiments without a sample that counts are none
+    assert lengths([run] * 8 + [run._replace(start=400)], 0.9, "auto", 0) == (10, 0)
+    assert lengths([run._replace(start=399)] * 9, 0.9, "auto", None) == (None, 0)
+    block, gap = lengths([run], 0.9, 7, None)
+    assert block == 7 and gap in (2, 3)
+    assert lengths([run], 0.9, 7, 4) == (7, 4)
+    slow = 50 * np.sin(np.arange(400) / 100)[:, None]  # of the plant and its model
+    same = run._replace(y=slow + noise, y_hat=slow)
+    assert lengths([same], 0.9, 7, None) == (block, gap)
+    # what diverges counts as no error, as what was not measured does
+    missing = run._replace(y=np.r_[noise[:350], np.full((50, 1), np.nan)])
+    for end in (np.inf, -np.inf, np.nan):
+        diverges = run_of(np.zeros(400), noise, np.r_[np.zeros(350), np.full(50, end)])
+        assert lengths([diverges], 0.9, 7, None) == lengths([missing], 0.9, 7, None)
+    # sizes that come and go
+    size = np.where(np.arange(400) // 50 % 2, 0.1, 3.0)[:, None]
+    assert lengths([run._replace(y=noise * size)], 0.9, "auto", 0)[0] > 40
+
+
+def test_the_scale_is_never_below_a_tenth_of_the_median(rng):
+    """Errors that are proportional to the input need no constant, yet have one."""
+    sizes = np.ones((80, 2, 3))
+    sizes[:, :, 1], sizes[:, :, 2] = 0.0, rng.uniform(1, 9, (80, 1))
+    errors = 0.5 * sizes[:, :, 2] * [1, 10]
+    errors[0, 0], sizes[4, 1, 2] = np.inf, np.nan  # tell nothing
+    fits, coefficients = fit_scale(errors, sizes, 0.9)
+    assert np.flatnonzero(fits).tolist() == list(range(0, 80, 4))
+    np.testing.assert_allclose(coefficients[:, 2], [0.5, 5.0], rtol=1e-6)
+    fitted = errors[fits]
+    for i, known in enumerate((np.arange(20) > 0, np.arange(20) != 1)):
+        least = 0.1 * np.median(fitted[known, i])
+        assert coefficients[i, 0] == pytest.approx(least)
+    # the rest has to be enough for the level: 9 of 12, 12 of 16
+    for n, of in ((24, True), (20, False)):
+        assert fit_scale(errors[:n], sizes[:n], 0.9)[0].any() == of
+    assert not fit_scale(errors, sizes, 0.99)[0].any()
+
+
+def test_states_of_a_given_start_have_its_units():
+    """A system whose states are a thousand times as large as those of the fit."""
+    rng = np.random.default_rng(0)
+    A, B, C = np.array([[0.5]]), np.array([[1e3]]), np.array([[1e-3]])
+    u = rng.standard_normal((300, 1))
+    y = simulate_linear(A, B, C, u) + 0.01 * rng.standard_normal((300, 1))
+    model = LinearStateSpace(nx=1, dt=1.0, linear_start=(A, B, C)).fit(u, y)
+    x0 = np.array([2e3])
+    (run,) = simulated_runs(model, u, y, None, None, x0)
+    np.testing.assert_allclose(run.y_hat, model.predict(u, x0=x0))
+    assert run.y_hat[0] == pytest.approx(2.0, rel=0.1)
+    for horizon, start in ((2, run.start), (run.start + 7, run.start + 7)):
+        (ahead,) = simulated_runs(model, u, y, None, horizon)
+        assert ahead.start == start
+
+
+def test_the_gain_of_the_error_is_that_of_its_size(monkeypatch):
+    """Errors of 1, 2, ..., 9 times the input; the moved one, in units of 4."""
+    u = np.column_stack([[7.0, 7.0, 7.0, 7.0], [1.0, 5.0, 1.0, 5.0]])
+    still = run_of(np.tile([9.0, 3.0], (4, 1)), np.ones(4), np.zeros(4))
+    size = np.array([1.0, -1.0, 1.0, 1.0])
+    says = np.array([3.0, 1.0, -2.0, 5.0])  # the model
+    runs = [run_of(u, says + k * size, says) for k in range(1, 10)]
+    plant = SimpleNamespace(
+        ny=1,
+        moved=np.array([1]),
+        u_offset=np.array([9.0, 3.0]),
+        v_scale=np.array([4.0]),
+    )
+    model = SimpleNamespace(plant_=plant)
+
+    def gain(runs, **options):
+        monkeypatch.setattr(_error_gain, "simulated_runs", lambda *_: runs)
+        return error_gain(model, None, None, block="experiment", **options)
+
+    found = gain(runs)  # u deviates by 2, or half of its unit
+    np.testing.assert_allclose(found.gain, [[9 / 0.5 / 4]])
+    assert found.n_blocks == 9 and not found.reason
+    assert "<= 4.5 |u| in l2 in 0.9 of future experiments like the 9" in repr(found)
+    np.testing.assert_allclose(gain(runs, level=0.5).gain, [[5 / 0.5 / 4]])
+    # the largest of ten is that of eleven at most
+    assert np.isinf(gain(runs[:8]).gain) and "8 experiments are too few" in repr(
+        gain(runs[:8])
+    )
+    # what says nothing does not count, what diverges does
+    lost = runs[0]._replace(y=np.full((4, 1), np.nan))
+    assert gain([*runs, still, lost]).n_blocks == 9
+    diverges = runs[0]._replace(y_hat=np.full((4, 1), np.inf))
+    found = gain([*runs[:8], diverges])
+    assert np.isinf(found.gain) and "diverges" in found.reason
+    # missing samples are left out of the mean
+    for measured in ([0, 3], [2]):
+        some = np.full((4, 1), np.nan)
+        some[measured, 0] = says[measured] + 9.0
+        found = gain([*runs[:8], runs[8]._replace(y=some)])
+        np.testing.assert_allclose(found.gain, [[9 / 0.5 / 4]])
+    assert "No input leaves the operating point" in repr(gain([still] * 9))
+    blocks = gain([run_of(np.tile(u, (2, 1)), np.tile(size, 2), np.zeros(8))] * 9)
+    np.testing.assert_allclose(blocks.gain, [[1 / 0.5 / 4]])
+
+
+def test_what_leaves_the_tube_at_one_sample_is_outside(two_outputs):
+    """The half width is what errors are compared with, up to the last digit."""
+    model, u, y = two_outputs
+    tube = model.tube(u[:40], y[:40])
+    band = tube.around(u[45], y[45])
+    start = model.prepare_records([u[45]], [y[45]])[0].start
+    width = tube.half_width(u[45], y[45])
+    for share, inside in ((0.999, True), (1.001, False)):
+        for sign in (1, -1):
+            moved = y[45].copy()
+            moved[start:] = (band.y + 0.1 * width)[start:]
+            moved[-1] = (band.y + sign * share * width)[-1]
+            assert tube.contains([u[45]], [moved]).all() == inside
+
+
+def test_what_one_calibration_keeps_is_beta_distributed(two_outputs):
+    """The largest of 12 scores is that of 13: the share below it is beta(12, 1)."""
+    model, u, y = two_outputs
+    tube = model.tube(u[:12], y[:12], level=0.9, block="experiment")
+    assert tube.n_blocks.tolist() == [12, 12]
+    expected = np.array([0.05, 0.95]) ** (1 / 12)
+    np.testing.assert_allclose(tube.coverage_range, [expected, expected])
+    np.testing.assert_array_equal(tube.quantile, tube.scores.max(axis=0))
+    np.testing.assert_allclose(tube.typical, tube.quantile)  # the scale is one
+
+
+def test_gains_in_words():
+    assert in_words(np.array([[4.5]])) == "4.5"
+    assert in_words(np.array([[1.0, 2.0]])) == "[[1, 2]]"
+    assert in_words(np.array([[1.0, 2.0], [3.0, 4.0]])) == "[[1, 2], [3, 4]]"
+    assert plain(np.array([2.0, 2.0])) == "2" and plain([1, 2.5]) == "[1, 2.5]"

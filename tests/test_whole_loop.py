@@ -6,41 +6,16 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from structures import STRUCTURES, declare
+from structures import STRUCTURES
 
 from alssnn.certificates import certify_loop
 from alssnn.certificates._whole import _Wires, limit, whole_loop
-from alssnn.feedback import LinearizingController, Observer, designed_loop, lqi, lqr
+from alssnn.feedback import LinearizingController, Observer, designed_loop
 from alssnn.simulation import channels, simulate
-from helpers import plant_of_structure, random_theta
+from helpers import controlled
 
 NAMES = ["fl", "fl-state", "al", "al-siso", "al-state-output", "al-split"]
 SOLVED = ["monotone", "monotone-state"]  # laws that are solved at every sample
-
-
-def controlled(name, seed=0, *, integrates=True, limits=None, scale=1.0, size=0.3):
-    """Return a controller of a random plant of a structure."""
-    rng = np.random.default_rng(seed)
-    structure = declare(name, rng)
-    theta = random_theta(structure, rng, 0.5)
-    p = structure.split(theta)
-    for key in ("W_h", "W_g"):
-        if key in p:
-            p[key] = size * p[key]
-    plant = plant_of_structure(structure, structure.join(p), rng)
-    nx, ny, nv = plant.nx, plant.ny, plant.nv
-    if integrates:
-        K = lqi(plant, np.eye(nx + ny), 10 * np.eye(nv))
-    else:
-        K = lqr(plant, np.eye(nx), 10 * np.eye(nv))
-    observer = Observer(plant, R=0.1 * np.eye(ny))
-    bounds = {}
-    if limits is not None:
-        bounds = {
-            "u_min": plant.v_offset - limits,
-            "u_max": plant.v_offset + limits,
-        }
-    return LinearizingController(plant, scale * K, observer=observer, **bounds)
 
 
 def run(controller, r, n):
@@ -337,7 +312,9 @@ def test_parts_of_another_model_are_refused():
 
 
 def test_a_certificate_with_limits_can_be_stored():
-    c = certify_loop(controlled("al", limits=0.3, size=0.1), 0.05, noise=0.005)
+    c = certify_loop(
+        controlled("al", limits=0.3, size=0.1), 0.05, noise=0.005, search=False
+    )
     again = pickle.loads(pickle.dumps(c))
     assert again.verify() == c.verify() >= 0
     assert repr(again) == repr(c)
@@ -360,3 +337,22 @@ def test_neurons_are_the_same_in_all_units(unit):
     wires.gain = wires.gain * 1.0
     scaled, _ = wires.lure()
     assert scaled.nw == plain.nw
+
+
+def test_no_run_violates_a_small_certificate():
+    rng = np.random.default_rng(1)
+    controller = controlled("al-siso", limits=0.3, size=0.1)
+    own = controller.own
+    c = certify_loop(controller, 0.05, noise=0.005, search=False)
+    assert c.holds and c.verify() >= 0
+    sizes = c.local.amplitude
+    np.testing.assert_array_equal(sizes, [0.05] * own.ny + [0.005] * own.ny)
+    A, B, C, D = whole_loop(controller).design
+    for inputs in (
+        rng.choice([-1.0, 1.0], (60, len(sizes))) * sizes,
+        rng.choice([-1.0, 1.0], (10, len(sizes))).repeat(10, axis=0) * sizes,
+    ):
+        Y, U = run(controller, inputs[:, : own.ny], inputs[:, own.ny :])
+        assert np.all(np.abs(Y - forced(A, B, C, D, inputs)) <= c.local.output_bounds)
+        assert np.all(U + own.v_offset >= c.u_low - 1e-9)
+        assert np.all(U + own.v_offset <= c.u_high + 1e-9)

@@ -67,8 +67,9 @@ def hinf_norm(A, B, C, tol=1e-8):
         crossings = np.sort(np.angle(z[np.abs(np.abs(z) - 1) < ON_CIRCLE]))
         if not len(crossings):
             break
-        following = np.append(crossings[1:], crossings[0] + 2 * np.pi)
-        raised = gain(np.concatenate([crossings, (crossings + following) / 2]))
+        # those around 0 and pi, which are in the grid, are symmetric
+        between = (crossings[1:] + crossings[:-1]) / 2
+        raised = gain(np.concatenate([crossings, between]))
         if raised <= level:
             break
         norm = raised

@@ -87,7 +87,7 @@ def peaks(A, B, C, D, c=None, d=None):
     X = np.column_stack([B, at_rest])
     gain, passed = np.zeros((len(C), nu)), np.zeros((nx, nu + 1))
     settled = C @ at_rest + d
-    low, high = d + 0.0, d + 0.0  # the first sample
+    low = high = d  # the first sample
     steps = [np.eye(nx)]
     for _ in range(min(n, BLOCK) - 1):
         steps.append(A @ steps[-1])
@@ -102,7 +102,7 @@ def peaks(A, B, C, D, c=None, d=None):
         passed += np.abs(several).sum(axis=0)
         X = jump @ X
     rest = np.linalg.solve(np.eye(nx) - np.abs(power), passed)
-    rest = np.abs(C @ power) @ np.maximum(rest, 0.0)
+    rest = np.abs(C @ power) @ rest
     gain = (gain + rest[:, :nu] + np.abs(D)) * (1 + ROUNDING)
     slack = rest[:, nu] + ROUNDING * np.abs(settled)
     low, high = np.minimum(low, settled - slack), np.maximum(high, settled + slack)

@@ -256,10 +256,10 @@ class LoopProof:
         if np.any(np.abs(rest[paired]) > ALIKE * (1 + others)):
             return "Without inputs the loop rests at a limit of an actuator."
         sectors, reach = local.proof.sectors(loop.lure.sigma, rest)
-        watches = loop.lure.nz > own.ny + own.nv
-        gate = getattr(controller.observer, "largest_innovation", None)
+        gate = None
+        if loop.watches:
+            gate = getattr(controller.observer, "largest_innovation", None)
         nr = own.ny if controller.tracks else own.nv
-        gate = gate if watches else None
         return cls(loop, sectors, reach, nr + own.nd, gate, own.nx, x)
 
     def is_of(self, local):

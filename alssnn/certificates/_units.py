@@ -136,11 +136,11 @@ def lengths(runs, level, block, gap):
     span = 1.0  # samples that are as good as one independent one
     for run in runs:
         with np.errstate(invalid="ignore"):
-            e = np.nan_to_num(run.y - run.y_hat, posinf=0.0, neginf=0.0)[run.start :]
-        if len(e) > 1:
-            # a size that comes and goes makes moduli alike where errors are not
-            seen = independent_samples(np.hstack([e, np.abs(e)]))
-            span = max(span, len(e) / max(seen, 1.0))
+            e = (run.y - run.y_hat)[run.start :]
+        e = np.where(np.isfinite(e), e, 0.0)
+        # a size that comes and goes makes moduli alike where errors are not
+        seen = independent_samples(np.hstack([e, np.abs(e)]))
+        span = max(span, len(e) / max(seen, 1.0))
     if block == "auto":
         block = max(SHORTEST, ceil(LENGTH * span))
     return int(block), int(ceil(GAP * span) if gap is None else gap)

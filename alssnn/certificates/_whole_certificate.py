@@ -152,7 +152,7 @@ class LoopCertificate:
     def _of_gain(self):
         near = ""
         if not self.gain.holds:
-            if self.error is not None and np.isfinite(self.largest_error):
+            if self.largest_error == 0:
                 near = " The `error` is too large for this loop."
             if self.largest_error > 0:
                 near = f" It holds for {self.largest_error:.3g} times this `error`."
@@ -311,8 +311,8 @@ def _rate(proof):
     best = gain_certificate(form, sectors)
     if not best.holds:
         return best
-    radius = float(np.abs(np.linalg.eigvals(form.M[: form.nx, : form.nx])).max())
-    fast = min(radius, 1.0)
+    # what holds has its poles inside the unit circle
+    fast = float(np.abs(np.linalg.eigvals(form.M[: form.nx, : form.nx])).max())
     for _ in range(RATES):
         tried = (best.decay + fast) / 2
         found = gain_certificate(form, sectors, decay=tried)

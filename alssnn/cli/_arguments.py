@@ -206,6 +206,12 @@ def number(text):
         return math.nan
 
 
+def _checked(text, holds, kind):
+    if not holds(value := number(text)):
+        raise argparse.ArgumentTypeError(f"must be {kind}, got {text}")
+    return value
+
+
 def finite(text):
     """Return a finite number.
 
@@ -219,9 +225,7 @@ def finite(text):
     value : float
         The number.
     """
-    if not math.isfinite(value := number(text)):
-        raise argparse.ArgumentTypeError(f"must be a number, got {text}")
-    return value
+    return _checked(text, math.isfinite, "a number")
 
 
 def positive(text):
@@ -237,9 +241,7 @@ def positive(text):
     value : float
         The number.
     """
-    if not 0 < (value := number(text)) < math.inf:
-        raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
-    return value
+    return _checked(text, lambda value: 0 < value < math.inf, "a positive number")
 
 
 def weight(text):
@@ -255,9 +257,7 @@ def weight(text):
     value : float
         The number.
     """
-    if not 0 <= (value := number(text)) < math.inf:
-        raise argparse.ArgumentTypeError(f"must be a number of at least 0, got {text}")
-    return value
+    return _checked(text, lambda value: 0 <= value < math.inf, "a number of at least 0")
 
 
 def weight_or_auto(text):
@@ -289,11 +289,7 @@ def fraction(text):
     value : float
         The share.
     """
-    if not 0 < (value := number(text)) <= 1:
-        raise argparse.ArgumentTypeError(
-            f"must be a share above 0 and at most 1, got {text}"
-        )
-    return value
+    return _checked(text, lambda value: 0 < value <= 1, "a share above 0 and at most 1")
 
 
 def figure_name(text):

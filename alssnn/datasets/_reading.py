@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..tables import read_csv, read_steps
+from ._times import as_times, in_seconds
 
 UNEVEN = 0.01  # of the sampling time, by which the times of samples may differ
 
@@ -92,16 +93,14 @@ def frame_signals(frame, inputs, outputs, time, dt):
         return u, y, dt
     times, where = None, ""
     if time is not None:
-        times, where = np.asarray(frame[time]), f"column {time!r}"
+        times, where = frame[time], f"column {time!r}"
     elif hasattr(frame, "index"):
-        times, where = np.asarray(frame.index), "the index"
-        if times.dtype.kind not in "mM":  # rows that are counted say nothing of time
-            times = None
-    if times is None:
-        return u, y, even_step("", np.empty(0))
-    if times.dtype.kind in "mM":
-        return u, y, even_step(where, np.diff(times) / np.timedelta64(1, "s"))
-    return u, y, even_step(where, np.diff(times.astype(float)))
+        index = np.asarray(frame.index)
+        # rows that are counted say nothing of time
+        if index.dtype.kind in "mM" or getattr(frame.index, "tz", None) is not None:
+            times, where = index, "the index"
+    steps = np.empty(0) if times is None else np.diff(as_times(times, "time"))
+    return u, y, even_step(where, in_seconds(steps))
 
 
 def even_step(where, steps):

@@ -7,6 +7,7 @@ from ..checks import sampling_time
 from ..warn import warn_user
 from ._columns import as_signal
 from ._record import Record
+from ._times import as_times, in_seconds
 
 CLOSE = 0.05  # of the shortest usual step, root mean square, by which stamps may move
 TOLD = 0.01  # of it, from which a user is told
@@ -85,8 +86,8 @@ def on_grid(
             "Convert one of them."
         )
     origin = min(t[0] for t, _ in sent)
-    sent = [(_seconds(t - origin), z) for t, z in sent]
-    seen = [(_seconds(t - origin), z) for t, z in seen]
+    sent = [(in_seconds(t - origin), z) for t, z in sent]
+    seen = [(in_seconds(t - origin), z) for t, z in seen]
     start = max(t[0] for t, _ in sent)  # where all inputs are known
     sent = [(t - start, z) for t, z in sent]
     seen = [(t - start, z) for t, z in seen]
@@ -140,7 +141,7 @@ def _paired(name, signals, stamps):
         )
     pairs = []
     for z, t in zip(signals, stamps, strict=True):
-        z, t = as_signal(z, name, gaps=True), _times(t, f"t_{name}")
+        z, t = as_signal(z, name, gaps=True), as_times(t, f"t_{name}")
         if len(z) != len(t):
             raise ValueError(
                 f"`t_{name}` must have a time for each of {len(z)} samples, got "
@@ -156,47 +157,6 @@ def _paired(name, signals, stamps):
             )
         pairs.append((t, z))
     return pairs
-
-
-def _times(t, name):
-    """Return stamps as floats, or as dates of numpy."""
-    t = np.asarray(t)
-    if t.dtype == object or t.dtype.kind in "US":
-        try:
-            t = t.astype(float)
-        except (TypeError, ValueError):  # dates with a zone, or as text
-            t = _dates(t, name)
-    if t.dtype.kind in "iuf":
-        t = t.astype(float)
-    elif t.dtype.kind not in "Mm":
-        raise ValueError(
-            f"`{name}` must be times in seconds or dates, got {t.dtype}. Convert them."
-        )
-    lost = ~np.isfinite(t) if t.dtype.kind == "f" else np.isnat(t)
-    if t.ndim != 1 or not len(t) or lost.any():
-        raise ValueError(
-            f"`{name}` must be finite times of shape (n,), got shape {t.shape} with "
-            f"{int(lost.sum())} that are none. Drop these samples."
-        )
-    return t
-
-
-def _dates(t, name):
-    import pandas
-
-    try:
-        dates = pandas.to_datetime(t, utc=True, format="ISO8601")
-        return dates.tz_localize(None).to_numpy()
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"`{name}` must be times in seconds or dates, got {str(t.flat[0])!r}. "
-            "Convert them to numbers, or to dates as 2026-01-31T12:00:00."
-        ) from error
-
-
-def _seconds(t):
-    """Return durations in seconds."""
-    return t / np.timedelta64(1, "s") if t.dtype.kind == "m" else t
 
 
 def _nearest(t, dt):
