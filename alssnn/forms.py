@@ -249,53 +249,6 @@ def driven(loop, moved):
     return with_virtual(form, only_input(form, moved))
 
 
-def closed_beside(form, law, moved):
-    """Return the loop whose law measures y beside what the model says (eq. carried).
-
-    Parameters
-    ----------
-    form : Lure
-        Form of a plant with linear output, y = C x + H d.
-    law : Lure
-        Its v as a static map of [y; d; u], u the inputs that are moved.
-    moved : ndarray of int
-        Inputs that v makes.
-
-    Returns
-    -------
-    loop : Lure
-        Form with the inputs [v; r], v those of `closed`, and the channels [y; u] of
-        `closed`, u = phi^-1(v, C x + r).
-    """
-    nx, nu, nw, nh = form.nx, form.nu, form.nw, law.nw
-    v, given = virtual(form, moved), np.setdiff1d(np.arange(nu), moved)
-    ny = v.start - nx
-    ends = np.cumsum([nx, nu, ny, nh, nw])
-    x, u, r, w_h, w = (slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
-    every = np.eye(ends[-1] + 1)  # regressors [x; v; r; w_h; w; 1]
-    d = every[u][given]
-    of_y = form.M[nx : v.start]
-    y_seen = of_y[:, :nx] @ every[x] + of_y[:, nx + given] @ d + every[r]
-    seen = np.vstack([y_seen, d])
-    ns = len(seen)
-
-    def of_law(rows):  # without what u makes
-        by_s, _, by_w, constant = np.split(rows, [ns, law.nu, law.nu + nh], axis=1)
-        return by_s @ seen + by_w @ every[w_h] + constant @ every[-1:]
-
-    to_m = every[u][moved] - of_law(law.rows_z)
-    to_u = every[u]
-    to_u[moved] = to_m / input_gain(form, moved)[:, None]
-    by_x, by_u, by_w, constant = np.split(
-        form.Theta, [nx, nx + nu, nx + nu + nw], axis=1
-    )
-    Theta = by_x @ every[x] + by_u @ to_u + by_w @ every[w] + constant @ every[-1:]
-    signals, _, neurons = np.split(Theta, [v.start, v.stop])
-    of_neurons = of_law(law.rows_v) + law.V[:, ns:] @ to_u[moved]
-    Theta = np.vstack([signals, to_u, of_neurons, neurons])
-    return Lure(Theta, nx, nu + ny, nh + nw, (*law.sigma, *form.sigma))
-
-
 def ahead(form, law, seen, moved):
     """Return the forms of a plant whose law sees what its linear part will do.
 

@@ -128,7 +128,8 @@ def _k_step(model, u, y, experiment, *, steps, metric, sign):
 
 
 def _linearity(model, u, y, experiment):
-    error = np.mean(model.linearizability(u, y, experiment).linearization_error)
+    record = model.linearizability(u, y, experiment, in_loop=False)
+    error = np.mean(record.linearization_error)
     return -error if np.isfinite(error) else -np.inf
 
 

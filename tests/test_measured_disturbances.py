@@ -434,7 +434,8 @@ def test_carried_knows_what_disturbances_do_to_the_output(record):
     assert abs(model.H_[0, 0] - 0.8) < 0.05
     assert model.plant_.no_law == ""
     own = model.predict(u)
-    assert model.linearizability(u, own).carried.max() < 1e-4
+    found = model.linearizability(u, own)
+    assert found.carried_model.max() < 1e-4
 
 
 class OwnSsnn(alssnn.GrSsnn):

@@ -67,6 +67,8 @@ def objects(model):
             model.linearizing_law(u_min=-1, u_max=[2.0]),
             model.observer(gate=10),
             feedback.DisturbanceObserver(model),
+            feedback.what_is_missed(model.plant_, model.prepare_records(*data)),
+            feedback.design_distance(model, model.prepare_records(*data)),
             controller,
             controller.linear,
             controller.info_,

@@ -107,4 +107,7 @@ def test_the_summary_counts_failures_and_agreement():
     told = dict(zip(command.TITLES[:6], line[:6], strict=True))
     assert told["seeds"] == 4 and told["ratio"] == pytest.approx(0.1)
     # predicted agrees twice, reported never; two failures of either kind
-    assert line[-5:] == (2, pytest.approx(np.nan, nan_ok=True), 0, 2, 2)
+    assert line[-6:] == (2, 0.03, 0, 0, 2, 2)
+    outside = command.Run(0.01, 0.012, np.nan, 1.0, "")
+    (line,) = summarize([row("p", "m", 0, outside, linear)])
+    assert line[-4:] == (0, 1, 0, 0)  # nothing is reported, which is said

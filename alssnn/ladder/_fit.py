@@ -451,7 +451,7 @@ def _judge(name, model, train, test, seconds):
         rmse_train, _ = free_run_errors(*_columns(model.simulate_test(*train)))
     y_test, y_hat = _columns(model.simulate_test(*test))
     rmse_test, fit = free_run_errors(y_test, y_hat)
-    record = model.linearizability(*test)
+    record = model.linearizability(*test, in_loop=False)
     records = model.prepare_records(*test)
     row = Rung(
         name=name,

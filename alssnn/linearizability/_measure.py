@@ -27,7 +27,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
-from ..forms import closed_beside
 from ..lure import Lure
 from ..plants import as_plant
 from ..simulation import channels, simulate
@@ -72,11 +71,9 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
     Costs four simulations: the model, the closed loop, and the residual of each.
     """
     plant = as_plant(plant)
-    of_record = plant.dt
     if law_dt is not None or ahead or plant.rates is not None:
-        law_dt = of_record if law_dt is None else law_dt
-        plant, records = at_rate(plant, records, law_dt, ahead)
-    plant, is_slower = plant.arrived(), plant.dt > of_record
+        plant, records = at_rate(plant, records, law_dt or plant.dt, ahead)
+    plant = plant.arrived()
     A, _, C, _ = plant.linear()
     u = [record.du for record in records]
     opened = [_run(plant, record, record.du) for record in records]
@@ -104,10 +101,6 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
         ratio_h_max=float(ratio_h.max()),
         spectral_radius=radius,
         **_closed_measures(plant, closed, u, spread),
-        # what a slower law misses between its samples is no error of the model
-        carried=np.full(plant.ny, np.nan)
-        if is_slower
-        else _carried(plant, records, v, opened, closed),
         peak_gain=peak_gain(A) if radius < 1 else np.inf,
         h2_gain=h2_gain(A, C) if radius < 1 else np.full(len(C), np.inf),
         outside=_share_outside(plant.region, opened, y),
@@ -140,29 +133,6 @@ def _closed_measures(plant, runs, u, spread):
         **dict(zip(names, numbers, strict=True)),
         "closed_outside": _share_outside(plant.region, runs, [None] * len(runs)),
     }
-
-
-def _carried(plant, records, v, opened, closed):
-    """Return how far the plant may be from the design, the model's error with it."""
-    if plant.no_law:
-        return np.full(plant.ny, np.nan)
-    beside = None
-    if plant.cancels and plant.feedback == "output":
-        beside = closed_beside(plant.lure, plant.law_form, plant.moved)
-    distance, designed = [], []
-    with np.errstate(over="ignore", invalid="ignore"):
-        for record, dv, run, loop in zip(records, v, opened, closed, strict=True):
-            r = np.where(np.isnan(record.dy), 0.0, record.dy - run.y)
-            y = loop.y
-            if beside is not None and np.isfinite(r).all():
-                driven = np.hstack([dv, r])
-                X = simulate(beside, driven, record.x0, plant.x_scale)[:-1]
-                y = channels(beside, X, driven)[:, : plant.ny]
-            y_linear = loop.y - loop.e
-            off = y + r - y_linear  # (eq. carried)
-            distance.append(np.where(np.isfinite(off), off, np.inf))
-            designed.append(y_linear)
-        return _relative(_squares(distance), _variation(designed))
 
 
 # -- trajectories ----------------------------------------------------------------------

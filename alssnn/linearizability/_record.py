@@ -15,8 +15,15 @@ PER_OUTPUT = (
     "linearization_error",
     "closed_linearization_error",
     "closed_output_size",
-    "carried",
     "h2_gain",
+)
+CARRIED = (  # of a loop with a controller; none if it was not asked for
+    "carried",
+    "carried_low",
+    "carried_high",
+    "carried_model",
+    "carried_missed",
+    "carried_noise",
 )
 SCALARS = (
     "ratio_g_mean",
@@ -125,10 +132,24 @@ class Linearizability:
         response to the recorded input as v covers. Far below one the figures of the
         closed loop are those of small signals.
     carried : ndarray of shape (ny,) or None, default=None
-        Distance of the plant from the linear design in the closed loop if it differs
-        from the model by as much as in this record (eq. carried): rms over std(y_lin),
-        noise included. A law of y measures this difference, one of the state is taken
-        to know the state. None if unknown.
+        Expected distance of the plant from its linear design in the loop of a
+        controller, rms over std of the designed output (eq. carried): the median over
+        the plants that this record does not rule out. Noise of the measurement in that
+        loop does not count. nan where the loop leaves the training data, see
+        `carried_outside`; None if it was not measured, see `carried_problem`.
+    carried_low, carried_high : ndarray of shape (ny,) or None, default=None
+        Four of five of these plants lie between them.
+    carried_model : ndarray of shape (ny,) or None, default=None
+        The same distance with the model in the place of the plant: g, sampling, the
+        observer, limits.
+    carried_missed : ndarray of shape (ny,) or None, default=None
+        What is added by what the record shows that the model misses.
+    carried_noise : ndarray of shape (ny,) or None, default=None
+        What is added by what the noise of the record leaves open.
+    carried_outside : float or None, default=None
+        Share of the samples of that loop outside the region of the training data.
+    carried_problem : str, default=""
+        Why there is no `carried`.
 
     Notes
     -----
@@ -169,6 +190,13 @@ class Linearizability:
     closed_law_size: float = 0.0
     closed_output_size: np.ndarray | None = None
     carried: np.ndarray | None = None
+    carried_low: np.ndarray | None = None
+    carried_high: np.ndarray | None = None
+    carried_model: np.ndarray | None = None
+    carried_missed: np.ndarray | None = None
+    carried_noise: np.ndarray | None = None
+    carried_outside: float | None = None
+    carried_problem: str = ""
 
     def __repr__(self):
         """Return a table."""
@@ -201,10 +229,7 @@ class Linearizability:
                 (f"std(y_lin) / std(y){of}", "", _percent(size))
                 for of, size in zip(self._suffixes(), self._output_size, strict=True)
             ),
-            *(
-                (f"with the error of the model{of}", "", _percent(error))
-                for of, error in zip(self._suffixes(), self._carried, strict=True)
-            ),
+            *self._carried_rows(),
             (),
             ("spectral radius of A", f"{self.spectral_radius:.6f}"),
             _pair("peak of |A^k|", self.peak_gain),
@@ -248,10 +273,43 @@ class Linearizability:
         size = np.fmax(self.law_size, self.closed_law_size)
         return float(size) if size > LARGE_LAW else 0.0
 
-    @property
-    def _carried(self):
-        unknown = np.full(len(self.linearization_error), np.nan)
-        return unknown if self.carried is None else self.carried
+    def _carried_rows(self):
+        """Return the rows of the loop with a controller; none without."""
+        if self.carried is None:
+            return []
+        every = [np.asarray(getattr(self, name)) for name in CARRIED]
+        rows = []
+        for i, of in enumerate(self._suffixes()):
+            rows += [(), (f"plant from its design{of}", "", self.carried_words(i))]
+            if np.isnan(self.carried[i]):
+                continue
+            low, high, model, missed, noise = (_percent(z[i]) for z in every[1:])
+            rows += [
+                ("  four of five possible plants", f"from {low}", f"to {high}"),
+                ("  by the model itself", "", model),
+                ("  by what it is seen to miss", "", missed),
+                ("  by what noise leaves open", "", noise),
+            ]
+        return rows
+
+    def carried_words(self, output=0):
+        """Return the distance of the plant from its design in words (eq. carried).
+
+        Parameters
+        ----------
+        output : int, default=0
+            Number of the output.
+
+        Returns
+        -------
+        words : str
+            The share in percent, or that the loop leaves the training data.
+        """
+        if self.carried is None:
+            return "unknown"
+        if np.isnan(self.carried[output]):
+            return f"outside, {_percent(self.carried_outside)}"
+        return _percent(self.carried[output])
 
     @property
     def _output_size(self):
@@ -268,7 +326,7 @@ class Linearizability:
         """
         words = (
             f"The law is {times(self.large_law)} times the recorded input. Errors of "
-            "the model weigh as much more in the loop, see its figure with that error. "
+            "the model weigh as much more in the loop, see the distance of the plant. "
             "Fit with a larger `gamma_h`."
         )
         return textwrap.wrap(words, sum(WIDTHS))
@@ -281,9 +339,26 @@ class Linearizability:
         return (
             "closed loop: u = v - h, where v is the recorded input; its",
             "linearization error is relative to the linear response to v;",
-            "with the error of the model: the plant beside the design, if it",
-            "differs from the model in the loop as it does in this record",
+            *self._controlled_words(),
         )
+
+    def _controlled_words(self):
+        """Return what the loop with a controller is, as lines of the table."""
+        if self.carried is None:
+            problem = self.carried_problem
+            return textwrap.wrap(problem, sum(WIDTHS)) if problem else ()
+        words = (
+            "plant from its design: rms in the loop of a controller, over the designed "
+            "output. It is the median over plants that the record does not rule out, "
+            "without noise of the measurement."
+        )
+        if np.isnan(self.carried).any():
+            words += (
+                f" In {_percent(self.carried_outside)} of its samples the loop leaves "
+                "the training data. There no record says what the plant does: take "
+                "smaller references, or train on records that go there."
+            )
+        return textwrap.wrap(words, sum(WIDTHS))
 
     def to_frame(self):
         """Return all quantities but `e` as a tidy pandas DataFrame.
@@ -303,7 +378,7 @@ class Linearizability:
         names, edges = self._names(), self.bands.edges
         rows = [
             (quantity, name, np.nan, np.nan, value)
-            for quantity in PER_OUTPUT
+            for quantity in (*PER_OUTPUT, *(() if self.carried is None else CARRIED))
             for name, value in zip(names, getattr(self, quantity), strict=True)
         ]
         rows += [

@@ -104,4 +104,23 @@ def judge(figures, within=0.05, fit=None):
             "errors of the model weigh as much more in the loop. Not the response of "
             f"(A, B, C) are {both}. Fit with a larger `gamma_h`."
         )
-    return True, f"Not the response of (A, B, C) are only {both}."
+    return True, f"Not the response of (A, B, C) are only {both}.{_in_loop(figures)}"
+
+
+def _in_loop(figures):
+    """Return how far the plant will be from its design, as a sentence."""
+    carried = getattr(figures, "carried", None)  # a rung of the ladder has none
+    if carried is None:
+        return ""
+    if np.isnan(carried).any():
+        return (
+            " How far the plant will be from its design is unknown: the loop of a "
+            f"first controller is outside the training data in "
+            f"{percent(figures.carried_outside)} of its samples."
+        )
+    i = int(np.argmax(carried))
+    low, high = figures.carried_low[i], figures.carried_high[i]
+    return (
+        f" In the loop of a first controller the plant will be {percent(carried[i])} "
+        f"of the output from its design ({percent(low)} to {percent(high)})."
+    )

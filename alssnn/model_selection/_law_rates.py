@@ -153,7 +153,9 @@ def law_rates(model, u, y, experiment=None, law_dt=None):
 
     def measured(ahead):
         return tuple(
-            model.linearizability(u, y, experiment, law_dt=float(dt), ahead=ahead)
+            model.linearizability(
+                u, y, experiment, law_dt=float(dt), ahead=ahead, in_loop=False
+            )
             for dt in law_dt
         )
 

@@ -269,7 +269,7 @@ class ResidualNonlinearityDisplay(Display):
             If the simulation diverges, or the number of axes is wrong.
         """
         experiments, starts = scored_experiments(model, u, y, experiment)
-        record = model.linearizability(u, y, experiment)
+        record = model.linearizability(u, y, experiment, in_loop=False)
         every = record.e
         if not np.isfinite(every).all():
             raise ValueError(

@@ -64,6 +64,10 @@ def linearity(model, test, record):
         (text, *(_field(record, name) for name in names)) for text, *names in LINEARITY
     ]
     rows += [
+        (f"plant from its design, {name}", "", record.carried_words(i))
+        for i, name in enumerate(outputs)
+    ]
+    rows += [
         (f"H2 gain from g to {name}", gain, "")
         for name, gain in zip(outputs, record.h2_gain, strict=True)
     ]

@@ -151,7 +151,7 @@ def _of_record(model, outputs, u, y, experiment):
         ("test RMSE" if not i else "", f"{name}{value}")
         for i, (name, value) in enumerate(zip(of, values, strict=True))
     ]
-    record = model.linearizability(u, y, experiment)
+    record = model.linearizability(u, y, experiment, in_loop=False)
     for i, name in enumerate(of):
         error = record.linearization_error[i]
         closed = np.broadcast_to(record.closed_linearization_error, len(of))[i]
