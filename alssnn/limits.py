@@ -4,7 +4,7 @@ import numpy as np
 
 from .criterion import Restricted
 from .innovations import drift_of
-from .optimizers import minimize
+from .optimizers import FAINT, minimize
 from .stability import Contractive, Schur, follows
 
 HALVINGS = 20  # of the gain of a random walk, until its predictor follows
@@ -117,7 +117,12 @@ class Limits:
         if np.isfinite(bounds).any():
             method, options["bounds"] = "trf", bounds
         result = minimize(
-            part or problem, start[~held], method=method, to_point=whole, **options
+            part or problem,
+            start[~held],
+            method=method,
+            to_point=whole,
+            faint=FAINT,
+            **options,
         )
         result.x = whole(result.x)
         return result

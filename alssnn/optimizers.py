@@ -27,6 +27,9 @@ from .watch import AT_FLOOR, INTERRUPTED, NO_PROGRESS, Stop
 GRADIENT_TOLERANCE = 1e-12  # cosine between r and its derivatives
 STOPPED = -1  # status of a search that was left (`watch`)
 CLIFF = "the derivatives overflow next to the best point"
+# A share of the median of the derivatives, below which one is too faint to say how far
+# its parameter may go, and the share that is taken instead.
+FAINT, LEAST_SHARE = 1e-5, 1e-3
 RETREATS = 8  # halvings of the way to a point whose derivatives overflow
 TERMINATION_MESSAGES = {
     0: "stopped after all trial steps that its last stage may take",
@@ -68,6 +71,7 @@ def minimize(
     patience=None,
     to_point=None,
     label="",
+    faint=0.0,
 ):
     """Minimize a least-squares criterion from a given start.
 
@@ -96,6 +100,9 @@ def minimize(
         Map from the free vector of `criterion` to what watch and patience see.
     label : str, default=""
         Name of the search, for `watch`.
+    faint : float, default=0.0
+        Share of the median of the derivatives at the start. Parameters with a smaller
+        one go no further than those with a share of `LEAST_SHARE`.
 
     Returns
     -------
@@ -115,11 +122,10 @@ def minimize(
             "The model diverges from its initial parameters. Scale `u` and `y`, "
             "shorten the records, or give a stable `linear_start`."
         )
-    search = _Search(criterion, free, watch, patience, to_point, label)
+    search = _Search(criterion, free, watch, patience, to_point, label, faint)
     options = {
         "method": method,
         "bounds": (-np.inf, np.inf) if bounds is None else bounds,
-        "x_scale": "jac",
         "ftol": tol,
         "xtol": tol if xtol is None else xtol,
         "gtol": GRADIENT_TOLERANCE,
@@ -154,12 +160,13 @@ def minimize(
 class _Search:
     """Evaluate a criterion for `least_squares`, and remember what it has seen."""
 
-    def __init__(self, criterion, free, watch, patience, to_point, label):
+    def __init__(self, criterion, free, watch, patience, to_point, label, faint):
         self.criterion = criterion
         self.watch = watch
         self.patience = patience
         self.to_point = to_point or (lambda x: x)
         self.label = label
+        self.faint = faint
         self.last = None  # accepted point
         self.best = free.copy()
         self.least = np.inf
@@ -178,6 +185,7 @@ class _Search:
             if left < 1:
                 break
             try:
+                options["x_scale"] = self.scales(free)
                 found = least_squares(
                     self.fun, free, jac=self.jac, max_nfev=left, **options
                 )
@@ -196,6 +204,23 @@ class _Search:
                 self.accept(found.x)  # the step that met a tolerance
             return found.status, TERMINATION_MESSAGES[found.status]
         return 0, TERMINATION_MESSAGES[0]
+
+    def scales(self, x):
+        """Return how far each parameter moves in a step of length one, or "jac".
+
+        By themselves, the solvers move a parameter by the inverse of its derivative. A
+        squared weight near zero has hardly one: it would go far beyond where that
+        holds, and every step with a part in it is rejected, down to those that move
+        nothing.
+        """
+        if self.faint == 0:
+            return "jac"
+        self.fun(x)
+        sizes = np.linalg.norm(self.jac(x), axis=0)
+        acts, median = sizes > 0, np.median(sizes)  # zero counts as one for them
+        if not np.any(acts & (sizes < self.faint * median)):
+            return "jac"
+        return 1 / np.where(acts, np.maximum(sizes, LEAST_SHARE * median), 1.0)
 
     def fun(self, x):
         for point, residual in self.known:

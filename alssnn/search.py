@@ -249,6 +249,7 @@ def search(
     seeds,
     *,
     max_iter,
+    alphas=ALPHAS,
     method="lm",
     n_jobs=None,
     output_weight=None,
@@ -269,6 +270,8 @@ def search(
         One per random start.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
+    alphas : ndarray, default=ALPHAS
+        Weights of the decay along a path, not rising.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -294,7 +297,7 @@ def search(
         "xtol": LEAST_MOVE,
         "label": "search",
     }
-    descent = scale * ALPHAS
+    descent = scale * alphas
 
     def start(nx, seed):
         return _Path(recipe, folds, orders.models[nx], seed, output_weight)
@@ -317,10 +320,10 @@ def search(
     paths = [start(nx, seed) for seed in seeds]
     # of a long record one start counts: the others stop where a path may end
     is_long = len(folds) == 1 and len(paths) > 1
-    first, rest = np.split(descent, [np.count_nonzero(ALPHAS >= ENOUGH)])
-    alphas = first if is_long else descent
+    first, rest = np.split(descent, [np.count_nonzero(alphas >= ENOUGH)])
+    along = first if is_long else descent
     options["enough"] = scale * ENOUGH
-    paths = _walked(paths, alphas, quiet, options, tally, n_jobs)
+    paths = _walked(paths, along, quiet, options, tally, n_jobs)
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
         best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)

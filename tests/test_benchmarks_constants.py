@@ -37,8 +37,8 @@ def test_starts_and_stages_follow_their_constants(rng):
         np.testing.assert_allclose(roots(), 2 * before)
     model = FlSsnn(input_map="monotone")
     with changed("LONGER_STAGES", 7):
-        assert _input_map.patience(model) == 7
-        assert _input_map.patience(FlSsnn()) == 1
+        assert _input_map.stages_of_search(model)["max_iter"] == 7 * model.max_iter
+        assert _input_map.stages_of_search(FlSsnn()) == {"max_iter": model.max_iter}
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -455,7 +455,7 @@ def test_a_law_without_a_solution_says_so(fan, monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_the_center_of_the_decay_has_the_size_of_v():
-    """A fit that goes on begins at its own optimum: the decay knows the new phi."""
+    """A fit that goes on begins near its own optimum: the decay knows the new phi."""
     record = alssnn.datasets.make_fan_arm(600, noise=0.01, random_state=0)
     model = alssnn.FlSsnn(
         nx=2,
@@ -472,4 +472,5 @@ def test_the_center_of_the_decay_has_the_size_of_v():
     assert abs(gain[0] - 1) > 0.01
     before = model.cost_
     model.fit(record.u, record.y)
-    assert model.cost_ <= before * (1 + 1e-3)
+    # near: phi was multiplied by 9, and its distance from the center with it
+    assert model.cost_ <= before * 1.05

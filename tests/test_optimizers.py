@@ -3,7 +3,7 @@ import pytest
 
 from alssnn.criterion import DIVERGED_NORM, Criterion, LeastSquares
 from alssnn.models import state_space
-from alssnn.optimizers import minimize
+from alssnn.optimizers import FAINT, minimize
 from alssnn.watch import Watch
 from helpers import Heard
 
@@ -41,6 +41,33 @@ def test_rosenbrock(method):
     np.testing.assert_allclose(result.x, 1.0, atol=1e-6)
     assert result.success
     assert result.cost < 1e-12
+
+
+class Squared(LeastSquares):
+    """r = [x1 - 1, x2^2 + 0.001]: of x2, only its square counts, best at zero."""
+
+    def norm(self, x):
+        return np.linalg.norm([x[0] - 1, x[1] ** 2 + 0.001])
+
+    def normal_equations(self, x):
+        r, J = np.array([x[0] - 1, x[1] ** 2 + 0.001]), np.diag([1.0, 2 * x[1]])
+        return J.T @ J, J.T @ r, self.norm(x)
+
+
+def test_a_parameter_of_faint_effect_does_not_hold_the_others_back(method):
+    start, options = np.array([3.0, 1e-8]), {"method": method, "max_iter": 10}
+    result = minimize(Squared(), start, tol=1e-9, faint=FAINT, **options)
+    assert result.cost < 1e-3
+    # else every step goes 25,000 times too far for x2, and is cut down for both
+    assert minimize(Squared(), start, tol=1e-9, **options).cost > 1.0
+
+
+def test_derivatives_that_are_not_faint_change_nothing():
+    start, options = np.array([-1.2, 1.0]), {"tol": 1e-14, "max_iter": 200}
+    plain = minimize(Rosenbrock(), start, **options)
+    same = minimize(Rosenbrock(), start, faint=FAINT, **options)
+    np.testing.assert_array_equal(plain.x, same.x)
+    assert plain.nfev == same.nfev
 
 
 def test_a_diverging_trial_is_rejected_and_the_search_goes_on(method):

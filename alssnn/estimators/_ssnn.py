@@ -27,7 +27,7 @@ from ._callbacks import snapshot, with_callbacks
 from ._disturbances import checked
 from ._held_out import hold_out
 from ._horizon import trained
-from ._input_map import as_large_as_u, completed, patience, searched
+from ._input_map import as_large_as_u, completed, searched, stages_of_search
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._judge import as_found, not_worse, warn_left_linear
@@ -420,7 +420,7 @@ class Ssnn(StateSpaceModel):
                 orders,
                 candidates,
                 seeds,
-                max_iter=patience(self) * self.max_iter,
+                **stages_of_search(self),
                 method=self.method,
                 n_jobs=self.n_jobs,
                 output_weight=self._output_weight(experiments[0][1].shape[1]),
