@@ -51,7 +51,7 @@ def told(model, u, y, **options):
     return found, controller
 
 
-@pytest.mark.parametrize("bend", [0.15, 0.05])
+@pytest.mark.parametrize("bend", [0.15, 0.05], ids=["much", "little"])
 def test_what_a_linear_model_misses_is_told(bend):
     u, y, plant = cubic(bend=bend)
     model = LinearStateSpace(nx=1, dt=1.0).fit(u, y)
