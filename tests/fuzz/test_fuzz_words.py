@@ -42,7 +42,9 @@ ASKED = {
 
 
 @pytest.mark.parametrize("name", ASKED)
-@pytest.mark.parametrize("value", NONSENSE, ids=repr)
+@pytest.mark.parametrize(
+    "value", NONSENSE, ids=["text", "dict", "object", "empty", "ragged"]
+)
 def test_a_refusal_names_the_argument(fitted, name, value):
     with pytest.raises((ValueError, TypeError), match=re.escape(f"`{name}`")):
         ASKED[name](*fitted, value)
