@@ -249,7 +249,7 @@ def search(
     seeds,
     *,
     max_iter,
-    alphas=ALPHAS,
+    alphas=None,
     method="lm",
     n_jobs=None,
     output_weight=None,
@@ -270,8 +270,8 @@ def search(
         One per random start.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
-    alphas : ndarray, default=ALPHAS
-        Weights of the decay along a path, not rising.
+    alphas : ndarray or None, default=None
+        Weights of the decay along a path, not rising; None means `ALPHAS`.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -297,6 +297,7 @@ def search(
         "xtol": LEAST_MOVE,
         "label": "search",
     }
+    alphas = ALPHAS if alphas is None else alphas
     descent = scale * alphas
 
     def start(nx, seed):
