@@ -256,8 +256,7 @@ def _search(experiments, model, n_jobs):
 def _candidate_horizons(experiments, nx):
     """Return the horizons to try, ascending: within reach of record and order."""
     nu, ny = (signal.shape[1] for signal in experiments[0])
-    lengths = np.array([len(u) for u, _ in experiments])
-    longest = lengths.max()
+    longest = max(len(u) for u, _ in experiments)
     lowest = max(2, -(-nx // ny) + 1)  # Gamma without its last block has rank nx
     samples = 2 * lowest + nx
     if longest < samples:
@@ -266,10 +265,7 @@ def _candidate_horizons(experiments, nx):
             f"nx={nx}, got {longest}. Use a longer record or a smaller `nx`."
         )
     # more columns than rows in H, or else U_f leaves nothing of the past
-    highest = sum(
-        np.maximum(lengths - 2 * horizon + 1, 0).sum() >= 2 * horizon * (nu + ny)
-        for horizon in range(1, max(HORIZONS) + 1)
-    )
+    highest = (longest + 1) // (2 * (nu + ny) + 2)
     return sorted({max(lowest, min(horizon, highest)) for horizon in HORIZONS})
 
 

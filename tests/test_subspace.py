@@ -197,14 +197,6 @@ def test_horizons_are_within_reach_of_record_and_order(n, nx, horizons):
     assert _candidate_horizons([(z, z)], nx) == horizons
 
 
-def test_columns_of_all_experiments_count_for_a_horizon():
-    # 9 (70 - 2 i + 1) columns, at least 4 i rows
-    z = np.zeros((70, 1))
-    assert _candidate_horizons([(z, z)] * 9, 3) == [15, 29]
-    # of an experiment shorter than past and future, nothing is used
-    assert _candidate_horizons([(z, z), (z[:9], z[:9])], 3) == [11]
-
-
 def test_singular_values_are_those_of_the_longest_horizon(rng):
     model = identify_linear(records(rng, system(rng, 2, 1, 2), (700,)), 2, max_iter=1)
     assert len(model.singular_values) == 2 * 40
