@@ -18,7 +18,8 @@ multiples of these floors; of the mirror, of the mean over its outputs. Ours on 
 circuit are those that `benchmarks.paper` has measured, ours on the mirror those of
 default fits in doc/benchmarks/mirror.csv, which
 
-    python -m benchmarks.field --cases mirror --models lti --out doc/benchmarks/mirror.csv
+    python -m benchmarks.field --cases mirror --models lti
+                               --out doc/benchmarks/mirror.csv
 
 has written.
 
