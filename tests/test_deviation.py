@@ -1,5 +1,7 @@
 """How far a plant will be from its design, told before it is in the loop."""
 
+import tracemalloc
+
 import control
 import numpy as np
 import pytest
@@ -8,7 +10,13 @@ from sklearn.exceptions import ConvergenceWarning
 import alssnn
 from alssnn import FlSsnn, LinearStateSpace
 from alssnn.datasets import make_valve_tank
-from alssnn.feedback import LinearizingController, design_distance, what_is_missed
+from alssnn.feedback import (
+    LinearizingController,
+    design_distance,
+    missed,
+    what_is_missed,
+)
+from alssnn.region import Region
 
 STEPS = np.repeat([0.0, 0.3, -0.4, 0.1, 0.5, -0.2], 40)[:, None]
 REST = 60  # samples that a loop needs to settle
@@ -148,11 +156,11 @@ def test_a_valve_is_told_by_its_linear_model():
     tank = make_valve_tank(1_000, noise=0.01, random_state=0)
     model = LinearStateSpace(nx=1, disturbances=[1], dt=tank.dt).fit(tank.u, tank.y)
     (record,) = model.prepare_records(tank.u, tank.y)
-    missed = what_is_missed(model.plant_, [record])
+    left = what_is_missed(model.plant_, [record])
     # the residual is that of the curve, and what is left of it is near the noise
     y_hat = model.predict(tank.u, x0=record.x0)
     residual = np.std(tank.y - y_hat.reshape(tank.y.shape))
-    assert missed.noise[0] < 0.2 * residual
+    assert left.noise[0] < 0.2 * residual
 
 
 def test_missing_outputs_and_several_experiments():
@@ -164,6 +172,27 @@ def test_missing_outputs_and_several_experiments():
     parts = np.repeat([0, 1, 2], 500)
     found = told(model, u, holes, experiment=parts)[0].carried[0]
     assert found == pytest.approx(whole, rel=0.25)
+
+
+def test_many_states_take_samples_and_not_memory(monkeypatch):
+    u, y, _ = cubic(n=3_000)
+    model = LinearStateSpace(nx=6, dt=1.0).fit(u, y)
+    (whole,) = model.prepare_records(u, y)
+    before = what_is_missed(model.plant_, [whole])
+    monkeypatch.setattr(missed, "ENTRIES", 1e5)
+    tracemalloc.start()
+    try:
+        few = what_is_missed(model.plant_, [whole])
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 20 * 8 * missed.ENTRIES
+    assert few.noise[0] == pytest.approx(before.noise[0], rel=0.2)
+    # of every experiment the same share, and no more than constants of many states
+    parts = missed._first([(np.arange(100),) * 2, (np.arange(300),) * 2], 40)
+    assert [len(first) for first, _ in parts] == [10, 30]
+    powers = missed._powers(Region.of(np.eye(50), np.eye(50), np.eye(50)), 50, 1e6)
+    assert powers.sum() == 0 and len(powers) == 1
 
 
 def test_arguments_are_checked():

@@ -13,7 +13,7 @@ expected to be as large as those of exp; the noise is what no w explains.
 
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from math import comb, factorial
+from math import ceil, comb, factorial, sqrt
 
 import numpy as np
 
@@ -24,7 +24,8 @@ from ..simulation import simulate
 DEGREE = 6  # of the series: a term of the next degree has 1/70 of the first, at most
 MOST = 400  # coefficients of w
 PER_COEFFICIENT = 5  # samples that each of them needs
-LONGEST = 20_000  # samples of all experiments that are looked at
+LONGEST = 20_000  # samples of all experiments that are looked at, at most
+ENTRIES = 2e7  # effects of coefficients on samples, at most: 160 MB
 PASSES = 6  # to find the size of the noise
 CONVERGED = 0.02  # relative, of its square
 LEAST = 1e-12  # square of the noise over that of the output: rounding
@@ -124,24 +125,31 @@ def what_is_missed(plant, records):
     -------
     missed : Missed or None
         The errors; None if the model diverges along the record.
+
+    Notes
+    -----
+    Of N samples and n coefficients of w, at most 400 or those of first degree, the
+    cost is that of N n^2 multiplications, and a few arrays of N n numbers for every
+    output: as many samples count, at most 20,000, as keep each of them below 160 MB.
     """
-    plant, runs, left = plant.arrived(), [], LONGEST
-    for record in records:
-        if left > 0:
-            du, dy = record.du[:left], record.dy[:left]
-            X = _states(plant, du, dy, record.x0)
-            runs.append((X, du, dy))
-            left -= len(du)
+    plant = plant.arrived()
+    given = _first([(record.du, record.dy) for record in records], LONGEST)
+    runs = [
+        (_states(plant, du, dy, record.x0), du, dy)
+        for (du, dy), record in zip(given, records, strict=True)
+    ]
     states, inputs = (np.vstack([run[i] for run in runs]) for i in (0, 1))
     if not np.isfinite(states).all():
         return None
-    y = [plant.output(X, du + plant.u_offset) - plant.y_offset for X, du, _ in runs]
-    r = [run[2] - y_hat for run, y_hat in zip(runs, y, strict=True)]
     region = plant.region
     if region is None:
-        region = Region.of(states, inputs, np.vstack(y))
-    powers = _powers(region, plant.nx, sum(map(np.size, r)))
+        y = plant.output(states, inputs + plant.u_offset) - plant.y_offset
+        region = Region.of(states, inputs, y)
+    powers = _powers(region, plant.nx, len(states) * plant.ny)
     root = _root(states)
+    runs = _first(runs, ENTRIES / (plant.nx * (len(powers) + 1) * plant.ny))
+    y = [plant.output(X, du + plant.u_offset) - plant.y_offset for X, du, _ in runs]
+    r = [run[2] - y_hat for run, y_hat in zip(runs, y, strict=True)]
     J = [
         _effects(plant, X, du, root, _terms(region, powers, X, du)) for X, du, _ in runs
     ]
@@ -162,11 +170,23 @@ def _states(plant, du, dy, x0):
     return X
 
 
+def _first(experiments, n):
+    """Return the first rows of experiments, n of all, the same share of every one."""
+    share = min(1.0, n / sum(len(first) for first, *_ in experiments))
+    return [tuple(z[: ceil(share * len(z))] for z in each) for each in experiments]
+
+
 def _powers(region, nx, n_samples):
     """Return the powers of all terms, up to the degree that the record bears."""
     n = region.whiten.shape[1]
-    most, degree = min(MOST, n_samples / PER_COEFFICIENT), DEGREE
-    while degree > 1 and nx * comb(n + degree, degree) > most:
+    most = min(MOST, n_samples / PER_COEFFICIENT)
+    # the terms of first degree are rather too many, if the samples that `ENTRIES`
+    # leaves determine them
+    linear = sqrt(ENTRIES / PER_COEFFICIENT)
+    degree = DEGREE
+    while degree > 0 and nx * comb(n + degree, degree) > (
+        most if degree > 1 else linear
+    ):
         degree -= 1
     powers = [
         np.bincount(np.array(term, dtype=int), minlength=n)

@@ -108,7 +108,7 @@ def judge(figures, within=0.05, fit=None):
 
 
 def _in_loop(figures):
-    """Return how far the plant will be from its design, as a sentence."""
+    """Return how far the plant may be from its design, as a sentence."""
     carried = getattr(figures, "carried", None)  # a rung of the ladder has none
     if carried is None:
         return ""
@@ -121,6 +121,7 @@ def _in_loop(figures):
     i = int(np.argmax(carried))
     low, high = figures.carried_low[i], figures.carried_high[i]
     return (
-        f" In the loop of a first controller the plant will be {percent(carried[i])} "
-        f"of the output from its design ({percent(low)} to {percent(high)})."
+        f" In the loop of a first controller the plant is expected to be "
+        f"{percent(carried[i])} of the output from its design ({percent(low)} to "
+        f"{percent(high)})."
     )
