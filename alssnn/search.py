@@ -242,6 +242,16 @@ def _walked(paths, alphas, watch, options, tally, n_jobs):
     return [walked[i] for i in range(len(calls))]
 
 
+def _compared(paths, alphas, watch, tally, options):
+    """Return the least error on hidden samples of one path of every order."""
+    curve = {}
+    for nx, path in paths:
+        tell = tally.plan(len(alphas))
+        errors = path.descend(alphas, watch, tell=tell, **options).errors
+        curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
+    return curve
+
+
 def search(
     recipe,
     orders,
@@ -270,8 +280,9 @@ def search(
         One per random start.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
-    alphas : ndarray or None, default=None
-        Weights of the decay along a path, not rising; None means `ALPHAS`.
+    alphas : sequence of float or None, default=None
+        Weights of the decay along a path, not rising, of which `SCREEN` compares
+        orders; None means `ALPHAS`.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -297,7 +308,7 @@ def search(
         "xtol": LEAST_MOVE,
         "label": "search",
     }
-    alphas = ALPHAS if alphas is None else alphas
+    alphas = np.asarray(ALPHAS if alphas is None else alphas)
     descent = scale * alphas
 
     def start(nx, seed):
@@ -307,15 +318,11 @@ def search(
     n_stages = len(seeds) * len(descent) + more * (len(folds) > 1)
     n_stages += len(candidates) * len(screened) * (len(candidates) > 1)
     tally = _Tally(watch, orders.errors[orders.nx], n_stages)
+    nx = candidates[0]
     if len(candidates) > 1:
-        for nx in candidates:
-            tell = tally.plan(len(screened))
-            path = start(nx, seeds[0]).descend(screened, quiet, tell=tell, **options)
-            errors = path.errors
-            curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
+        first = ((nx, start(nx, seeds[0])) for nx in candidates)
+        curve = _compared(first, screened, quiet, tally, options)
         nx = min(curve, key=lambda n: curve[n])
-    else:
-        (nx,) = candidates
     # the paths begin here, for the recipe is of the estimator, whose callbacks and
     # streams may not leave this process
     paths = [start(nx, seed) for seed in seeds]

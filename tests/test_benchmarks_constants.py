@@ -6,8 +6,10 @@ import pytest
 from alssnn import FlSsnn
 from alssnn.estimators import _input_map
 from alssnn.models import state_space
+from alssnn.search import ALPHAS
 from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
+from benchmarks import constants
 from benchmarks.constants import CONSTANTS, LOOPS, OPTIONS, changed, homes, scaled
 
 
@@ -39,6 +41,26 @@ def test_starts_and_stages_follow_their_constants(rng):
     with changed("LONGER_STAGES", 7):
         assert _input_map.stages_of_search(model)["max_iter"] == 7 * model.max_iter
         assert _input_map.stages_of_search(FlSsnn()) == {"max_iter": model.max_iter}
+    assert _input_map.stages_of_search(model)["alphas"] == _input_map.DECAYS
+    with changed("DECAYS", (1.0, 0.5)):
+        assert _input_map.stages_of_search(model)["alphas"] == (1.0, 0.5)
+
+
+def test_decays_are_compared_with_those_of_other_models(monkeypatch):
+    seen = []
+
+    def errors(cases, model, seeds, options):
+        seen.append(_input_map.DECAYS)
+        return {("plant", "test"): np.array([float(len(seen))])}
+
+    monkeypatch.setattr(constants, "errors", errors)
+    values, found = constants.compare("DECAYS", ["fan loop"], "fl", 1, {})
+    assert values == seen == [tuple(ALPHAS), _input_map.DECAYS]
+    assert [each["plant", "test"][0] for each in found] == [0.5, 1.0]
+    values, _ = constants.compare("LONGER_STAGES", ["fan loop"], "fl", 1, {})
+    assert values[1] == _input_map.LONGER_STAGES and len(values) == 3
+    assert constants.name_of(tuple(ALPHAS)) == "10..0"
+    assert constants.name_of((1, 2)) == "(1, 2)"
 
 
 @pytest.mark.parametrize("name", LOOPS)

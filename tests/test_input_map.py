@@ -11,6 +11,7 @@ import alssnn
 from alssnn.activations import ACTIVATIONS
 from alssnn.certificates import certify_gain, certify_iss
 from alssnn.equations import Equations
+from alssnn.estimators import _input_map
 from alssnn.feedback import LinearizingLaw, input_range
 from alssnn.implicit import ImplicitLayer
 from alssnn.lure import Lure
@@ -277,6 +278,7 @@ def test_a_fan_is_linearized_by_default_options():
     plain = alssnn.FlSsnn(**options).fit(u, y)
     error, of_plain = (np.sqrt(1 - m.score(*fresh)) for m in (model, plain))
     assert error < 0.05 and 3 * error < of_plain
+    assert model.alpha_ in _input_map.DECAYS
     # the law on the arm itself: u^2 in the place of u, up to what the state adds
     x = np.zeros((40, 2))
     inputs = np.linspace(0.15, 1.0, 40)[:, None]
@@ -285,6 +287,15 @@ def test_a_fan_is_linearized_by_default_options():
     assert np.abs(v[:, 0] - np.polyval(fit, inputs[:, 0] ** 2)).max() < 0.1 * np.ptp(v)
     figures = model.linearizability(u, y)
     assert figures.closed_linearization_error.max() < 1e-9
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_a_map_is_searched_along_decays_of_its_own(monkeypatch):
+    monkeypatch.setattr(_input_map, "DECAYS", (0.03, 0.02))
+    u, y = fan_arm(400, 0)
+    options = {"nx": 2, "n_h": 3, "n_init": 1, "max_iter": 50, "random_state": 0}
+    model = alssnn.FlSsnn(input_map="monotone", **options).fit(u, y)
+    assert model.alpha_ in (0.03, 0.02)
 
 
 def test_single_samples_meet_rows(rng):

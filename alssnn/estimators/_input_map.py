@@ -24,7 +24,7 @@ LONGER_STAGES = 3
 # Test errors of FL-SSNN on the five plants of `benchmarks.true_loops` and on longer
 # records of its arm, two seeds each, were 0.26 to 0.93 of those with `search.ALPHAS`
 # in ten of twelve fits, and 1.65 times as large in two.
-DECAYS = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+DECAYS = (1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 
 
 def check_map(estimator):
