@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
+from .simulation import simulate
 
 SHARE = 0.25  # of every experiment, hidden in one fold
 NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
+ELSEWHERE = 4  # states along the record, from which a simulation begins anew
 FEW, MANY = 1_200, 4_000  # samples up to which three folds, two folds judge
 
 
@@ -56,15 +58,55 @@ class Fold:
         error : float
             Mean square over outputs of unit variance; inf where it diverges.
         """
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(STARTS, *x0.shape))
+        signs[..., x0.shape[1] - self.integrators :] = 0.0
+        starts = [x0, *(x0 + NUDGE * signs)]
+        return self._largest(structure, theta, starts, output_weight)
+
+    def error_elsewhere(self, structure, theta, x0, output_weight=None):
+        """Return the error from other states of the record (eq. elsewhere).
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+        output_weight : ndarray of shape (ny,) or None, default=None
+            Weight of every output; None means one.
+
+        Returns
+        -------
+        error : float
+            Mean square over outputs of unit variance, of the worst of five states: rest
+            and four along the record. Inf where one of them diverges.
+        """
+        lure, n = structure.lure(theta), x0.shape[1]
+        runs = [
+            simulate(lure, u, structure.initial_state(start))[:-1, :n]
+            for (u, _), start in zip(self.fitted, x0, strict=True)
+        ]
+        X = np.concatenate(runs)
+        if not np.isfinite(X).all():
+            return np.inf
+        rows = ((np.arange(ELSEWHERE) + 0.5) / ELSEWHERE * len(X)).astype(int)
+        starts = []
+        for state in (np.zeros(n), *X[rows]):
+            start = x0.copy()
+            start[:, : n - self.integrators] = state[: n - self.integrators]
+            starts.append(start)
+        return self._largest(structure, theta, starts, output_weight)
+
+    def _largest(self, structure, theta, starts, output_weight):
+        """Return the largest mean square error of several initial states."""
         (y,) = structure.channels
         weight = np.ones(1) if output_weight is None else np.asarray(output_weight)
         weight = np.broadcast_to(weight, structure.sizes[y])
         criterion = Criterion(
             structure, self.hidden, weights={y: weight / weight.sum()}
         )
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(STARTS, *x0.shape))
-        signs[..., x0.shape[1] - self.integrators :] = 0.0
-        starts = [x0, *(x0 + NUDGE * signs)]
         norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
         return norm**2 if norm < DIVERGED_NORM else np.inf
 

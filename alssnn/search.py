@@ -51,6 +51,7 @@ REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
 USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
+FAR = 2.0  # root mean square error from elsewhere, over that of the linear model
 CHANCE = 2.0  # over the hidden samples: relative difference of white errors by chance
 NOISE = 0.1  # mean square error of a linear model, for which `ALPHAS` are meant
 
@@ -156,8 +157,8 @@ class _Tally:
 class _Path:
     """Descend from one start along falling alphas, on all folds at once."""
 
-    def __init__(self, recipe, folds, linears, seed, weight):
-        self.folds, self.weight = folds, weight
+    def __init__(self, recipe, folds, linears, seed, weight, bounds):
+        self.folds, self.weight, self.bounds = folds, weight, bounds
         self.problems, self.points = [], []
         for fold, model in zip(folds, linears, strict=True):
             linear, structure, penalized, weights = recipe.declare(model)
@@ -172,14 +173,17 @@ class _Path:
         self.states = [self.points]
 
     def _judge(self):
-        return np.array(
-            [
-                fold.error(structure, theta, x0, self.weight)
-                for fold, (structure, *_), (theta, x0) in zip(
-                    self.folds, self.problems, self.points, strict=True
-                )
-            ]
-        )
+        """Return the errors of the folds, or from elsewhere if these are too large."""
+        errors = []
+        for fold, bound, (structure, *_), point in zip(
+            self.folds, self.bounds, self.problems, self.points, strict=True
+        ):
+            error = fold.error(structure, *point, self.weight)
+            if error < bound:  # else it is large enough already
+                elsewhere = fold.error_elsewhere(structure, *point, self.weight)
+                error = elsewhere if elsewhere > bound else error
+            errors.append(error)
+        return np.array(errors)
 
     def descend(self, alphas, watch, enough=ENOUGH, tell=None, **options):
         """Go down the path, and stop where further stages bring no more."""
@@ -311,8 +315,10 @@ def search(
     alphas = np.asarray(ALPHAS if alphas is None else alphas)
     descent = scale * alphas
 
+    bounds = _bounds(orders, output_weight)
+
     def start(nx, seed):
-        return _Path(recipe, folds, orders.models[nx], seed, output_weight)
+        return _Path(recipe, folds, orders.models[nx], seed, output_weight, bounds)
 
     curve, screened, more = {}, descent[SCREEN], max_iter // options["max_iter"]
     n_stages = len(seeds) * len(descent) + more * (len(folds) > 1)
@@ -356,6 +362,16 @@ def search(
         curve,
         gain,
     )
+
+
+def _bounds(orders, weight):
+    """Return by fold the largest error from elsewhere in the record."""
+    bounds = []
+    for fold, linear in zip(orders.folds, orders.models[orders.nx], strict=True):
+        structure, theta, fit = linear.as_fit()
+        error = fold.error_elsewhere(structure, theta, fit.x0, weight)
+        bounds.append(FAR**2 * error)
+    return bounds
 
 
 def _standards(orders, is_predictor):

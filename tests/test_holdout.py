@@ -6,6 +6,7 @@ import pytest
 from alssnn import holdout
 from alssnn.holdout import hold_out
 from alssnn.models import state_space
+from alssnn.simulation import simulate
 from helpers import simulate_linear
 
 
@@ -142,3 +143,52 @@ def test_a_model_that_diverges_is_infinitely_bad(rng):
     experiments = records(rng, (3000,), ny=1)
     structure, theta = point(np.diag([3.0, 0.5]), B, np.ones((1, 2)))
     assert hold_out(experiments)[0].error(structure, theta, np.ones((1, 2))) == np.inf
+
+
+def bistable(w):
+    """Return x+ = 0.5 x + u + w tanh(x), y = x: for w > 0.5 it keeps its sign."""
+    structure = state_space(1, 1, 1, n_g=1, C=[[1.0]])
+    theta = dict.fromkeys(structure.shapes, 0.0)
+    theta |= {"A": 0.5, "B": 1.0, "W_x": 1.0, "W_g": w}
+    return structure, structure.join(
+        {n: np.full(structure.shapes[n], value) for n, value in theta.items()}
+    )
+
+
+@pytest.mark.parametrize("lengths", [(400,), (200, 100, 100)])
+def test_a_model_that_ends_elsewhere_from_another_state_is_found_out(rng, lengths):
+    """Small inputs leave it where it is: near 1.1 for w = 0.75, or near zero."""
+    experiments, x0 = [], np.ones((len(lengths), 1))
+    for n in lengths:
+        u = 0.02 * rng.standard_normal((n, 1)) - 0.05  # from rest it goes down
+        X = simulate(bistable(0.75)[0].lure(bistable(0.75)[1]), u, np.ones(1))
+        experiments.append((u, X[:-1]))
+    for fold in hold_out(experiments):
+        assert fold.error(*bistable(0.75), x0) < 1e-6
+        assert fold.error_elsewhere(*bistable(0.75), x0) > 0.1
+    # one attractor: it forgets where it came from
+    structure, theta = bistable(0.3)
+    experiments = [
+        (u, simulate(structure.lure(theta), u, np.ones(1))[:-1]) for u, _ in experiments
+    ]
+    for fold in hold_out(experiments):
+        assert fold.error_elsewhere(structure, theta, x0) < 1e-6
+
+
+def test_a_simulation_that_diverges_does_so_from_everywhere(rng):
+    u = rng.standard_normal((4_000, 1))
+    fold = hold_out([(u, u)])[0]
+    growing = point(np.diag([0.5, 1.5]), np.ones((2, 1)), np.ones((1, 2)))
+    assert fold.error_elsewhere(*growing, np.zeros((1, 2))) == np.inf
+
+
+def test_what_integrates_begins_where_it_did(rng):
+    u = rng.standard_normal((300, 1))
+    A, B, C = np.diag([0.5, 1.0]), np.ones((2, 1)), np.ones((1, 2))
+    x0 = np.array([[0.3, 2.0]])
+    y = simulate_linear(A, B, C, u, x0[0])
+    errors = [
+        hold_out([(u, y)], integrators=n)[0].error_elsewhere(*point(A, B, C), x0)
+        for n in (0, 1)
+    ]
+    assert errors[0] > 1.0 and errors[1] < 1e-12

@@ -3,6 +3,7 @@
 import pickle
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
 from alssnn.estimators import _horizon, _ssnn
+from alssnn.holdout import Fold
 from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
@@ -180,9 +182,31 @@ def scaled(u, y):
     return [((u - u.mean()) / u.std(), (y - y.mean()) / y.std())]
 
 
+def walk(orders, bounds=(np.inf,) * 3):
+    """Return the start of a path of order 1."""
+    folds, models = orders.folds, orders.models[1]
+    return searching._Path(recipe(), folds, models, 0, None, bounds[: len(folds)])
+
+
+@pytest.mark.parametrize(
+    ("bound", "elsewhere", "counts"),
+    [(1.0, 0.9, False), (1.0, 1.1, True), (1e-4, 1.1, False)],
+)
+def test_an_error_from_elsewhere_counts_beyond_a_bound(
+    short, monkeypatch, bound, elsewhere, counts
+):
+    """Unless the error of the fold is as large already."""
+    orders = compare_orders(scaled(*short), [1])
+    monkeypatch.setattr(Fold, "error_elsewhere", lambda *point: elsewhere)
+    (errors,) = walk(orders, bounds=(bound,) * 3).errors
+    expected = elsewhere if counts else orders.errors[1]
+    np.testing.assert_allclose(errors, expected, rtol=1e-9)
+    assert searching._bounds(orders, None) == [4 * elsewhere] * 3  # twice the root
+
+
 def test_a_large_alpha_leaves_the_linear_model(short):
     orders = compare_orders(scaled(*short), [1])
-    path = searching._Path(recipe(), orders.folds, orders.models[1], 0, None)
+    path = walk(orders)
     options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
     path.descend([1e8], Watch(), **options)
     before, after = (np.sqrt(errors.sum()) for errors in path.errors)
@@ -197,7 +221,7 @@ def test_a_large_alpha_leaves_the_linear_model(short):
 
 def test_smaller_alphas_fit_more(short):
     orders = compare_orders(scaled(*short), [1])
-    path = searching._Path(recipe(), orders.folds, orders.models[1], 0, None)
+    path = walk(orders)
     options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
     path.descend(ALPHAS[:6], Watch(), **options)
     costs = []
@@ -245,8 +269,8 @@ def told(monkeypatch, table, seeds):
     """Have paths whose errors are told: one row per seed, one column per stage."""
 
     class Path(searching._Path):
-        def __init__(self, recipe, folds, linears, seed, weight):
-            super().__init__(recipe, folds, linears, seed, weight)
+        def __init__(self, recipe, folds, linears, seed, weight, bounds):
+            super().__init__(recipe, folds, linears, seed, weight, bounds)
             self.row = table[seeds.index(seed)]
 
         def descend(self, alphas, watch, **options):
@@ -344,7 +368,7 @@ def test_of_a_long_record_only_the_best_start_goes_all_the_way(short, monkeypatc
 
 def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
     orders = compare_orders(scaled(*short), [1])
-    path = searching._Path(recipe(), orders.folds, orders.models[1], 0, None)
+    path = walk(orders)
     options = {"method": "lm", "max_iter": 2, "tol": 1e-9}
     path.descend(ALPHAS[:5], Watch(), **options)
     before = [errors.sum() for errors in path.errors]
@@ -768,6 +792,33 @@ def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch, swinging
     np.testing.assert_allclose(
         model.train_score_, model.score(record.u, record.y), rtol=1e-4
     )
+
+
+def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
+    monkeypatch, swinging
+):
+    """A good score is not enough: from other states it would be another model."""
+    real, judged = Fold.error_elsewhere, []
+
+    def elsewhere(fold, structure, theta, x0, output_weight=None):
+        judged.append(theta)
+        error = real(fold, structure, theta, x0, output_weight)
+        return 1.0 if theta is trained.theta else error
+
+    trained = SimpleNamespace(theta=None)
+    train = _horizon.train
+
+    def training(*args, **options):
+        trained.theta = (result := train(*args, **options)).theta
+        return result
+
+    monkeypatch.setattr(_horizon, "train", training)
+    monkeypatch.setattr(Fold, "error_elsewhere", elsewhere)
+    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    with pytest.warns(ConvergenceWarning, match="from other states of the record"):
+        model.fit(swinging.u, swinging.y)
+    assert model.message_.endswith("this is the model of the search")
+    assert model.train_score_ > 0.9
 
 
 @pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])

@@ -6,9 +6,11 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
+from ..holdout import hold_out
 from ..horizon import ahead
 from ..initial_states import WINDOW, estimate_x0
 from ..linear_model import simulation_error
+from ..search import FAR
 from ..shown import percent
 from ..stability import hold_off
 from ..training import Validation
@@ -23,6 +25,7 @@ TOO_FAR = 3.0  # error of a training record over that from the fitted initial st
 SEARCHED = (
     "training on all samples made the simulation worse: this is the model of the search"
 )
+MOST = 200_000  # samples from which nothing is simulated from elsewhere
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 
 
@@ -205,23 +208,24 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
         The outcome of the training; that of the search, with a warning, if the former
         depends on its initial states too much to be worth anything; None if both do.
     """
-    if not _loses(estimator, plain, result, linear, experiments):
+    loses = partial(_loses, estimator, plain, linear=linear, experiments=experiments)
+    if not loses(result):
         return result
     noise = min(result.cost, 1.0)
     untrained = as_found(
         estimator, plain, theta, experiments, watch, SEARCHED, noise=noise
     )
     found = OptimizeResult({**result, **untrained})
-    if _loses(estimator, plain, found, linear, experiments):
+    if loses(found):
         return None
     if watch.reason is None:  # else the training might have come out of it
         what = "prediction" if is_predicting(estimator) else "simulation"
         warn_of_training(
             f"Training {type(estimator).__name__} on all samples made its {what} "
-            "of this record, from initial states estimated as in `score`, worse than "
-            "that of the linear model. The model that the search found is returned "
-            "instead; it may fit less well than a full training. Try a smaller `nx`, a "
-            "longer record, or another `random_state`."
+            "of this record, from initial states estimated as in `score` or from other "
+            "states of the record, worse than that of the linear model. The model that "
+            "the search found is returned instead; it may fit less well than a full "
+            "training. Try a smaller `nx`, a longer record, or another `random_state`."
         )
     return found
 
@@ -272,14 +276,25 @@ def as_found(
     )
 
 
-def _loses(estimator, plain, result, linear, experiments):
-    """Tell whether the error of a fit exceeds that of the linear model by 2 %."""
+def _loses(estimator, plain, result, *, linear, experiments):
+    """Tell whether a fit simulates its record worse than the linear model.
+
+    Its error is more than 2 % larger, or it hangs on its initial states.
+    """
     if not experiments.is_here:
         return False
     judge = judge_over_horizon(estimator, own_judge(estimator, experiments))
     structure, theta, fit = linear.as_fit()
     start = Criterion(structure, experiments)
     noise = start.norm(start.join(theta, fit.x0)) ** 2
-    linear, plain = (ahead(one, estimator.horizon) for one in (structure, plain))
+    linear, ahead_of = (ahead(one, estimator.horizon) for one in (structure, plain))
     least = judge.rmse(linear, theta, min(noise, 1.0))
-    return judge.rmse(plain, result.theta, min(result.cost, 1.0)) > 1.02 * least
+    if judge.rmse(ahead_of, result.theta, min(result.cost, 1.0)) > 1.02 * least:
+        return True
+    if estimator.horizon > 1 or experiments.n_samples > MOST:
+        return False
+    return any(
+        fold.error_elsewhere(plain, result.theta, result.x0)
+        > FAR**2 * fold.error_elsewhere(structure, theta, fit.x0)
+        for fold in hold_out(experiments, integrators=estimator.integrators_)
+    )
