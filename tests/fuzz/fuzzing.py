@@ -21,12 +21,12 @@ def cases(n):
 
 @contextmanager
 def only_warnings_for_users():
-    """Let every warning be an error, but those that are meant for the user."""
-    with warnings.catch_warnings():
+    """Let every warning be an error, but those that are meant for the user: a list."""
+    with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("error")
-        warnings.simplefilter("ignore", UserWarning)
+        warnings.simplefilter("always", UserWarning)
         warnings.filterwarnings("ignore", "The simulation diverges", RuntimeWarning)
-        yield
+        yield said
 
 
 def check_refusal(error):

@@ -14,6 +14,8 @@ import alssnn
 from fuzzing import cases, check_refusal, only_warnings_for_users
 from records import models, records
 
+ROUNDING = 1e-18  # a cost that is zero, outputs having unit variance
+
 
 def fit(model, record):
     """Return the fitted model, or None if it was refused."""
@@ -34,7 +36,7 @@ def test_a_fit_is_a_model_or_a_refusal(model, record, again):
 def check(model, record, again):
     """Fit a model, and assert what holds for every fit."""
     given_ = copy.deepcopy(record)
-    with only_warnings_for_users():
+    with only_warnings_for_users() as said:
         fitted = fit(model, record)
         assert pickle.dumps(record) == pickle.dumps(given_)  # nan and objects, too
         if fitted is None:
@@ -47,7 +49,7 @@ def check(model, record, again):
         assert np.isfinite(fitted.cost_)
         y_hat = fitted.predict(u, experiment, x0="training")
         assert y_hat.shape == y.shape
-        check_cost(fitted)
+        check_cost(fitted, [str(warning.message) for warning in said])
         try:
             score = fitted.score(*record)
             assert np.isfinite(score) or score == -np.inf
@@ -59,18 +61,22 @@ def check(model, record, again):
         check_file(fitted, u, experiment)
 
 
-def check_cost(model):
+def check_cost(model, said):
     """Assert that training made nothing worse than the linear start."""
     if model.get_params().get("validation_fraction"):
         return  # hidden samples choose, not the cost
-    if model.time == "continuous":
-        return  # its start is that of a discrete model, which simulates otherwise
+    worse = 1 + 1e-6
+    if model.time == "continuous":  # its start is discrete: it tells what that misses
+        worse = 1.1**2
+        if any("in continuous time misses" in message for message in said):
+            return
     history = [s for s in model.history_ if "coarse" not in s.label]
     linear = [s.cost for s in history if s.label.startswith("linear")]
     last = history[-1].label if history else ""
-    starts = [s.cost for s in history if s.label == last][:1]
+    starts = [s.cost for s in history if s.label == last and s.iteration == 0]
     if linear and not last.startswith("linear"):
-        assert model.cost_ <= (1 + 1e-6) * max(linear[-1], *starts), model.history_
+        before = max(linear[-1], *starts, ROUNDING)
+        assert model.cost_ <= worse * before, model.history_
 
 
 def check_file(model, u, experiment):
