@@ -80,8 +80,8 @@ class Fold:
         Returns
         -------
         error : float
-            Mean square over outputs of unit variance, of the worst of five states: rest
-            and four along the record. Inf where one of them diverges.
+            Mean square over outputs of unit variance, of the worst of four states along
+            the record. Inf where a simulation from one of them diverges.
         """
         lure, n = structure.lure(theta), x0.shape[1]
         runs = [
@@ -93,7 +93,7 @@ class Fold:
             return np.inf
         rows = ((np.arange(ELSEWHERE) + 0.5) / ELSEWHERE * len(X)).astype(int)
         starts = []
-        for state in (np.zeros(n), *X[rows]):
+        for state in X[rows]:
             start = x0.copy()
             start[:, : n - self.integrators] = state[: n - self.integrators]
             starts.append(start)
