@@ -81,8 +81,11 @@ class Fold:
         -------
         error : float
             Mean square over outputs of unit variance, of the worst of four states along
-            the record. Inf where a simulation from one of them diverges.
+            the record. Inf where a simulation from one of them diverges. That of
+            `error` where a state integrates: it keeps for ever what differs.
         """
+        if self.integrators:
+            return self.error(structure, theta, x0, output_weight)
         lure, n = structure.lure(theta), x0.shape[1]
         runs = [
             simulate(lure, u, structure.initial_state(start))[:-1, :n]
@@ -92,11 +95,7 @@ class Fold:
         if not np.isfinite(X).all():
             return np.inf
         rows = ((np.arange(ELSEWHERE) + 0.5) / ELSEWHERE * len(X)).astype(int)
-        starts = []
-        for state in X[rows]:
-            start = x0.copy()
-            start[:, : n - self.integrators] = state[: n - self.integrators]
-            starts.append(start)
+        starts = [np.tile(state, (len(x0), 1)) for state in X[rows]]
         return self._largest(structure, theta, starts, output_weight)
 
     def _largest(self, structure, theta, starts, output_weight):
