@@ -18,7 +18,7 @@ from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_orders
 from ..predictions import likeliest
-from ..search import USUAL, Recipe, search
+from ..search import Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
 from ..watch import INTERRUPTED
@@ -376,10 +376,6 @@ class Ssnn(StateSpaceModel):
         held = self._held_weights(plain)
         rng = np.random.default_rng(seed)
         return initial_theta(plain, linear, experiments, rng, held, **options)
-
-    def _descent(self):
-        """Return the weights of the decay along which the search goes."""
-        return USUAL
 
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
