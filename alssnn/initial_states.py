@@ -80,11 +80,7 @@ class Prior:
             Their mean and covariance.
         """
         nx = len(scale)
-        size = np.linalg.norm(region.whiten, axis=1)  # x and u have units of their own
-        size[size == 0] = 1.0
-        W = region.whiten / size[:, None]
-        size = size[:nx] * scale
-        P = pinvh(W @ W.T)[:nx, :nx] / np.outer(size, size)
+        P = pinvh(region.whiten @ region.whiten.T)[:nx, :nx] / np.outer(scale, scale)
         return cls(region.center[:nx] / scale, _root(P))
 
     @classmethod
@@ -149,8 +145,7 @@ def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
     Returns
     -------
     x0 : ndarray of shape (n_experiments, n_x0)
-        Initial states: zero without samples, and the mean where the model diverges
-        within the window.
+        Initial states; those of the mean where the model diverges within the window.
     """
     plain, n = structure.observe(structure.measured), structure.n_x0
     if prior is None:
@@ -162,8 +157,8 @@ def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
 def _estimate_one(structure, theta, window, noise, prior, u, y):
     """Return the estimate of the initial state of one experiment."""
     u, y = u[:window], y[:window]
-    if not np.isfinite(y).any():
-        return np.zeros(structure.n_x0)  # at rest, as in simulations without y
+    if len(u) == 0:
+        return prior.mean  # an experiment too short to spend samples on it
     criterion = Criterion(structure, [(u, y)])
     problem = _Start(criterion, theta, prior, noise / len(u))
     z = np.zeros(prior.root.shape[1])

@@ -46,11 +46,11 @@ def test_the_usual_prior_is_that_of_unit_variances(rng):
     np.testing.assert_array_equal(x0, same)
 
 
-def test_without_samples_an_experiment_begins_at_rest(rng):
+def test_without_samples_the_mean_is_left(rng):
     u, y = rng.standard_normal((60, 1)), rng.standard_normal((60, 1))
     prior = Prior(np.array([2.0, -1.0]), WIDE)
     (x0,) = estimate_x0(*linear(), [(u, y)], window=0, noise=0.1, prior=prior)
-    np.testing.assert_array_equal(x0, [0.0, 0.0])
+    np.testing.assert_array_equal(x0, prior.mean)
 
 
 def test_a_prior_has_the_mean_and_covariance_of_states(rng):

@@ -221,7 +221,7 @@ def estimate_x0(model, u, y, experiment=None, n_samples=None):
     -------
     x0 : ndarray of shape (n_experiments, nx)
         States at the first sample of every experiment: least squares, with
-        mean and covariance of the states of the training as prior (eq. start).
+        states of unit variance as prior where the samples say little.
 
     Raises
     ------
