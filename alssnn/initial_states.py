@@ -1,16 +1,12 @@
-"""Initial states of experiments, from their first samples (eq. start)."""
+"""Initial states of experiments, from their first samples."""
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.linalg import pinvh
 
-from .criterion import DIVERGED_NORM, Criterion, LeastSquares
+from .criterion import DIVERGED_NORM, Criterion, Restricted
 from .mapping import Held
 from .optimizers import minimize
-from .shown import short_repr
-from .simulation import simulate
 
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 # Half and double change nothing on 3 of 4 plants, and make the test error of a network
@@ -18,113 +14,12 @@ INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
-LONGEST = 20_000  # samples whose states tell where others may begin
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Expect initial states where the states along a record were.
-
-    Parameters
-    ----------
-    mean : ndarray of shape (n_x0,)
-        Their mean.
-    root : ndarray of shape (n_x0, n)
-        Factor of their covariance, root root'.
-
-    Examples
-    --------
-    >>> X = np.random.default_rng(0).normal(2.0, 0.5, size=(10_000, 1))
-    >>> prior = Prior.of_states(X)
-    >>> prior.mean.round(1), np.abs(prior.root).round(1)
-    (array([2.]), array([[0.5]]))
-    """
-
-    __repr__ = short_repr
-
-    mean: np.ndarray
-    root: np.ndarray
-
-    @classmethod
-    def of_states(cls, X):
-        """Return the prior of some states.
-
-        Parameters
-        ----------
-        X : ndarray of shape (N, n_x0)
-            States.
-
-        Returns
-        -------
-        prior : Prior
-            Their mean and covariance.
-        """
-        return cls(
-            X.mean(axis=0), _root(np.cov(X.T, bias=True).reshape(X.shape[1], -1))
-        )
-
-    @classmethod
-    def of_region(cls, region, scale):
-        """Return the prior of the states of a region.
-
-        Parameters
-        ----------
-        region : Region
-            Region of the training data.
-        scale : ndarray of shape (nx,)
-            Size of the states: those of the region over those of the estimate.
-
-        Returns
-        -------
-        prior : Prior
-            Their mean and covariance.
-        """
-        nx = len(scale)
-        P = pinvh(region.whiten @ region.whiten.T)[:nx, :nx] / np.outer(scale, scale)
-        return cls(region.center[:nx] / scale, _root(P))
-
-    @classmethod
-    def along(cls, structure, theta, x0, experiments):
-        """Return the prior of the states along a simulation of experiments.
-
-        Parameters
-        ----------
-        structure : Structure
-            Structure of the model.
-        theta : ndarray of shape (n_params,)
-            Its parameters.
-        x0 : ndarray of shape (n_experiments, n_x0)
-            Initial states.
-        experiments : sequence of tuple of array
-            Pairs (u, y) of scaled deviations.
-
-        Returns
-        -------
-        prior : Prior or None
-            Mean and covariance of the states; None if they diverge.
-        """
-        lure, n, most = structure.lure(theta), x0.shape[1], LONGEST // len(x0)
-        runs = [
-            simulate(lure, u[:most], structure.initial_state(start))[:-1, :n]
-            for (u, _), start in zip(experiments, x0, strict=True)
-        ]
-        X = np.concatenate(runs)
-        return cls.of_states(X) if np.isfinite(X).all() else None
-
-
-def _root(P):
-    """Return a factor of a covariance, which may be singular."""
-    values, V = np.linalg.eigh(P)
-    return V * np.sqrt(np.maximum(values, 0.0))
-
-
-def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
+def estimate_x0(structure, theta, experiments, *, window, noise):
     """Estimate the initial state of every experiment from its first samples.
 
-    Maximum a posteriori (eq. start): outputs have the variance `noise` around those of
-    the model.  The prior matters where a window says little about a state that decays
-    slowly, and where a network would need a state that it has never seen; as the noise
-    vanishes, the estimate becomes least squares.
+    Maximum a posteriori: states have unit variance, outputs the variance `noise`
+    around those of the model.  The prior matters where a window says little about a
+    state that decays slowly; as the noise vanishes, it becomes least squares.
 
     Parameters
     ----------
@@ -138,53 +33,25 @@ def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
         Number of samples used at the beginning of every experiment.
     noise : float
         Mean square of the output error of the model, outputs of unit variance.
-    prior : Prior or None, default=None
-        Mean and covariance of the states, from whose mean the search begins; None
-        means zero and unit variances.
 
     Returns
     -------
     x0 : ndarray of shape (n_experiments, n_x0)
-        Initial states; those of the mean where the model diverges within the window.
+        Initial states; zero where the model diverges within the window.
     """
-    plain, n = structure.observe(structure.measured), structure.n_x0
-    if prior is None:
-        prior = Prior(np.zeros(n), np.eye(n))
-    one = partial(_estimate_one, plain, theta, window, noise, prior)
-    return np.reshape(Held.of(experiments).map(one), (-1, n))
+    plain = structure.observe(structure.measured)
+    one = partial(_estimate_one, plain, theta, window, noise)
+    return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
 
 
-def _estimate_one(structure, theta, window, noise, prior, u, y):
+def _estimate_one(structure, theta, window, noise, u, y):
     """Return the estimate of the initial state of one experiment."""
-    u, y = u[:window], y[:window]
+    u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
     if len(u) == 0:
-        return prior.mean  # an experiment too short to spend samples on it
-    criterion = Criterion(structure, [(u, y)])
-    problem = _Start(criterion, theta, prior, noise / len(u))
-    z = np.zeros(prior.root.shape[1])
-    if not problem.norm(z) < DIVERGED_NORM:
-        return prior.mean  # nothing to estimate: the caller's simulation will show it
-    return problem.state(minimize(problem, z, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x)
-
-
-class _Start(LeastSquares):
-    """Restrict a criterion to initial states mean + root z, and add weight |z|^2."""
-
-    def __init__(self, criterion, theta, prior, weight):
-        self.criterion, self.theta = criterion, theta
-        self.prior, self.weight = prior, weight
-
-    def state(self, z):
-        return self.prior.mean + self.prior.root @ z
-
-    def norm(self, z):
-        norm = self.criterion.norm(self.criterion.join(self.theta, self.state(z)))
-        return min(np.sqrt(norm**2 + self.weight * z @ z), DIVERGED_NORM)
-
-    def normal_equations(self, z):
-        free = self.criterion.join(self.theta, self.state(z))
-        JJ, Jr, norm = self.criterion.normal_equations(free)
-        own, root = slice(len(self.theta), None), self.prior.root
-        JJ = root.T @ JJ[own, own] @ root + self.weight * np.eye(len(z))
-        Jr = root.T @ Jr[own] + self.weight * z
-        return JJ, Jr, float(np.sqrt(norm**2 + self.weight * z @ z))
+        return x0  # an experiment too short to spend samples on it
+    criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
+    mask = np.arange(criterion.n) >= structure.n_params
+    problem = Restricted(criterion, criterion.join(theta, x0), mask)
+    if not problem.norm(x0) < DIVERGED_NORM:
+        return x0  # nothing to estimate: the caller's simulation will show it
+    return minimize(problem, x0, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x

@@ -407,7 +407,7 @@ class Validation:
 
         return Patience(rmse, self.n_iter_no_change)
 
-    def rmse(self, structure, theta, noise, prior=None):
+    def rmse(self, structure, theta, noise):
         """Return the error of parameters.
 
         Parameters
@@ -418,8 +418,6 @@ class Validation:
             Parameters.
         noise : float
             Mean square error that is expected, for the estimate of initial states.
-        prior : Prior or None, default=None
-            Where these are expected, as in `estimate_x0`.
 
         Returns
         -------
@@ -429,8 +427,6 @@ class Validation:
         structure = structure.observe(structure.measured)
         weights = {structure.measured: self.output_weight}
         error = Criterion(structure, self.scored, weights=weights)
-        x0 = estimate_x0(
-            structure, theta, self.heads, window=None, noise=noise, prior=prior
-        )
+        x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise)
         norm = error.norm(error.join(theta, x0))
         return norm if norm < DIVERGED_NORM else np.inf

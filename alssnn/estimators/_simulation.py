@@ -17,7 +17,6 @@ from ..experiments import (
     join_records,
     split_experiments,
 )
-from ..initial_states import Prior
 from ..initial_states import estimate_x0 as least_squares_x0
 from ..innovations import has_innovations, recording
 from ..records import PreparedRecord
@@ -318,33 +317,9 @@ def initial_state(model, u_s, y_s, window):
     """
     noise = model.cost_  # outputs are scaled to unit variance, as states are
     x0 = least_squares_x0(
-        model._structure,
-        model._theta,
-        [(u_s, y_s)],
-        window=window,
-        noise=noise,
-        prior=expected_states(model),
+        model._structure, model._theta, [(u_s, y_s)], window=window, noise=noise
     )[0]
     return x0 * model._x_scale
-
-
-def expected_states(model):
-    """Return where the initial states of records of a model are expected.
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model, whose region of the training data is known.
-
-    Returns
-    -------
-    prior : Prior or None
-        Mean and covariance of the states of the training, scaled; None if unknown.
-    """
-    region, n = getattr(model, "_region", None), model._structure.n_x0
-    if region is None or n != model._structure.sizes["x"]:
-        return None
-    return Prior.of_region(region, np.broadcast_to(model._x_scale, n))
 
 
 def prepare_records(model, u, y, experiment=None):
