@@ -326,8 +326,8 @@ def search(
     tally = _Tally(watch, orders.errors[orders.nx], n_stages)
     nx = candidates[0]
     if len(candidates) > 1:
-        first = ((nx, start(nx, seeds[0])) for nx in candidates)
-        curve = _compared(first, screened, quiet, tally, options)
+        ways = ((nx, start(nx, seeds[0])) for nx in candidates)
+        curve = _compared(ways, screened, quiet, tally, options)
         nx = min(curve, key=lambda n: curve[n])
     # the paths begin here, for the recipe is of the estimator, whose callbacks and
     # streams may not leave this process
