@@ -39,7 +39,7 @@ class Fold:
     hidden: list
     integrators: int = 0
 
-    def error(self, structure, theta, x0, output_weight=None):
+    def error(self, structure, theta, x0, output_weight=None, *, elsewhere=False):
         """Return the mean square error of a simulation on the hidden samples.
 
         Parameters
@@ -52,40 +52,41 @@ class Fold:
             Initial states of the experiments.
         output_weight : ndarray of shape (ny,) or None, default=None
             Weight of every output; None means one.
+        elsewhere : bool, default=False
+            Whether simulations begin in four states along the record (eq. elsewhere)
+            and not next to x0. No effect where a state integrates: it keeps for ever
+            what differs.
 
         Returns
         -------
         error : float
-            Mean square over outputs of unit variance; inf where it diverges.
+            Mean square over outputs of unit variance, of the worst of these starts
+            (eq. holdout); inf where it diverges.
         """
+        (y,) = structure.channels
+        weight = np.ones(1) if output_weight is None else np.asarray(output_weight)
+        weight = np.broadcast_to(weight, structure.sizes[y])
+        criterion = Criterion(
+            structure, self.hidden, weights={y: weight / weight.sum()}
+        )
+        if elsewhere and not self.integrators:
+            starts = self._along(structure, theta, x0)
+        else:
+            starts = self._nudged(x0)
+        norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
+        return norm**2 if norm < DIVERGED_NORM else np.inf
+
+    def _nudged(self, x0):
+        """Return initial states, and others next to them."""
         signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(STARTS, *x0.shape))
         signs[..., x0.shape[1] - self.integrators :] = 0.0
-        starts = [x0, *(x0 + NUDGE * signs)]
-        return self._largest(structure, theta, starts, output_weight)
+        return [x0, *(x0 + NUDGE * signs)]
 
-    def error_elsewhere(self, structure, theta, x0, output_weight=None):
-        """Return the error from other states of the record (eq. elsewhere).
+    def _along(self, structure, theta, x0):
+        """Return states along the simulation of all experiments, one for all of them.
 
-        Parameters
-        ----------
-        structure : Structure
-            Structure of the model.
-        theta : ndarray of shape (n_params,)
-            Its parameters.
-        x0 : ndarray of shape (n_experiments, n_x0)
-            Initial states of the experiments.
-        output_weight : ndarray of shape (ny,) or None, default=None
-            Weight of every output; None means one.
-
-        Returns
-        -------
-        error : float
-            Mean square over outputs of unit variance, of the worst of four states along
-            the record. Inf where a simulation from one of them diverges. That of
-            `error` where a state integrates: it keeps for ever what differs.
+        Of a simulation that diverges, its initial states.
         """
-        if self.integrators:
-            return self.error(structure, theta, x0, output_weight)
         lure, n = structure.lure(theta), x0.shape[1]
         runs = [
             simulate(lure, u, structure.initial_state(start))[:-1, :n]
@@ -93,21 +94,9 @@ class Fold:
         ]
         X = np.concatenate(runs)
         if not np.isfinite(X).all():
-            return np.inf
+            return [x0]
         rows = ((np.arange(ELSEWHERE) + 0.5) / ELSEWHERE * len(X)).astype(int)
-        starts = [np.tile(state, (len(x0), 1)) for state in X[rows]]
-        return self._largest(structure, theta, starts, output_weight)
-
-    def _largest(self, structure, theta, starts, output_weight):
-        """Return the largest mean square error of several initial states."""
-        (y,) = structure.channels
-        weight = np.ones(1) if output_weight is None else np.asarray(output_weight)
-        weight = np.broadcast_to(weight, structure.sizes[y])
-        criterion = Criterion(
-            structure, self.hidden, weights={y: weight / weight.sum()}
-        )
-        norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
-        return norm**2 if norm < DIVERGED_NORM else np.inf
+        return [np.tile(state, (len(x0), 1)) for state in X[rows]]
 
 
 def hold_out(experiments, share=SHARE, integrators=0):

@@ -180,7 +180,7 @@ class _Path:
         ):
             error = fold.error(structure, *point, self.weight)
             if error < bound:  # else it is large enough already
-                elsewhere = fold.error_elsewhere(structure, *point, self.weight)
+                elsewhere = fold.error(structure, *point, self.weight, elsewhere=True)
                 error = elsewhere if elsewhere > bound else error
             errors.append(error)
         return np.array(errors)
@@ -314,7 +314,6 @@ def search(
     }
     alphas = np.asarray(ALPHAS if alphas is None else alphas)
     descent = scale * alphas
-
     bounds = _bounds(orders, output_weight)
 
     def start(nx, seed):
@@ -369,7 +368,7 @@ def _bounds(orders, weight):
     bounds = []
     for fold, linear in zip(orders.folds, orders.models[orders.nx], strict=True):
         structure, theta, fit = linear.as_fit()
-        error = fold.error_elsewhere(structure, theta, fit.x0, weight)
+        error = fold.error(structure, theta, fit.x0, weight, elsewhere=True)
         bounds.append(FAR**2 * error)
     return bounds
 

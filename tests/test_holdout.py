@@ -166,7 +166,7 @@ def test_a_model_that_ends_elsewhere_from_another_state_is_found_out(rng, w, for
     ]
     for fold in hold_out(experiments):
         assert fold.error(structure, theta, x0) < 1e-6
-        error = fold.error_elsewhere(structure, theta, x0)
+        error = fold.error(structure, theta, x0, elsewhere=True)
         assert error < 1e-6 if forgets else error > 1.0
 
 
@@ -174,7 +174,7 @@ def test_a_simulation_that_diverges_does_so_from_everywhere(rng):
     u = rng.standard_normal((4_000, 1))
     fold = hold_out([(u, u)])[0]
     growing = point(np.diag([0.5, 1.5]), np.ones((2, 1)), np.ones((1, 2)))
-    assert fold.error_elsewhere(*growing, np.zeros((1, 2))) == np.inf
+    assert fold.error(*growing, np.zeros((1, 2)), elsewhere=True) == np.inf
 
 
 def test_what_integrates_begins_where_it_did(rng):
@@ -184,5 +184,6 @@ def test_what_integrates_begins_where_it_did(rng):
     y = simulate_linear(A, B, C, u, x0[0])
     free, integrating = (hold_out([(u, y)], integrators=n)[0] for n in (0, 1))
     model = point(A, B, C)
-    assert free.error_elsewhere(*model, x0) > 1.0
-    assert integrating.error_elsewhere(*model, x0) == integrating.error(*model, x0)
+    assert free.error(*model, x0, elsewhere=True) > 1.0
+    error = integrating.error(*model, x0)
+    assert integrating.error(*model, x0, elsewhere=True) == error

@@ -3,7 +3,6 @@
 import pickle
 import warnings
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -197,7 +196,12 @@ def test_an_error_from_elsewhere_counts_beyond_a_bound(
 ):
     """Unless the error of the fold is as large already."""
     orders = compare_orders(scaled(*short), [1])
-    monkeypatch.setattr(Fold, "error_elsewhere", lambda *point: elsewhere)
+    real = Fold.error
+
+    def told(*point, **where):
+        return elsewhere if where.get("elsewhere") else real(*point)
+
+    monkeypatch.setattr(Fold, "error", told)
     (errors,) = walk(orders, bounds=(bound,) * 3).errors
     expected = elsewhere if counts else orders.errors[1]
     np.testing.assert_allclose(errors, expected, rtol=1e-9)
@@ -794,31 +798,41 @@ def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch, swinging
     )
 
 
+@pytest.mark.parametrize(
+    ("all_are", "words", "message"),
+    [
+        (False, "The model that the search found", "the model of the search"),
+        (
+            True,
+            "simulate this record worse than the linear model, which",
+            "the linear model",
+        ),
+    ],
+)
 def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
-    monkeypatch, swinging
+    monkeypatch, swinging, all_are, words, message
 ):
     """A good score is not enough: from other states it would be another model."""
-    real, judged = Fold.error_elsewhere, []
+    real = Fold.error
 
-    def elsewhere(fold, structure, theta, x0, output_weight=None):
-        judged.append(theta)
-        error = real(fold, structure, theta, x0, output_weight)
-        return 1.0 if theta is trained.theta else error
+    def error(fold, structure, theta, x0, weight=None, *, elsewhere=False):
+        far = elsewhere and any(theta is one for one in refused)
+        return 9.0 if far else real(fold, structure, theta, x0, weight)
 
-    trained = SimpleNamespace(theta=None)
-    train = _horizon.train
+    refused, train = [], _horizon.train
 
-    def training(*args, **options):
-        trained.theta = (result := train(*args, **options)).theta
+    def training(penalized, experiments, starts, **options):
+        result = train(penalized, experiments, starts, **options)
+        refused.extend([result.theta, *starts] if all_are else [result.theta])
         return result
 
     monkeypatch.setattr(_horizon, "train", training)
-    monkeypatch.setattr(Fold, "error_elsewhere", elsewhere)
+    monkeypatch.setattr(Fold, "error", error)
     model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
-    with pytest.warns(ConvergenceWarning, match="from other states of the record"):
+    with pytest.warns(ConvergenceWarning, match=words):
         model.fit(swinging.u, swinging.y)
-    assert model.message_.endswith("this is the model of the search")
-    assert model.train_score_ > 0.9
+    assert model.message_.endswith(message)
+    assert np.isinf(model.alpha_) == all_are
 
 
 @pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])

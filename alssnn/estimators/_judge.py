@@ -166,15 +166,25 @@ def warn_if_unsettled(estimator, watch):
     )
 
 
-def warn_left_linear(estimator):
+def warn_left_linear(estimator, trained=False):
     """Warn that a fit returns its linear model.
 
     Parameters
     ----------
     estimator : Ssnn
         Estimator in its fit.
+    trained : bool, default=False
+        Whether a search had found networks, and `not_worse` has refused them.
     """
     verb = "predict" if is_predicting(estimator) else "simulate"
+    if trained:
+        warn_of_training(
+            f"The networks of {type(estimator).__name__} {verb} this record worse than "
+            "the linear model, which is returned: from initial states estimated as in "
+            "`score`, or from other states of the record. Try a smaller `nx`, a longer "
+            "record, or another `random_state`."
+        )
+        return
     warn_of_training(
         f"The networks of {type(estimator).__name__} do not {verb} hidden samples "
         "better than the linear model, which is returned. Try another `nx`, a longer "
@@ -279,7 +289,9 @@ def as_found(
 def _loses(estimator, plain, result, *, linear, experiments):
     """Tell whether a fit simulates its record worse than the linear model.
 
-    Its error is more than 2 % larger, or it hangs on its initial states.
+    Its error is more than 2 % larger, or more than twice as large from other states of
+    the record. The latter is not asked of predictions over a horizon, and of so many
+    samples that a copy of them would count.
     """
     if not experiments.is_here:
         return False
@@ -294,7 +306,7 @@ def _loses(estimator, plain, result, *, linear, experiments):
     if estimator.horizon > 1 or experiments.n_samples > MOST:
         return False
     return any(
-        fold.error_elsewhere(plain, result.theta, result.x0)
-        > FAR**2 * fold.error_elsewhere(structure, theta, fit.x0)
+        fold.error(plain, result.theta, result.x0, elsewhere=True)
+        > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)
         for fold in hold_out(experiments, integrators=estimator.integrators_)
     )

@@ -335,7 +335,7 @@ class Ssnn(StateSpaceModel):
                 self, plain, result, starts[0], linear, experiments, watch
             )
             if result is None:
-                return self._left_linear(linear, near, experiments, watch)
+                return self._left_linear(linear, near, experiments, watch, trained=True)
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
 
@@ -433,7 +433,7 @@ class Ssnn(StateSpaceModel):
         self._curve = found.curve
         return found
 
-    def _left_linear(self, linear, near, experiments, watch):
+    def _left_linear(self, linear, near, experiments, watch, trained=False):
         """Return the linear model as the outcome of a fit, and say so."""
         self._decay = {"alpha": np.inf}
         linear, plain = self._declared(linear)
@@ -442,7 +442,7 @@ class Ssnn(StateSpaceModel):
             self._x_scale = np.ones(plain.sizes["x"])
         # in continuous time they may help yet; and unless all was tried, nobody knows
         if watch.reason is None and not is_continuous(self):
-            warn_left_linear(self)
+            warn_left_linear(self, trained)
         if self._shapes_linear():
             return self._shaped(plain, theta, experiments, watch)
         x0 = linear.x0 if experiments.is_here else None  # of a stretch elsewhere
