@@ -24,7 +24,7 @@ import itertools
 
 import numpy as np
 
-from .experiments import stretch
+from .experiments import from_measured, stretch
 from .mapping import count_measured
 from .optimizers import single_threaded
 from .scaling import Scaling, merge_moments, moments
@@ -123,6 +123,15 @@ class Remote:
         other = object.__new__(Remote)
         vars(other).update(vars(self))
         other.scale = functools.partial(_scaled, scaling, delay)
+        return other
+
+    def from_measured(self):
+        """Return the same experiments, each from its first measured sample on."""
+        other = object.__new__(Remote)
+        vars(other).update(vars(self))
+        other.scale = functools.partial(_from_measured, self.scale)
+        other.lengths = other.map(_length)
+        other.n_samples = sum(other.lengths)
         return other
 
     def stretch(self, n_samples):
@@ -270,6 +279,14 @@ def _columns(u, y):
 def _scaled(scaling, delay, u, y):
     u, y = _columns(u, y)
     return scaling.scale_u(u, delay), scaling.scale_y(y)
+
+
+def _from_measured(scale, u, y):
+    return from_measured(*scale(u, y))
+
+
+def _length(u, y):
+    return len(u)
 
 
 def _each(function, scale, rows, *data):

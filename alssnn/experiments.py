@@ -377,3 +377,71 @@ class Filled:
             at = k[measured] if measured.any() else k[:1]
             y[:, i] = np.interp(k, at, known)
         return y
+
+
+class Tail:
+    """Leave out the first samples of what is sliced.
+
+    Parameters
+    ----------
+    values : array of shape (N, n)
+        Samples; only sliced.
+    start : int
+        How many of them are left out.
+    """
+
+    dtype = np.dtype(float)
+
+    def __init__(self, values, start):
+        self.values, self.start = values, start
+        self.shape = (len(values) - start, *values.shape[1:])
+
+    def __len__(self):
+        """Return the number of samples."""
+        return self.shape[0]
+
+    def __getitem__(self, part):
+        """Return the samples of a slice, shape (L, n)."""
+        first, stop, _ = part.indices(len(self))
+        return self.values[self.start + first : self.start + stop]
+
+    def __array__(self, dtype=None, copy=None):
+        """Return all samples."""
+        return self[:] if dtype is None else self[:].astype(dtype)
+
+
+def from_measured(u, y):
+    """Return an experiment from its first measured sample on.
+
+    Parameters
+    ----------
+    u, y : array of shape (N, nu) or (N, ny)
+        Inputs and outputs; only sliced.
+
+    Returns
+    -------
+    u, y : array
+        The same; all samples if the first one was measured, or none.
+    """
+    for part in chunks(len(y)):
+        seen = ~np.isnan(y[part]).all(axis=1)
+        if seen.any():
+            start = part.start + int(np.argmax(seen))
+            return (Tail(u, start), Tail(y, start)) if start else (u, y)
+    return u, y
+
+
+def gap(u, y):
+    """Return how many samples come before the first measured one.
+
+    Parameters
+    ----------
+    u, y : array of shape (N, nu) or (N, ny)
+        Inputs and outputs; only sliced.
+
+    Returns
+    -------
+    count : int
+        Their number; zero if none was measured.
+    """
+    return len(u) - len(from_measured(u, y)[0])

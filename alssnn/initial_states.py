@@ -1,12 +1,17 @@
-"""Initial states of experiments, from their first samples."""
+"""Initial states of experiments, from their first samples (eq. start)."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.linalg import pinvh
 
-from .criterion import DIVERGED_NORM, Criterion, Restricted
+from .criterion import DIVERGED_NORM, Criterion, LeastSquares
+from .experiments import gap
 from .mapping import Held
 from .optimizers import minimize
+from .shown import short_repr
+from .simulation import simulate
 
 INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 # Half and double change nothing on 3 of 4 plants, and make the test error of a network
@@ -14,12 +19,152 @@ INITIAL_STATE_STEPS = 20  # trial steps of an initial-state estimate
 WINDOW = 200  # samples from which the initial state of a long record is restarted
 
 
-def estimate_x0(structure, theta, experiments, *, window, noise):
+LONGEST = 20_000  # samples whose states tell where others may begin
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Expect initial states where the states along a record were.
+
+    Parameters
+    ----------
+    mean : ndarray of shape (n_x0,)
+        Their mean.
+    root : ndarray of shape (n_x0, n)
+        Factor of their covariance, root root'.
+
+    Examples
+    --------
+    >>> X = np.random.default_rng(0).normal(2.0, 0.5, size=(10_000, 1))
+    >>> prior = Prior.of_states(X)
+    >>> prior.mean.round(1), np.abs(prior.root).round(1)
+    (array([2.]), array([[0.5]]))
+    """
+
+    __repr__ = short_repr
+
+    mean: np.ndarray
+    root: np.ndarray
+
+    @classmethod
+    def usual(cls, n):
+        """Return the prior of states of which nothing is known.
+
+        Parameters
+        ----------
+        n : int
+            Number of states.
+
+        Returns
+        -------
+        prior : Prior
+            Mean zero and unit variances.
+        """
+        return cls(np.zeros(n), np.eye(n))
+
+    @classmethod
+    def of_states(cls, X):
+        """Return the prior of some states.
+
+        Parameters
+        ----------
+        X : ndarray of shape (N, n_x0)
+            States.
+
+        Returns
+        -------
+        prior : Prior
+            Their mean and covariance.
+        """
+        return cls(
+            X.mean(axis=0), _root(np.cov(X.T, bias=True).reshape(X.shape[1], -1))
+        )
+
+    @classmethod
+    def of_region(cls, region, scale):
+        """Return the prior of the states of a region.
+
+        Parameters
+        ----------
+        region : Region
+            Region of the training data.
+        scale : ndarray of shape (nx,)
+            Size of the states: those of the region over those of the estimate.
+
+        Returns
+        -------
+        prior : Prior
+            Their mean and covariance.
+        """
+        nx = len(scale)
+        size = np.linalg.norm(region.whiten, axis=1)  # x and u have units of their own
+        size[size == 0] = 1.0
+        W = region.whiten / size[:, None]
+        size = size[:nx] * scale
+        P = pinvh(W @ W.T)[:nx, :nx] / np.outer(size, size)
+        return cls(region.center[:nx] / scale, _root(P))
+
+    @classmethod
+    def along(cls, structure, theta, x0, experiments):
+        """Return the prior of the states along a simulation of experiments.
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states.
+        experiments : sequence of tuple of array
+            Pairs (u, y) of scaled deviations.
+
+        Returns
+        -------
+        prior : Prior or None
+            Mean and covariance of the states; None if they diverge.
+        """
+        lure, n, most = structure.lure(theta), x0.shape[1], LONGEST // len(x0)
+        runs = [
+            simulate(lure, u[:most], structure.initial_state(start))[:-1, :n]
+            for (u, _), start in zip(experiments, x0, strict=True)
+        ]
+        X = np.concatenate(runs)
+        return cls.of_states(X) if np.isfinite(X).all() else None
+
+
+def _root(P):
+    """Return a factor of a covariance, which may be singular."""
+    values, V = np.linalg.eigh(P)
+    return V * np.sqrt(np.maximum(values, 0.0))
+
+
+def window_of(u, y, n_samples):
+    """Return how many samples at the beginning tell an initial state, and do not count.
+
+    Parameters
+    ----------
+    u, y : array of shape (N, nu) or (N, ny)
+        An experiment; only sliced.
+    n_samples : int
+        Samples wanted, from the first measured one on.
+
+    Returns
+    -------
+    window : int
+        With those before, and at most a quarter of the others.
+    """
+    late = gap(u, y)
+    return late + min(n_samples, (len(u) - late) // 4)
+
+
+def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
     """Estimate the initial state of every experiment from its first samples.
 
-    Maximum a posteriori: states have unit variance, outputs the variance `noise`
-    around those of the model.  The prior matters where a window says little about a
-    state that decays slowly; as the noise vanishes, it becomes least squares.
+    Maximum a posteriori (eq. start): outputs have the variance `noise` around those of
+    the model.  The prior matters where a window says little about a state that decays
+    slowly, and where a network would need a state that it has never seen; as the noise
+    vanishes, the estimate becomes least squares.
 
     Parameters
     ----------
@@ -29,29 +174,57 @@ def estimate_x0(structure, theta, experiments, *, window, noise):
         Parameters, held.
     experiments : sequence of tuple of ndarray
         Pairs (u, y) of scaled deviations.
-    window : int
-        Number of samples used at the beginning of every experiment.
+    window : int or None
+        Number of samples used at the beginning of every experiment; None for all.
     noise : float
         Mean square of the output error of the model, outputs of unit variance.
+    prior : Prior or None, default=None
+        Mean and covariance of the states, from whose mean the search begins; None
+        means zero and unit variances.
 
     Returns
     -------
     x0 : ndarray of shape (n_experiments, n_x0)
-        Initial states; zero where the model diverges within the window.
+        Initial states: zero without samples, and the mean where the model diverges
+        within the window.
     """
-    plain = structure.observe(structure.measured)
-    one = partial(_estimate_one, plain, theta, window, noise)
-    return np.reshape(Held.of(experiments).map(one), (-1, structure.n_x0))
+    plain, n = structure.observe(structure.measured), structure.n_x0
+    one = partial(_estimate_one, plain, theta, window, noise, prior or Prior.usual(n))
+    return np.reshape(Held.of(experiments).map(one), (-1, n))
 
 
-def _estimate_one(structure, theta, window, noise, u, y):
+def _estimate_one(structure, theta, window, noise, prior, u, y):
     """Return the estimate of the initial state of one experiment."""
-    u, y, x0 = u[:window], y[:window], np.zeros(structure.n_x0)
-    if len(u) == 0:
-        return x0  # an experiment too short to spend samples on it
-    criterion = Criterion(structure, [(u, y)], x0_weight=noise / max(1, len(u)))
-    mask = np.arange(criterion.n) >= structure.n_params
-    problem = Restricted(criterion, criterion.join(theta, x0), mask)
-    if not problem.norm(x0) < DIVERGED_NORM:
-        return x0  # nothing to estimate: the caller's simulation will show it
-    return minimize(problem, x0, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x
+    u, y = u[:window], y[:window]
+    measured = np.isfinite(y).sum() / max(y.shape[1], 1)
+    if not measured:
+        return np.zeros(structure.n_x0)  # at rest, as in simulations without y
+    criterion = Criterion(structure, [(u, y)])
+    problem = _Start(criterion, theta, prior, noise / measured)
+    z = np.zeros(prior.root.shape[1])
+    if not problem.norm(z) < DIVERGED_NORM:
+        return prior.mean  # nothing to estimate: the caller's simulation will show it
+    return problem.state(minimize(problem, z, max_iter=INITIAL_STATE_STEPS, tol=1e-8).x)
+
+
+class _Start(LeastSquares):
+    """Restrict a criterion to initial states mean + root z, and add weight |z|^2."""
+
+    def __init__(self, criterion, theta, prior, weight):
+        self.criterion, self.theta = criterion, theta
+        self.prior, self.weight = prior, weight
+
+    def state(self, z):
+        return self.prior.mean + self.prior.root @ z
+
+    def norm(self, z):
+        norm = self.criterion.norm(self.criterion.join(self.theta, self.state(z)))
+        return min(np.sqrt(norm**2 + self.weight * z @ z), DIVERGED_NORM)
+
+    def normal_equations(self, z):
+        free = self.criterion.join(self.theta, self.state(z))
+        JJ, Jr, norm = self.criterion.normal_equations(free)
+        own, root = slice(len(self.theta), None), self.prior.root
+        JJ = root.T @ JJ[own, own] @ root + self.weight * np.eye(len(z))
+        Jr = root.T @ Jr[own] + self.weight * z
+        return JJ, Jr, float(np.sqrt(norm**2 + self.weight * z @ z))

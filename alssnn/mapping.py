@@ -17,7 +17,7 @@ import functools
 import numpy as np
 from joblib import Parallel, delayed
 
-from .experiments import chunks, stretch
+from .experiments import chunks, from_measured, stretch
 
 
 class Held:
@@ -90,6 +90,10 @@ class Held:
             Pairs (u, y).
         """
         return stretch(self.experiments, n_samples)
+
+    def from_measured(self):
+        """Return the same experiments, each from its first measured sample on."""
+        return Held([from_measured(*pair) for pair in self.experiments], self.n_jobs)
 
     def map(self, function, *columns):
         """Return the values of a function, one per experiment.

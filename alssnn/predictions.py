@@ -6,6 +6,7 @@ it predicts itself; behind a long gap it starts anew.
 
 import numpy as np
 
+from .experiments import gap
 from .initial_states import WINDOW, estimate_x0
 from .innovations import free_run, has_innovations, with_outputs
 from .mapping import Held
@@ -135,7 +136,7 @@ def follow(structure, theta, x0, z, y):
     return z, X[:-1]
 
 
-def first_states(structure, theta, x0, experiments):
+def first_states(structure, theta, x0, experiments, *, noise=1.0, prior=None):
     """Return the initial states of whole experiments.
 
     Parameters
@@ -145,9 +146,15 @@ def first_states(structure, theta, x0, experiments):
     theta : ndarray of shape (n_params,)
         Its parameters.
     x0 : ndarray of shape (n_pieces, nx)
-        Initial states of what was `told`.
+        Initial states of what was `told`, or of experiments from their first measured
+        samples on.
     experiments : sequence of tuple of array, Held or Remote
         Scaled experiments.
+    noise : float, default=1.0
+        Mean square error that is expected behind a gap, outputs of unit variance.
+    prior : Prior or None, default=None
+        Where the states of an experiment that begins with a gap are expected, as in
+        `estimate_x0`.
 
     Returns
     -------
@@ -155,18 +162,22 @@ def first_states(structure, theta, x0, experiments):
         The same without a random walk; estimated from its first samples where an
         experiment begins with a gap.
     """
-    if not has_innovations(structure):
-        return x0
-    x0 = x0[:, : structure.sizes["x"]]
-    starts, found = pieces(experiments), np.zeros((len(experiments), x0.shape[1]))
-    for i, pair in enumerate(experiments):
-        first = next(k for k, (j, _) in enumerate(starts) if j == i)
-        if starts[first][1].start == 0:
-            found[i] = x0[first]
-        else:
-            kind = {"window": WINDOW, "noise": 1.0}
-            found[i] = estimate_x0(free_run(structure), theta, [pair], **kind)[0]
-    return found
+    if has_innovations(structure):
+        owners = np.array([i for i, _ in pieces(experiments)])
+        firsts = np.searchsorted(owners, np.arange(len(experiments)))
+        x0 = x0[firsts, : structure.sizes["x"]]
+    gaps = np.array(Held.of(experiments).map(gap))
+    if gaps.any():
+        found = estimate_x0(
+            free_run(structure),
+            theta,
+            experiments,
+            window=gaps.max() + WINDOW,
+            noise=noise,
+            prior=prior,
+        )
+        x0 = np.where(gaps[:, None] > 0, found, x0)
+    return x0
 
 
 def error_covariance(structure, theta, x0, experiments):

@@ -16,7 +16,7 @@ from scipy.optimize import OptimizeResult
 
 from .continuous import damped
 from .criterion import DIVERGED_NORM, Criterion
-from .initial_states import WINDOW, estimate_x0
+from .initial_states import WINDOW, estimate_x0, window_of
 from .limits import Limits
 from .linear_model import stabilize
 from .mapping import Held
@@ -358,7 +358,7 @@ class Validation:
         self.output_weight = np.asarray(output_weight) / np.sum(output_weight)
         self.n_iter_no_change = n_iter_no_change
         self._made_of = list(experiments), n_init_samples
-        windows = [min(n_init_samples, len(u) // 4) for u, _ in experiments]
+        windows = [window_of(u, y, n_init_samples) for u, y in experiments]
         pairs = list(zip(experiments, windows, strict=True))
         self.heads = [(u[:n], y[:n]) for (u, y), n in pairs]
         self.scored = [(u, Behind(y, n)) for (u, y), n in pairs]
@@ -407,7 +407,7 @@ class Validation:
 
         return Patience(rmse, self.n_iter_no_change)
 
-    def rmse(self, structure, theta, noise):
+    def rmse(self, structure, theta, noise, prior=None):
         """Return the error of parameters.
 
         Parameters
@@ -418,6 +418,8 @@ class Validation:
             Parameters.
         noise : float
             Mean square error that is expected, for the estimate of initial states.
+        prior : Prior or None, default=None
+            Where these are expected, as in `estimate_x0`.
 
         Returns
         -------
@@ -427,6 +429,8 @@ class Validation:
         structure = structure.observe(structure.measured)
         weights = {structure.measured: self.output_weight}
         error = Criterion(structure, self.scored, weights=weights)
-        x0 = estimate_x0(structure, theta, self.heads, window=None, noise=noise)
+        x0 = estimate_x0(
+            structure, theta, self.heads, window=None, noise=noise, prior=prior
+        )
         norm = error.norm(error.join(theta, x0))
         return norm if norm < DIVERGED_NORM else np.inf

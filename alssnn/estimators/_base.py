@@ -16,7 +16,6 @@ from ..innovations import free_run, predictor
 from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
-from ..predictions import first_states
 from ..scaling import Scaling
 from ..structures import Structure
 from ..subspace import SUBSPACE_SAMPLES
@@ -26,11 +25,12 @@ from ._checks import input_delays, order_choices, output_weights
 from ._data import check_lengths, check_rows, check_u, check_y
 from ._disturbances import check_disturbances
 from ._doubts import warn_if_exchanged, warn_of_time
+from ._first_states import from_free, has_fixed_start, whole_states
 from ._fitted import as_fitted, fitted_model, publish_parameters
 from ._floor import floor_of, least_cost
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
-from ._noise import check_noise, noise_covariance
+from ._noise import check_noise, is_predicting, noise_covariance
 from ._options import estimator, take
 from ._periodic import came_round, check_periodic, is_periodic, settled
 from ._plant import make_plant
@@ -39,7 +39,7 @@ from ._records import Records
 from ._remote import training_region
 from ._sklearn import manual_page, with_tags
 from ._start import check_bounds, linear_start, portable
-from ._time import check_time, is_continuous, trained
+from ._time import check_time, trained
 
 
 @estimator
@@ -325,7 +325,8 @@ class StateSpaceModel(
             experiment = np.repeat(range(len(parts)), [p.stop - p.start for p in parts])
         watch.observe = Callbacks.of(self, u, y, experiment)
         returns = is_periodic(self)  # what integrates would not
-        if not (warm or returns) and find_integrators(self, experiments, watch):
+        measured = from_free(self, experiments)
+        if not (warm or returns) and find_integrators(self, measured, watch):
             experiments, held_out = self._hold_out(u, y, parts, validation)
         self._complete(experiments, watch, held_out, warm, lost)
         warn_if_exchanged(self, u, columns, parts)
@@ -349,19 +350,19 @@ class StateSpaceModel(
         previous = (predictor(self._structure), self._theta) if warm else None
         self._options = portable(self.get_params(deep=False))
         seen, fitted, self._theta, result = trained(
-            self, experiments, previous, watch, held_out
+            self, from_free(self, experiments), previous, watch, held_out
         )
         self._structure, x0 = free_run(fitted), result.x0
-        result.x0 = first_states(fitted, self._theta, x0, experiments)
+        self._region, self._made = training_region(self, fitted, x0, seen), None
+        result.x0 = whole_states(self, fitted, result, experiments)
         self._publish(result, watch)
         watch.has_result = True
         for name in ("_orders", "_curve"):  # the first holds the record
             self.__dict__.pop(name, None)
         self.noise_covariance_ = noise_covariance(self, fitted, x0, seen) + lost
-        self._region, self._made = training_region(self, fitted, x0, seen), None
-        if is_continuous(self):
-            experiments = seen
-        self.train_score_ = training_score(self, Held.of(experiments), result.x0)
+        whole = Held.of(experiments), result.x0
+        scored = whole if is_predicting(self) else (seen, x0)
+        self.train_score_ = training_score(self, *scored)
         if watch.interrupt is not None:
             raise watch.interrupt
         if self._for_control:
@@ -402,8 +403,7 @@ class StateSpaceModel(
         """Tell whether the user shapes the linear model beyond its identification."""
         shapes = (self.linear_start, self.output_weight)
         shaped = bool(self.bounds) or any(shape is not None for shape in shapes)
-        begun = self._at_rest or is_periodic(self)
-        return shaped or begun or self.horizon > 1
+        return shaped or has_fixed_start(self) or self.horizon > 1
 
     def _scaled_bounds(self, structure, contractive=False):
         bounds = check_bounds(

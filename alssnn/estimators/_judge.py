@@ -8,7 +8,7 @@ from scipy.optimize import OptimizeResult
 from ..criterion import Criterion
 from ..holdout import hold_out
 from ..horizon import ahead
-from ..initial_states import WINDOW, estimate_x0
+from ..initial_states import WINDOW, Prior, estimate_x0
 from ..linear_model import simulation_error
 from ..search import FAR
 from ..shown import percent
@@ -19,6 +19,7 @@ from ._checks import output_weights
 from ._horizon import judge_over_horizon, over_horizon
 from ._integrators import regular
 from ._noise import is_predicting
+from ._simulation import expected_states
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
@@ -95,7 +96,8 @@ def training_score(estimator, experiments, x0):
     criterion = Criterion(structure, experiments)
     fitted = criterion.norm(criterion.join(theta, x0)) / np.sqrt(structure.sizes["y"])
     noise = min(fitted**2 if is_predicting(estimator) else estimator.cost_, 1.0)
-    rmse = own_judge(estimator, experiments).rmse(structure, theta, noise)
+    prior = expected_states(estimator)
+    rmse = own_judge(estimator, experiments).rmse(structure, theta, noise, prior)
     follows = fitted < 1.0 or not is_predicting(estimator)  # else it is no simulation
     if rmse > TOO_FAR * fitted and rmse > NOTABLE and follows:
         warn_of_training(
@@ -301,7 +303,9 @@ def _loses(estimator, plain, result, *, linear, experiments):
     noise = start.norm(start.join(theta, fit.x0)) ** 2
     linear, ahead_of = (ahead(one, estimator.horizon) for one in (structure, plain))
     least = judge.rmse(linear, theta, min(noise, 1.0))
-    if judge.rmse(ahead_of, result.theta, min(result.cost, 1.0)) > 1.02 * least:
+    prior = Prior.along(plain, result.theta, result.x0, experiments)
+    error = judge.rmse(ahead_of, result.theta, min(result.cost, 1.0), prior)
+    if error > 1.02 * least:
         return True
     if estimator.horizon > 1 or experiments.n_samples > MOST:
         return False

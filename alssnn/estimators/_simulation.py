@@ -17,6 +17,7 @@ from ..experiments import (
     join_records,
     split_experiments,
 )
+from ..initial_states import Prior, window_of
 from ..initial_states import estimate_x0 as least_squares_x0
 from ..innovations import has_innovations, recording
 from ..records import PreparedRecord
@@ -220,7 +221,7 @@ def estimate_x0(model, u, y, experiment=None, n_samples=None):
     -------
     x0 : ndarray of shape (n_experiments, nx)
         States at the first sample of every experiment: least squares, with
-        states of unit variance as prior where the samples say little.
+        mean and covariance of the states of the training as prior (eq. start).
 
     Raises
     ------
@@ -317,9 +318,33 @@ def initial_state(model, u_s, y_s, window):
     """
     noise = model.cost_  # outputs are scaled to unit variance, as states are
     x0 = least_squares_x0(
-        model._structure, model._theta, [(u_s, y_s)], window=window, noise=noise
+        model._structure,
+        model._theta,
+        [(u_s, y_s)],
+        window=window,
+        noise=noise,
+        prior=expected_states(model),
     )[0]
     return x0 * model._x_scale
+
+
+def expected_states(model):
+    """Return where the initial states of records of a model are expected.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model, whose region of the training data is known.
+
+    Returns
+    -------
+    prior : Prior or None
+        Mean and covariance of the states of the training, scaled; None if unknown.
+    """
+    region, n = getattr(model, "_region", None), model._structure.n_x0
+    if region is None or n != model._structure.sizes["x"]:
+        return None
+    return Prior.of_region(region, np.broadcast_to(model._x_scale, n))
 
 
 def prepare_records(model, u, y, experiment=None):
@@ -354,7 +379,7 @@ def prepare_records(model, u, y, experiment=None):
     y, records = np.asarray(y.reshape(len(y), -1), dtype=float), []
     pairs = simulated_experiments(model, u, y, parts)
     for part, (u_s, y_s) in zip(parts, pairs, strict=True):
-        start = min(model.n_init_samples, len(u_s) // 4)
+        start = window_of(u_s, y_s, model.n_init_samples)
         x0 = initial_state(model, u_s, y_s, start)
         raw = part, u[part], y[part]
         records.append(PreparedRecord(*raw, u_s, y_s, x0, start, model._scaling))
