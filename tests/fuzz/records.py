@@ -144,14 +144,18 @@ UNTOUCHED = {"verbose", "n_jobs", "max_iter", "polish_iter", "n_init", "continua
 
 
 @st.composite
-def models(draw):
-    """Return an estimator, one in four with an option that makes no sense."""
+def models(draw, **given):
+    """Return an estimator, one in four with an option that makes no sense.
+
+    Options that are given have these values in all of them, and none is senseless.
+    """
     cls = draw(st.sampled_from(list(OWN)))
     options = dict(COMMON, **OWN[cls])
     if cls is not LinearStateSpace:
         options |= NETWORKS
-    model = cls(**{name: draw(values) for name, values in options.items()})
-    if draw(st.integers(0, 3)) == 0:
+    drawn = {name: draw(z) for name, z in options.items() if name not in given}
+    model = cls(**drawn, **given)
+    if not given and draw(st.integers(0, 3)) == 0:
         names = sorted(set(model.get_params(deep=False)) - UNTOUCHED)
         name = draw(st.sampled_from(names))
         value = draw(st.sampled_from(NONSENSE))

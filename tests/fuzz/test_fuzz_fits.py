@@ -33,6 +33,23 @@ def test_a_fit_is_a_model_or_a_refusal(model, record, again):
     check(model, record, again)
 
 
+CONTINUOUS = {
+    "time": "continuous",
+    "noise": "output",  # what follows is refused in continuous time
+    "horizon": 1,
+    "integrators": 0,
+    "disturbances": None,
+    "period": None,
+    "drift": None,
+}
+
+
+@cases(40)
+@given(models(**CONTINUOUS), records())
+def test_a_fit_in_continuous_time_misses_little_more_than_its_start(model, record):
+    check(model.set_params(dt=0.1 if model.dt == 1.0 else model.dt), record, False)
+
+
 def check(model, record, again):
     """Fit a model, and assert what holds for every fit."""
     given_ = copy.deepcopy(record)
