@@ -9,7 +9,9 @@ model.  The decay alpha |theta_net - start|^2 (eq. decay) is lowered along a pat
 optimum the start of the next: a large alpha leaves the linear model, a middle one fits
 the outputs of random networks, a small one moves them freely.  A path is a continuation
 and a choice of complexity in one.  (Decay towards zero instead would take the inner
-weights first, and with them every gradient: the linear model is a saddle.)
+weights first, and with them every gradient: the linear model is a saddle.  Only one
+that begins small may lead there, as that of GR-SSNN, whose network nothing else holds:
+it is then smooth where the record says little.)
 
 Of the alphas that do nearly as well as the best, averaged over the better starts (of a
 long record, along the best one), the largest is taken; of the starts, the best at this
@@ -26,7 +28,7 @@ hidden samples.  There, a smaller difference counts as none, and a larger one as
 alphas are relative to the error of the linear model, as the noise is (eq. innovations).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +43,7 @@ ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 # Of the alphas, those by which orders are compared: 0.1, 1e-3, 1e-5. With 10, 0.1, 1e-3
 # models of more states had not come down yet: of the plant "brief dead zone" of
 # `benchmarks.short_records`, which has two, one state was taken.
-SCREEN = slice(2, 7, 2)
+SCREEN = (2, 7, 2)
 STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
 WAIT = 3  # alphas without a gain, after which a path ends
@@ -54,6 +56,35 @@ USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at m
 FAR = 2.0  # root mean square error from elsewhere, over that of the linear model
 CHANCE = 2.0  # over the hidden samples: relative difference of white errors by chance
 NOISE = 0.1  # mean square error of a linear model, for which `ALPHAS` are meant
+SMALL = 0.01  # the same for a decay to zero, and one below which it becomes less
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Say along which weights of the decay a search goes.
+
+    Parameters
+    ----------
+    alphas : sequence of float, default=`ALPHAS`
+        Weights of the decay, not rising.
+    screen : tuple of int
+        First, end and step of those by which orders are compared.
+    stages : int, default=25
+        A stage has this share of the trial steps of a fit.
+    center : {"start", "zero"}, default="start"
+        What the decay leads to. To zero, it makes functions smooth where the record
+        says nothing, and a large one takes the networks away for good: the weights are
+        then relative to the error of the linear model, which makes them smaller.
+    """
+
+    alphas: Sequence[float] = tuple(ALPHAS)
+    screen: tuple = SCREEN
+    stages: int = STAGES
+    center: str = "start"
+
+
+USUAL = Descent()
+SMOOTH = Descent((1e-4, 1e-5, 1e-6, 1e-7, 1e-8), (0, 3, 1), stages=6, center="zero")
 
 
 @dataclass(frozen=True)
@@ -87,8 +118,8 @@ class Found:
         Structure for simulation.
     theta : ndarray of shape (n_params,)
         Parameters, fitted without the samples that the first fold hides.
-    start : ndarray of shape (n_params,)
-        The random start, center of the decay.
+    center : ndarray of shape (n_params,)
+        Center of the decay: the random start, or zero.
     alpha : float
         Weight of the decay.
     refit_iter : int
@@ -106,7 +137,7 @@ class Found:
 
     structure: object
     theta: np.ndarray
-    start: np.ndarray
+    center: np.ndarray
     alpha: float
     refit_iter: int
     errors: np.ndarray
@@ -157,7 +188,7 @@ class _Tally:
 class _Path:
     """Descend from one start along falling alphas, on all folds at once."""
 
-    def __init__(self, recipe, folds, linears, seed, weight, bounds):
+    def __init__(self, recipe, folds, linears, seed, weight, bounds, center="start"):
         self.folds, self.weight, self.bounds = folds, weight, bounds
         self.problems, self.points = [], []
         for fold, model in zip(folds, linears, strict=True):
@@ -168,7 +199,8 @@ class _Path:
             x0 = linear.starts(structure.given)
             x0 = 0.0 * x0 if limits.at_rest else x0
             self.points.append((limits.clip(theta), x0))
-        self.starts = [theta for theta, _ in self.points]
+        starts = [theta for theta, _ in self.points]
+        self.centers = starts if center == "start" else [0.0 * z for z in starts]
         self.errors = [self._judge()]
         self.states = [self.points]
 
@@ -218,7 +250,7 @@ class _Path:
             penalized,
             self.folds[i].fitted,
             alpha=alpha,
-            center=self.starts[i],
+            center=self.centers[i],
             **weights,
         )
         free = criterion.join(theta, x0)
@@ -263,7 +295,7 @@ def search(
     seeds,
     *,
     max_iter,
-    alphas=None,
+    descent=USUAL,
     method="lm",
     n_jobs=None,
     output_weight=None,
@@ -284,9 +316,8 @@ def search(
         One per random start.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
-    alphas : sequence of float or None, default=None
-        Weights of the decay along a path, not rising, of which `SCREEN` compares
-        orders; None means `ALPHAS`.
+    descent : Descent, default=`USUAL`
+        Weights of the decay along a path.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -303,24 +334,26 @@ def search(
     found : Found
         The choice.
     """
-    folds, (scale, nearly, gain) = orders.folds, _standards(orders, is_predictor)
+    folds, (nearly, gain) = orders.folds, _standards(orders, is_predictor)
     quiet = (Watch() if watch is None else watch).quiet()
     options = {
         "method": method,
-        "max_iter": max(2, max_iter // STAGES),
+        "max_iter": max(2, max_iter // descent.stages),
         "tol": STAGE_TOL,
         "xtol": LEAST_MOVE,
         "label": "search",
     }
-    alphas = np.asarray(ALPHAS if alphas is None else alphas)
-    descent = scale * alphas
-    bounds = _bounds(orders, output_weight)
+    scale = _scale(orders, is_predictor, descent)
+    n_first = np.count_nonzero(np.asarray(descent.alphas) >= ENOUGH)
+    alphas = scale * np.asarray(descent.alphas)
+    common = output_weight, _bounds(orders, output_weight), descent.center
 
     def start(nx, seed):
-        return _Path(recipe, folds, orders.models[nx], seed, output_weight, bounds)
+        return _Path(recipe, folds, orders.models[nx], seed, *common)
 
-    curve, screened, more = {}, descent[SCREEN], max_iter // options["max_iter"]
-    n_stages = len(seeds) * len(descent) + more * (len(folds) > 1)
+    curve, screened = {}, alphas[slice(*descent.screen)]
+    more = max_iter // options["max_iter"]
+    n_stages = len(seeds) * len(alphas) + more * (len(folds) > 1)
     n_stages += len(candidates) * len(screened) * (len(candidates) > 1)
     tally = _Tally(watch, orders.errors[orders.nx], n_stages)
     nx = candidates[0]
@@ -333,15 +366,15 @@ def search(
     paths = [start(nx, seed) for seed in seeds]
     # of a long record one start counts: the others stop where a path may end
     is_long = len(folds) == 1 and len(paths) > 1
-    first, rest = np.split(descent, [np.count_nonzero(alphas >= ENOUGH)])
-    along = first if is_long else descent
+    first, rest = np.split(alphas, [n_first])
+    along = first if is_long else alphas
     options["enough"] = scale * ENOUGH
     paths = _walked(paths, along, quiet, options, tally, n_jobs)
     if is_long:
         best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
         best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)
     walk, stage = _choose(paths, nearly)
-    alpha = descent[stage - 1]
+    alpha = alphas[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
     if len(folds) > 1:  # else the fit that follows goes on, without a break
         options.pop("enough")
@@ -353,7 +386,7 @@ def search(
     return Found(
         structure,
         walk.states[stage][0][0],
-        walk.starts[0],
+        walk.centers[0],
         float(alpha),
         max_iter if len(folds) == 1 else REFIT * options["max_iter"],
         judged,
@@ -373,14 +406,21 @@ def _bounds(orders, weight):
     return bounds
 
 
+def _scale(orders, is_predictor, descent):
+    """Return what the weights of a decay are multiplied by."""
+    linear = float(np.mean(orders.errors[orders.nx]))
+    if descent.center == "zero":
+        return min(1.0, linear / SMALL)
+    return linear / NOISE if is_predictor else 1.0
+
+
 def _standards(orders, is_predictor):
-    """Return the scale of alpha, what is as good as the best, and what is a gain."""
+    """Return what is as good as the best, and what is a gain."""
     if not is_predictor:
-        return 1.0, NEARLY, GAIN
+        return NEARLY, GAIN
     n_hidden = sum(len(u) * SHARE for fold in orders.folds for u, _ in fold.hidden)
     chance = CHANCE / n_hidden
-    scale = float(np.mean(orders.errors[orders.nx])) / NOISE
-    return scale, min(NEARLY, 1.0 + chance), max(GAIN, 1.0 - chance)
+    return min(NEARLY, 1.0 + chance), max(GAIN, 1.0 - chance)
 
 
 def _choose(paths, nearly):

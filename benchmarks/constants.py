@@ -6,10 +6,10 @@
 
 The constants that no argument sets, on plants of the field benchmark whose fits take
 seconds; those of a monotone input map on the plants of `benchmarks.true_loops`, whose
-fits take half a minute.  Instead of half and double, the decays of a monotone map are
-compared with those of all other models.  Prints the error of every test relative to
-that with the value of the package, the median over the seeds; below them median and
-worst of all fits.  One process, one thread.
+fits take half a minute.  Instead of half and double, the decays of a monotone map and
+of GR-SSNN are compared with those of all other models.  Prints the error of every test
+relative to that with the value of the package, the median over the seeds; below them
+median and worst of all fits.  One process, one thread.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from alssnn.search import ALPHAS
+from alssnn.search import ALPHAS, USUAL
 
 from .field.__main__ import CASES as FIELD
 from .field.__main__ import assignment
@@ -38,16 +38,25 @@ LINEAR = (
     "short",
 )
 ACTUATORS = ("fan loop", "valve loop", "exchanger loop")
+FREE = (
+    "servo position",
+    "servo speed",
+    "robot joint",
+    "two tanks",
+    "dead zone",
+    "short",
+)
 CONSTANTS = {
     "DECAYS": ("fl", (*ACTUATORS, "levitation loop", "arm loop")),
     "INITIAL_SLOPE": ("fl", SMALL),
     "INITIAL_ROOTS": ("fl", ACTUATORS),
     "LONGER_STAGES": ("fl", ACTUATORS),
     "HORIZONS": ("lti", LINEAR),
+    "SMOOTH": ("gr", FREE),
     "WINDOW": ("fl", SMALL),
 }
 # what is tried instead of half and double
-OTHERS = {"DECAYS": [tuple(ALPHAS)]}
+OTHERS = {"DECAYS": [tuple(ALPHAS)], "SMOOTH": [USUAL]}
 
 
 def recorded(make):
@@ -107,6 +116,7 @@ def scaled(value, factor):
 
 def name_of(value):
     """Return a number, a few of them, or the first and the last of many."""
+    value = getattr(value, "alphas", value)
     if isinstance(value, tuple) and len(value) > 3:
         return f"{value[0]:g}..{value[-1]:g}"
     return str(value)

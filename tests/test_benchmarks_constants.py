@@ -3,14 +3,22 @@
 import numpy as np
 import pytest
 
-from alssnn import FlSsnn
+from alssnn import FlSsnn, GrSsnn
 from alssnn.estimators import _input_map
 from alssnn.models import state_space
-from alssnn.search import ALPHAS
+from alssnn.search import ALPHAS, SMOOTH, USUAL
 from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
 from benchmarks import constants
-from benchmarks.constants import CONSTANTS, LOOPS, OPTIONS, changed, homes, scaled
+from benchmarks.constants import (
+    CONSTANTS,
+    LOOPS,
+    OPTIONS,
+    OTHERS,
+    changed,
+    homes,
+    scaled,
+)
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
@@ -18,8 +26,9 @@ def test_a_name_means_one_constant(name):
     before = {getattr(module, name) for module in homes(name)}
     assert len(before) == 1
     (value,) = before
-    with changed(name, scaled(value, 2)):
-        assert {getattr(module, name) for module in homes(name)} == {scaled(value, 2)}
+    (other,) = OTHERS[name] if name in OTHERS else [scaled(value, 2)]
+    with changed(name, other):
+        assert {getattr(module, name) for module in homes(name)} == {other}
     assert {getattr(module, name) for module in homes(name)} == before
 
 
@@ -40,10 +49,11 @@ def test_starts_and_stages_follow_their_constants(rng):
     model = FlSsnn(input_map="monotone")
     with changed("LONGER_STAGES", 7):
         assert _input_map.stages_of_search(model)["max_iter"] == 7 * model.max_iter
-        assert _input_map.stages_of_search(FlSsnn()) == {"max_iter": model.max_iter}
-    assert _input_map.stages_of_search(model)["alphas"] == _input_map.DECAYS
+        plain = _input_map.stages_of_search(FlSsnn())
+        assert plain == {"max_iter": model.max_iter, "descent": USUAL}
+    assert _input_map.stages_of_search(model)["descent"].alphas == _input_map.DECAYS
     with changed("DECAYS", (1.0, 0.5)):
-        assert _input_map.stages_of_search(model)["alphas"] == (1.0, 0.5)
+        assert _input_map.stages_of_search(model)["descent"].alphas == (1.0, 0.5)
 
 
 def test_decays_are_compared_with_those_of_other_models(monkeypatch):
@@ -61,6 +71,15 @@ def test_decays_are_compared_with_those_of_other_models(monkeypatch):
     assert values[1] == _input_map.LONGER_STAGES and len(values) == 3
     assert constants.name_of(tuple(ALPHAS)) == "10..0"
     assert constants.name_of((1, 2)) == "(1, 2)"
+    assert constants.name_of(SMOOTH) == "0.0001..1e-08"
+
+
+def test_a_free_network_is_held_by_a_decay_to_zero():
+    assert GrSsnn()._descent() is SMOOTH and FlSsnn()._descent() is USUAL
+    # the errors of a predictor are noise
+    assert GrSsnn(noise="innovations")._descent() is USUAL
+    with changed("SMOOTH", USUAL):
+        assert GrSsnn()._descent() is USUAL
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -45,7 +45,10 @@ TINY = Case(
     1e3,
     n_init=20,
 )
-QUICK = {"options": {"nx": 1, "gr.n_f": 2, "max_iter": 3}, "jobs": 0}
+QUICK = {
+    "options": {"nx": 1, "gr.n_f": 2, "gr.alpha": 1e-4, "max_iter": 9},
+    "jobs": 0,
+}
 
 
 @pytest.fixture
@@ -62,9 +65,9 @@ def test_rows_are_the_errors_of_the_models(out):
     rows = runs.read(out)
     assert [(r["model"], r["seed"], r["options"]) for r in rows] == [
         ("lti", "0", ""),
-        ("lti", "0", "max_iter=3; nx=1"),
-        ("gr", "0", "max_iter=3; n_f=2; nx=1"),
-        ("gr", "1", "max_iter=3; n_f=2; nx=1"),
+        ("lti", "0", "max_iter=9; nx=1"),
+        ("gr", "0", "alpha=0.0001; max_iter=9; n_f=2; nx=1"),
+        ("gr", "1", "alpha=0.0001; max_iter=9; n_f=2; nx=1"),
     ]
     data = TINY.load()
     model = LinearStateSpace(n_init_samples=20).fit(*data.train[0])
@@ -106,7 +109,7 @@ def test_a_run_goes_on_where_the_file_ends(out, monkeypatch):
     fit = runs.fit
     monkeypatch.setattr(runs, "fit", lambda job: fitted.append(job.key()) or fit(job))
     rows = runs.run([TINY], ["gr"], 2, out, **QUICK)
-    assert fitted == [("tiny", "gr", "1", "max_iter=3; n_f=2; nx=1")]
+    assert fitted == [("tiny", "gr", "1", "alpha=0.0001; max_iter=9; n_f=2; nx=1")]
     assert len(rows) == len(runs.read(out)) == 3
 
 
@@ -247,7 +250,7 @@ def test_records_load_and_are_what_they_say(name):
 def test_our_curve_ends_with_the_fitted_model():
     pytest.importorskip("sklearn.callback", reason="needs scikit-learn 1.9")
     data = TINY.load()
-    model = runs.MODELS["gr"](nx=1, n_f=2, max_iter=5, random_state=0)
+    model = runs.MODELS["gr"](nx=1, n_f=2, alpha=1e-4, max_iter=5, random_state=0)
     rows = rivals.our_curve(model, data.train, data.tests, 20, 1e3)
     assert len(rows) >= 2 and {row[0] for row in rows} == {"fresh"}
     model.set_params(n_init_samples=20)

@@ -20,7 +20,7 @@ from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
 from alssnn.orders import Orders, compare_orders
-from alssnn.search import ALPHAS, Found, Recipe, search
+from alssnn.search import ALPHAS, SMOOTH, Found, Recipe, search
 from alssnn.starts import initial_theta
 from alssnn.training import train
 from alssnn.watch import BY_OBSERVER, INTERRUPTED, OUT_OF_TIME, Watch
@@ -181,10 +181,11 @@ def scaled(u, y):
     return [((u - u.mean()) / u.std(), (y - y.mean()) / y.std())]
 
 
-def walk(orders, bounds=(np.inf,) * 3):
+def walk(orders, bounds=(np.inf,) * 3, center="start"):
     """Return the start of a path of order 1."""
     folds, models = orders.folds, orders.models[1]
-    return searching._Path(recipe(), folds, models, 0, None, bounds[: len(folds)])
+    bounds = bounds[: len(folds)]
+    return searching._Path(recipe(), folds, models, 0, None, bounds, center)
 
 
 @pytest.mark.parametrize(
@@ -216,11 +217,37 @@ def test_a_large_alpha_leaves_the_linear_model(short):
     before, after = (np.sqrt(errors.sum()) for errors in path.errors)
     assert after == pytest.approx(before, rel=1e-3)
     np.testing.assert_allclose(path.errors[0], orders.errors[1], rtol=1e-9)
-    for (theta, _), start in zip(path.points, path.starts, strict=True):
+    for (theta, _), start in zip(path.points, path.centers, strict=True):
         structure = path.problems[0][0]
         moved, held = structure.split(theta), structure.split(start)
         for name in structure.network_parameters:
             np.testing.assert_allclose(moved[name], held[name], atol=1e-4)
+
+
+def test_a_decay_to_zero_takes_the_networks_away(short):
+    orders = compare_orders(scaled(*short), [1])
+    path = walk(orders, center="zero")
+    options = {"method": "lm", "max_iter": 50, "tol": 1e-9}
+    path.descend([1e2], Watch(), **options)
+    for theta, _ in path.points:
+        structure = path.problems[0][0]
+        p = structure.split(theta)
+        for name in structure.network_parameters:
+            np.testing.assert_allclose(p[name], 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize(("error", "scale"), [(1e-4, 0.01), (0.01, 1.0), (0.5, 1.0)])
+def test_a_decay_to_zero_is_small_for_a_small_linear_error(
+    short, monkeypatch, error, scale
+):
+    orders = compare_orders(scaled(*short), [1])
+    orders = replace(orders, errors={1: np.array([0.5, 1.0, 1.5]) * error})
+    walked = told(monkeypatch, [[1, 0.9]], [11])
+    search(recipe(), orders, [1], [11], max_iter=60, descent=SMOOTH)
+    alphas, enough = walked[0].asked
+    np.testing.assert_allclose(alphas, scale * np.array(SMOOTH.alphas))
+    assert enough == pytest.approx(scale * 1e-4)
+    assert not walked[0].centers[0].any()
 
 
 def test_smaller_alphas_fit_more(short):
@@ -265,7 +292,7 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     centre = recipe().start(
         found.structure, linear, orders.folds[0].fitted, seeds[start]
     )
-    np.testing.assert_array_equal(found.start, centre)
+    np.testing.assert_array_equal(found.center, centre)
     np.testing.assert_array_equal(found.theta, centre + stage)
 
 
@@ -273,8 +300,8 @@ def told(monkeypatch, table, seeds):
     """Have paths whose errors are told: one row per seed, one column per stage."""
 
     class Path(searching._Path):
-        def __init__(self, recipe, folds, linears, seed, weight, bounds):
-            super().__init__(recipe, folds, linears, seed, weight, bounds)
+        def __init__(self, recipe, folds, linears, seed, *common):
+            super().__init__(recipe, folds, linears, seed, *common)
             self.row = table[seeds.index(seed)]
 
         def descend(self, alphas, watch, **options):

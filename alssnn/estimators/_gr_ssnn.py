@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from ..search import SMOOTH
 from ._networks import SIZES, Networks
+from ._noise import is_predicting
 from ._options import estimator, option, take
 from ._ssnn import Ssnn
 
@@ -61,3 +63,7 @@ class GrSsnn(Ssnn):
             "activation": self.activation,
             "tied_bias": False,
         }
+
+    def _descent(self):
+        # a network that nothing penalizes is held by the decay alone
+        return super()._descent() if is_predicting(self) else SMOOTH

@@ -10,6 +10,7 @@ from copy import copy
 import numpy as np
 
 from ..equations import LEAST_GAIN
+from ..search import Descent
 from ..simulation import outputs
 
 MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
@@ -126,8 +127,9 @@ def stages_of_search(estimator):
         Options of `search.search`.
     """
     if getattr(estimator, "input_map", "identity") == "identity":
-        return {"max_iter": estimator.max_iter}
-    return {"max_iter": LONGER_STAGES * estimator.max_iter, "alphas": DECAYS}
+        return {"max_iter": estimator.max_iter, "descent": estimator._descent()}
+    longer = LONGER_STAGES * estimator.max_iter
+    return {"max_iter": longer, "descent": Descent(DECAYS)}
 
 
 def searched(model):
@@ -176,7 +178,7 @@ def completed(model, found, linear, experiments, seed):
     """
     known = found.structure
     if searched(model) is model:
-        return known, found.theta, found.start
+        return known, found.theta, found.center
     C, p = known.constants["C"], known.split(found.theta)
     nx, nu, ny = (known.sizes[axis] for axis in "xuy")
     structure = model.declare(nx, nu, ny, C)
@@ -185,6 +187,6 @@ def completed(model, found, linear, experiments, seed):
     fresh = structure.split(model._start(structure, linear, experiments, seed))
     theta, center = (
         structure.join({**fresh, **known.split(each)})
-        for each in (found.theta, found.start)
+        for each in (found.theta, found.center)
     )
     return structure, theta, center

@@ -18,7 +18,7 @@ from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_orders
 from ..predictions import likeliest
-from ..search import Recipe, search
+from ..search import USUAL, Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
 from ..watch import INTERRUPTED
@@ -82,8 +82,9 @@ class Ssnn(StateSpaceModel):
         Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
         it the random start, by the simulation error on hidden quarters of the record
         (eq. holdout). It pulls the networks back to their start, so that a large weight
-        leaves the linear model; if no networks beat that model on the hidden quarters,
-        the fit returns it, with a ConvergenceWarning. If training on all samples makes
+        leaves the linear model, and that of `GrSsnn` to zero; if no networks beat the
+        linear model on the hidden quarters, the fit returns it, with a
+        ConvergenceWarning. If training on all samples makes
         the simulation of the record worse than that of the linear model, the fit
         returns the model of the search, with such a warning, too. A number is used as
         it is, pulls towards zero, and hides no samples.
@@ -377,6 +378,10 @@ class Ssnn(StateSpaceModel):
         rng = np.random.default_rng(seed)
         return initial_theta(plain, linear, experiments, rng, held, **options)
 
+    def _descent(self):
+        """Return the weights of the decay along which the search goes."""
+        return USUAL
+
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
         own = searched(self)
@@ -445,8 +450,9 @@ class Ssnn(StateSpaceModel):
             warn_left_linear(self, trained)
         if self._shapes_linear():
             return self._shaped(plain, theta, experiments, watch)
-        x0 = linear.x0 if experiments.is_here else None  # of a stretch elsewhere
-        result = as_found(self, plain, theta, experiments, watch, LEFT_LINEAR, x0=x0)
+        # of a stretch elsewhere, then estimated: free, as in a fit
+        own = {"x0": linear.x0 if experiments.is_here else None, "noise": 0.0}
+        result = as_found(self, plain, theta, experiments, watch, LEFT_LINEAR, **own)
         # of the search for this model, for the networks took none
         result.nfev = linear.result.nfev if linear.result is not None else 1
         return plain, theta, result
