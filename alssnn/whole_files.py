@@ -9,6 +9,35 @@ import tempfile
 from pathlib import Path
 
 
+def as_path(name, path):
+    """Return a path.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    path : str or path-like
+        What was given.
+
+    Returns
+    -------
+    path : Path
+        The same.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a string nor a path.
+    ValueError
+        If it has a zero in it, which no file system takes.
+    """
+    if isinstance(path, (str, os.PathLike)) and isinstance(os.fspath(path), str):
+        if "\0" in os.fspath(path):
+            raise ValueError(f"`{name}` must have no zero in it, got {path!r}.")
+        return Path(path)
+    raise TypeError(f"`{name}` must be a string or a path, got {type(path).__name__}.")
+
+
 def replace_file(path, content):
     """Write a file in one piece.
 
@@ -23,8 +52,17 @@ def replace_file(path, content):
     ------
     OSError
         If the file cannot be written; the old one is then as it was.
+    TypeError
+        If `path` is neither a string nor a path.
     """
-    path = Path(os.path.realpath(path))  # a link stays a link
+    given, path = path, Path(os.path.realpath(as_path("path", path)))  # a link stays
+    if path.is_dir():
+        raise IsADirectoryError(f"`path` must name a file, got the folder '{given}'.")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(
+            f"`path` must be in a folder that exists, got '{given}'. Make the folder "
+            f"'{path.parent}' first."
+        )
     data = content.encode() if isinstance(content, str) else content
     handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:

@@ -14,11 +14,10 @@ import warnings
 import zipfile
 import zlib
 from numbers import Integral, Real
-from pathlib import Path
 
 import numpy as np
 
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 
 DOCUMENT = "document"
 FORMAT = "alssnn model"
@@ -100,7 +99,10 @@ def read(path):
     ValueError
         If it is not such a file, is damaged, or is of an unknown version.
     """
-    data = Path(path).read_bytes()
+    path = as_path("path", path)
+    if path.is_dir():
+        raise IsADirectoryError(f"`path` must name a file, got the folder '{path}'.")
+    data = path.read_bytes()
     if not data.startswith(b"PK"):
         raise ValueError(_refusal(path, "another type of file"))
     try:

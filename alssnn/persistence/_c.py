@@ -6,10 +6,9 @@ is compared with Python in the tests, step by step.
 """
 
 import re
-from pathlib import Path
 
 from ..walk import walk
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 from ._archive import release
 from ._c_map import SUFFIX, Function, Numbers, Slope
 from ._c_test import SAMPLES, vectors
@@ -106,7 +105,8 @@ def to_c(
     values = {"vectors": known, "samples": SAMPLES}
     flags = {"FLAT": layout == "flat"}
     texts = sources(export, LAYOUTS[layout], dtype, prefix, flags, values)
-    paths = [Path(directory) / name for name in texts]
+    folder = as_path("directory", directory)
+    paths = [folder / name for name in texts]
     for path, content in zip(paths, texts.values(), strict=True):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, content)

@@ -21,7 +21,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ..names import signal_names
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 from ._archive import release
 from ._c import sources
 from ._export import Export
@@ -125,7 +125,7 @@ def to_fmu(
     and before the step.
     """
     what = _check(model, what, version, gain)
-    path = Path(path)
+    path = as_path("path", path)
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     is_name = re.match("[A-Za-z]", name) and name not in ("fmu", "fmi2", "fmi3")
     name = name if is_name else f"fmu_{name}"  # these are files of ours

@@ -7,12 +7,11 @@ the same walk.  Nothing of a library is used, and every loop is bounded.
 
 import re
 import textwrap
-from pathlib import Path
 
 import numpy as np
 
 from ..walk import walk
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 from ._c_map import WIDTH, Numbers
 from ._export import Export
 from ._parts import Parts, fill
@@ -65,7 +64,7 @@ def to_modelica(model, path, *, law=None, observer=None, gain=None):
         If an argument does not fit the model, the name of the file is none of a
         package, or an activation has no expression in Modelica.
     """
-    path = Path(path)
+    path = as_path("path", path)
     name = path.stem
     if path.suffix != ".mo" or not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
         raise ValueError(

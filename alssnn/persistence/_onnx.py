@@ -11,12 +11,11 @@ and stepping is left to whoever runs the graph, as in C.
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from ..walk import static_map, walk
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 from ._archive import release
 from ._export import Export
 
@@ -76,7 +75,7 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
     graphs = {"step": _step(export.late)}
     if export.law is not None:
         graphs["law"] = _law(export)
-    directory = Path(directory)
+    directory = as_path("directory", directory)
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, graph in graphs.items():

@@ -6,11 +6,10 @@ The numbers are those of `to_mat`, and the blocks call the functions for MATLAB
 
 import re
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 from ._c_map import Numbers
 from ._export import Export
 from ._mat import to_mat
@@ -91,7 +90,7 @@ def to_simulink(
     names = [*OWN, "plant_control"] if parts.flags["CONTROL"] else OWN
     texts = {"build_plant": fill("build_plant.m", prefix, parts.flags, blanks)}
     texts |= {name: fill(f"{name}.m", prefix, parts.flags, blanks) for name in names}
-    folder = Path(directory)
+    folder = as_path("directory", directory)
     folder.mkdir(parents=True, exist_ok=True)
     data = folder / f"{prefix}.mat"
     to_mat(model, data, law=law, observer=observer, gain=gain)

@@ -9,12 +9,11 @@ count.
 
 import re
 import textwrap
-from pathlib import Path
 
 import numpy as np
 
 from ..walk import walk
-from ..whole_files import replace_file
+from ..whole_files import as_path, replace_file
 from ._c_map import SUFFIX, WIDTH, Numbers
 from ._export import Export
 from ._parts import Parts, fill
@@ -86,7 +85,7 @@ def to_st(
     blanks = parts.blanks(numbers) | _blanks(parts, numbers)
     uses_tanh = any(numbers.tanh in blanks[name] for name in ("maps", "respond"))
     text = fill("plant.st", prefix, {**parts.flags, "TANH": uses_tanh}, blanks)
-    path = Path(path)
+    path = as_path("path", path)
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_file(path, plcopen(text, prefix) if path.suffix.lower() == ".xml" else text)
     return path
