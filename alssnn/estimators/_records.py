@@ -103,7 +103,8 @@ class Records:
         what follows would fit the noise. Of ``noise="output"``. None trains on.
     n_init_samples : int, default=50
         First samples of an experiment from which `score` estimates its initial
-        state, at most a quarter of the experiment.
+        state, at most a quarter of the experiment. They count from the first measured
+        one, and what comes before it is not scored.
     verbose : int or "bar", default=0
         1 prints a line per stage of the training, and one every ten seconds in long
         ones; 2 every step. "bar" shows a bar, in terminals and notebooks, with the time
