@@ -138,8 +138,10 @@ def errors(cases, model, seeds, options):
 def compare(constant, cases, model, seeds, options):
     """Return the values tried, and by value the errors relative to the package's."""
     value = getattr(homes(constant)[0], constant)
-    values = [*OTHERS.get(constant, [scaled(value, 0.5), scaled(value, 2)])]
-    values.insert(1, value)
+    if constant in OTHERS:
+        values = [*OTHERS[constant], value]
+    else:
+        values = [scaled(value, 0.5), value, scaled(value, 2)]
     found = []
     for value in values:
         with changed(constant, value):

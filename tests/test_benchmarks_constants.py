@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from alssnn import FlSsnn, GrSsnn
-from alssnn.estimators import _input_map
+from alssnn.estimators import _gr_ssnn, _input_map
 from alssnn.models import state_space
 from alssnn.search import ALPHAS, SMOOTH, USUAL
 from alssnn.starts import initial_theta
@@ -56,19 +56,28 @@ def test_starts_and_stages_follow_their_constants(rng):
         assert _input_map.stages_of_search(model)["descent"].alphas == (1.0, 0.5)
 
 
-def test_decays_are_compared_with_those_of_other_models(monkeypatch):
+@pytest.mark.parametrize(
+    ("constant", "module", "other"),
+    [("DECAYS", _input_map, tuple(ALPHAS)), ("SMOOTH", _gr_ssnn, USUAL)],
+)
+def test_decays_are_compared_with_those_of_other_models(
+    monkeypatch, constant, module, other
+):
     seen = []
 
     def errors(cases, model, seeds, options):
-        seen.append(_input_map.DECAYS)
+        seen.append(getattr(module, constant))
         return {("plant", "test"): np.array([float(len(seen))])}
 
     monkeypatch.setattr(constants, "errors", errors)
-    values, found = constants.compare("DECAYS", ["fan loop"], "fl", 1, {})
-    assert values == seen == [tuple(ALPHAS), _input_map.DECAYS]
+    values, found = constants.compare(constant, ["plant"], "fl", 1, {})
+    assert values == seen == [other, getattr(module, constant)]
     assert [each["plant", "test"][0] for each in found] == [0.5, 1.0]
     values, _ = constants.compare("LONGER_STAGES", ["fan loop"], "fl", 1, {})
     assert values[1] == _input_map.LONGER_STAGES and len(values) == 3
+
+
+def test_names_of_values_are_short():
     assert constants.name_of(tuple(ALPHAS)) == "10..0"
     assert constants.name_of((1, 2)) == "(1, 2)"
     assert constants.name_of(SMOOTH) == "0.0001..1e-08"
