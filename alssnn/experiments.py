@@ -402,8 +402,8 @@ class Tail:
 
     def __getitem__(self, part):
         """Return the samples of a slice, shape (L, n)."""
-        first, stop, _ = part.indices(len(self))
-        return self.values[self.start + first : self.start + stop]
+        first, stop, step = part.indices(len(self))
+        return self.values[self.start + first : self.start + stop : step]
 
     def __array__(self, dtype=None, copy=None):
         """Return all samples."""

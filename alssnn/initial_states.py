@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.linalg import pinvh
+from scipy.linalg import pinv
 
 from .criterion import DIVERGED_NORM, Criterion, LeastSquares
 from .experiments import gap
@@ -20,6 +20,8 @@ WINDOW = 200  # samples from which the initial state of a long record is restart
 
 
 LONGEST = 20_000  # samples whose states tell where others may begin
+LEAST = 0.01  # of the root mean square deviation: that of states which never moved
+UNSEEN = 1e-13  # relative size of a direction of whitened states that is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +78,8 @@ class Prior:
         prior : Prior
             Their mean and covariance.
         """
-        return cls(
-            X.mean(axis=0), _root(np.cov(X.T, bias=True).reshape(X.shape[1], -1))
-        )
+        mean = X.mean(axis=0)
+        return cls(mean, _root((X - mean).T / np.sqrt(len(X))))
 
     @classmethod
     def of_region(cls, region, scale):
@@ -96,13 +97,13 @@ class Prior:
         prior : Prior
             Their mean and covariance.
         """
-        nx = len(scale)
-        size = np.linalg.norm(region.whiten, axis=1)  # x and u have units of their own
-        size[size == 0] = 1.0
-        W = region.whiten / size[:, None]
-        size = size[:nx] * scale
-        P = pinvh(W @ W.T)[:nx, :nx] / np.outer(size, size)
-        return cls(region.center[:nx] / scale, _root(P))
+        nx, W = len(scale), region.whiten
+        # x and u have units of their own; what never moved stays out in any of them
+        size = np.ones((len(W), 1))
+        for block in (slice(nx), slice(nx, None)):
+            size[block] = np.linalg.norm(W[block]) or 1.0
+        F = pinv(W / size, rtol=UNSEEN).T / size
+        return cls(region.center[:nx] / scale, _root(F[:nx] / scale[:, None]))
 
     @classmethod
     def along(cls, structure, theta, x0, experiments):
@@ -124,7 +125,7 @@ class Prior:
         prior : Prior or None
             Mean and covariance of the states; None if they diverge.
         """
-        lure, n, most = structure.lure(theta), x0.shape[1], LONGEST // len(x0)
+        lure, n, most = structure.lure(theta), x0.shape[1], max(1, LONGEST // len(x0))
         runs = [
             simulate(lure, u[:most], structure.initial_state(start))[:-1, :n]
             for (u, _), start in zip(experiments, x0, strict=True)
@@ -133,10 +134,13 @@ class Prior:
         return cls.of_states(X) if np.isfinite(X).all() else None
 
 
-def _root(P):
-    """Return a factor of a covariance, which may be singular."""
-    values, V = np.linalg.eigh(P)
-    return V * np.sqrt(np.maximum(values, 0.0))
+def _root(F):
+    """Return a square factor of F F', with a little variance in every direction."""
+    U, spread, _ = np.linalg.svd(F)
+    least = LEAST * np.linalg.norm(spread) / np.sqrt(len(U))
+    every = np.full(len(U), least)
+    every[: len(spread)] = np.maximum(spread, least)
+    return U * every
 
 
 def window_of(u, y, n_samples):
@@ -174,7 +178,7 @@ def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
         Parameters, held.
     experiments : sequence of tuple of ndarray
         Pairs (u, y) of scaled deviations.
-    window : int or None
+    window : int, None or sequence of int
         Number of samples used at the beginning of every experiment; None for all.
     noise : float
         Mean square of the output error of the model, outputs of unit variance.
@@ -189,11 +193,13 @@ def estimate_x0(structure, theta, experiments, *, window, noise, prior=None):
         within the window.
     """
     plain, n = structure.observe(structure.measured), structure.n_x0
-    one = partial(_estimate_one, plain, theta, window, noise, prior or Prior.usual(n))
-    return np.reshape(Held.of(experiments).map(one), (-1, n))
+    one = partial(_estimate_one, plain, theta, noise, prior or Prior.usual(n))
+    held = Held.of(experiments)
+    windows = [window] * len(held) if np.ndim(window) == 0 else window
+    return np.reshape(held.map(one, windows), (-1, n))
 
 
-def _estimate_one(structure, theta, window, noise, prior, u, y):
+def _estimate_one(structure, theta, noise, prior, window, u, y):
     """Return the estimate of the initial state of one experiment."""
     u, y = u[:window], y[:window]
     measured = np.isfinite(y).sum() / max(y.shape[1], 1)

@@ -172,7 +172,7 @@ def first_states(structure, theta, x0, experiments, *, noise=1.0, prior=None):
             free_run(structure),
             theta,
             experiments,
-            window=gaps.max() + WINDOW,
+            window=np.where(gaps > 0, gaps + WINDOW, 0),
             noise=noise,
             prior=prior,
         )

@@ -8,6 +8,7 @@ from alssnn.datasets import make_pendulum
 from alssnn.estimators import _simulation
 from alssnn.initial_states import Prior, estimate_x0
 from alssnn.models import state_space
+from alssnn.region import Region
 from alssnn.simulation import simulate
 from helpers import simulate_linear
 
@@ -116,3 +117,85 @@ def test_a_fit_begins_where_something_was_measured(cls, noise):
     scored = model.prepare_records(record.u, y)[0]
     assert scored.start == gap + model.n_init_samples
     assert model.score(record.u, y) > 0.9
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("initial_state", ["estimate", "rest"])
+@pytest.mark.parametrize("noise", ["output", "innovations"])
+def test_what_was_never_measured_begins_anywhere(noise, initial_state):
+    """Nothing is told of it: its state is zero, and no part of the region."""
+    record = make_pendulum(900, noise=0.01, random_state=0)
+    y = record.y.copy()
+    y[:350] = np.nan  # all of the first of three experiments, a part of the second
+    label = np.repeat([0, 1, 2], 300)
+    model = LinearStateSpace(
+        nx=3, noise=noise, initial_state=initial_state, dt=record.dt
+    ).fit(record.u, y, label)
+    np.testing.assert_array_equal(model.x0_[0], 0.0)
+    assert np.abs(model.x0_).max() < 10 and np.abs(model._region.seen[0]).max() < 10
+    if initial_state == "rest":
+        np.testing.assert_array_equal(model.x0_, 0.0)
+
+
+@pytest.mark.parametrize("hold", ["zoh", "linear"])
+def test_a_gap_at_the_beginning_in_continuous_time(hold):
+    record = make_pendulum(400, noise=0.01, random_state=0)
+    y = record.y.copy()
+    y[:80] = np.nan
+    model = LinearStateSpace(nx=2, time="continuous", hold=hold, dt=record.dt)
+    assert model.fit(record.u, y).score(record.u, y) > 0.9
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"noise": "innovations"}, {"time": "continuous"}]
+)
+def test_a_covariance_is_that_of_what_was_measured(options):
+    record, late = make_pendulum(500, noise=0.01, random_state=0), 200
+    y = record.y.copy()
+    y[:late] = np.nan
+    model = LinearStateSpace(nx=2, dt=record.dt, **options).fit(record.u, y)
+    whole = model.parameter_covariance(record.u, y)
+    cut = model.parameter_covariance(record.u[late:], y[late:])
+    std = [np.sqrt(np.diag(each.covariance)) for each in (whole, cut)]
+    np.testing.assert_allclose(*std, rtol=0.05)
+    data = {"data": (record.u, y), "random_state": 0}
+    (drawn,) = model.sample_models(whole, 1, **data)
+    assert drawn.score(record.u, y) == pytest.approx(model.score(record.u, y), abs=0.01)
+
+
+def test_an_estimate_begins_where_something_was_measured():
+    record = make_pendulum(500, noise=0.01, random_state=0)
+    y = record.y.copy()
+    y[:80] = np.nan
+    model = LinearStateSpace(nx=2, dt=record.dt).fit(record.u, record.y)
+    x0 = model.estimate_x0(record.u, y)
+    np.testing.assert_allclose(x0, model.prepare_records(record.u, y)[0].x0[None])
+    assert np.std(model.predict(record.u, x0=x0)[80:] - record.y[80:]) < 0.2
+
+
+def test_states_that_nearly_agree_are_estimated(rng):
+    """Two of four states are noise of 1e-6: a covariance must not lose the others."""
+    A = 0.995 * np.array([[np.cos(0.05), np.sin(0.05)], [-np.sin(0.05), np.cos(0.05)]])
+    records = []
+    for x0 in ([1.0, 1.0], [3.0, -2.0]):
+        u = np.repeat(rng.standard_normal((60, 1)), 5, axis=0)
+        y = simulate_linear(A, np.array([[0.1], [0.05]]), np.eye(2)[:1], u, x0)
+        records.append((u, y + 1e-6 * rng.standard_normal(y.shape)))
+    for nx in (3, 4, 5):
+        model = LinearStateSpace(nx=nx).fit(*records[0])
+        assert 1 - model.score(*records[1]) < 1e-8 and 1 - model.train_score_ < 1e-8
+
+
+def test_states_that_never_moved_may_yet_begin_elsewhere():
+    """They have a hundredth of the usual deviation, so that a record may say so."""
+    X = np.outer(np.sin(np.arange(500.0)), [1.0, 2.0])
+    prior = Prior.of_states(X)
+    P, along, across = prior.root @ prior.root.T, [1.0, 2.0], [2.0, -1.0]
+    assert along @ P @ along == pytest.approx(np.var(X @ along))
+    assert 1e-5 < (across @ P @ across) / (along @ P @ along) < 1e-3
+    u = np.cos(np.arange(500.0))[:, None]
+    region = Region.of(X, u, X)
+    other = Prior.of_region(region, np.ones(2))
+    np.testing.assert_allclose(other.root @ other.root.T, P, rtol=1e-6)
+    scaled = Prior.of_region(Region.of(1e6 * X, 1e-9 * u, X), np.ones(2))
+    np.testing.assert_allclose(scaled.root @ scaled.root.T, 1e12 * P, rtol=1e-6)

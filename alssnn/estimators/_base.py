@@ -25,7 +25,7 @@ from ._checks import input_delays, order_choices, output_weights
 from ._data import check_lengths, check_rows, check_u, check_y
 from ._disturbances import check_disturbances
 from ._doubts import warn_if_exchanged, warn_of_time
-from ._first_states import from_free, has_fixed_start, whole_states
+from ._first_states import from_free, has_fixed_start, told_states, whole_states
 from ._fitted import as_fitted, fitted_model, publish_parameters
 from ._floor import floor_of, least_cost
 from ._integrators import find_integrators, note, with_integrators
@@ -352,7 +352,8 @@ class StateSpaceModel(
         seen, fitted, self._theta, result = trained(
             self, from_free(self, experiments), previous, watch, held_out
         )
-        self._structure, x0 = free_run(fitted), result.x0
+        self._structure, result.x0 = free_run(fitted), told_states(result, seen)
+        x0 = result.x0
         self._region, self._made = training_region(self, fitted, x0, seen), None
         result.x0 = whole_states(self, fitted, result, experiments)
         self._publish(result, watch)

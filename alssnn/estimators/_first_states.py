@@ -1,10 +1,14 @@
 """Where the experiments of a fit begin: at, or before, the first measured sample."""
 
-from ..mapping import Held
+import numpy as np
+
+from ..continuous import with_nodes
+from ..mapping import Held, count_measured
 from ..predictions import first_states
 from ._noise import is_predicting
 from ._periodic import is_periodic
 from ._simulation import expected_states
+from ._time import is_continuous
 
 
 def has_fixed_start(estimator):
@@ -42,6 +46,29 @@ def from_free(estimator, experiments):
     return whole if has_fixed_start(estimator) else whole.from_measured()
 
 
+def told_states(result, seen):
+    """Return the initial states of what a fit has seen.
+
+    Parameters
+    ----------
+    result : OptimizeResult
+        How the training ended.
+    seen : Held or Remote
+        Scaled experiments of the fit.
+
+    Returns
+    -------
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Its initial states, zero where nothing was measured: these are rounding.
+    """
+    measured = np.array(seen.map(_count)) > 0
+    return np.where(measured[:, None], result.x0, 0.0)
+
+
+def _count(u, y):
+    return count_measured(y)
+
+
 def whole_states(estimator, fitted, result, experiments):
     """Return the initial states of the experiments of a fit.
 
@@ -63,6 +90,10 @@ def whole_states(estimator, fitted, result, experiments):
     """
     if has_fixed_start(estimator) and not is_predicting(estimator):
         return result.x0
+    if estimator._at_rest:
+        return np.zeros((len(experiments), fitted.sizes["x"]))
+    if is_continuous(estimator):
+        experiments = with_nodes(fitted, Held.of(experiments))
     return first_states(
         fitted,
         estimator._theta,

@@ -17,8 +17,8 @@ from ..informative import (
 )
 from ..initial_states import estimate_x0
 from ..innovations import has_innovations
-from ..mapping import Held
 from ..optimizers import single_threaded
+from ._first_states import from_free
 from ._fitted import as_fitted
 from ._simulation import labeled_data
 
@@ -101,7 +101,7 @@ def next_input(
         "random_state": random_state,
     }
     inputs = _inputs(model, u, candidates, n_samples, limits)
-    record = Held(model._experiments(u, y, parts))
+    record = from_free(model, model._experiments(u, y, parts))
     sent = [model._scaling.scale_u(one, model.input_delay_)[:] for _, one in inputs]
     ny = structure.sizes["y"]
     weight = model._output_weight(ny)

@@ -13,6 +13,7 @@ from ..containers import as_columns, index_of, part_of
 from ..continuous import with_nodes
 from ..experiments import (
     check_inputs,
+    gap,
     is_list_of_records,
     join_records,
     split_experiments,
@@ -214,8 +215,8 @@ def estimate_x0(model, u, y, experiment=None, n_samples=None):
     experiment : array_like of shape (N,) or None, default=None
         Label of the experiment of every sample.
     n_samples : int or None, default=None
-        Number of first samples to use; None means the parameter
-        `n_init_samples`.
+        Number of samples to use, from the first measured one on; None means the
+        parameter `n_init_samples`.
 
     Returns
     -------
@@ -238,7 +239,7 @@ def estimate_x0(model, u, y, experiment=None, n_samples=None):
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
     return np.vstack(
         [
-            initial_state(model, u_s, y_s, window)
+            initial_state(model, u_s, y_s, gap(u_s, y_s) + window)
             for u_s, y_s in simulated_experiments(model, u, y, parts)
         ]
     )

@@ -82,9 +82,9 @@ class Ssnn(StateSpaceModel):
         Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
         it the random start, by the simulation error on hidden quarters of the record
         (eq. holdout). It pulls the networks back to their start, so that a large weight
-        leaves the linear model, and that of `GrSsnn` to zero; if no networks beat the
-        linear model on the hidden quarters, the fit returns it, with a
-        ConvergenceWarning. If training on all samples makes
+        leaves the linear model. (The network of `GrSsnn` is pulled to zero, by smaller
+        weights.) If no networks beat the linear model on the hidden quarters, the fit
+        returns it, with a ConvergenceWarning. If training on all samples makes
         the simulation of the record worse than that of the linear model, the fit
         returns the model of the search, with such a warning, too. A number is used as
         it is, pulls towards zero, and hides no samples.

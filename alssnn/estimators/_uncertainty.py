@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..criterion import Criterion
 from ..initial_states import WINDOW, estimate_x0
 from ..innovations import has_innovations, predictor
-from ..mapping import Held, count_measured
+from ..mapping import count_measured
 from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
 from ..predictions import bridged, first_states, told
@@ -23,9 +23,10 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
+from ._first_states import from_free
 from ._fitted import as_fitted, free_entries, publish_parameters
 from ._plant import sampling_time
-from ._simulation import labeled_data, simulated_experiments
+from ._simulation import expected_states, labeled_data, simulated_experiments
 
 
 def parameter_covariance(model, u, y, experiment=None):
@@ -291,13 +292,14 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             **options,
         )
         whole = simulated_experiments(model, u, y, parts)
-        x0 = first_states(structure, result.theta, result.x0, whole)
+        kind = {"noise": min(model.cost_, 1.0), "prior": expected_states(model)}
+        x0 = first_states(structure, result.theta, result.x0, whole, **kind)
         yield result.theta, x0 * model._x_scale
 
 
 def _seen(model, u, y, parts):
     """Return scaled experiments as the training saw them."""
-    experiments = Held(simulated_experiments(model, u, y, parts))
+    experiments = from_free(model, simulated_experiments(model, u, y, parts))
     if not has_innovations(model._structure):
         return experiments
     experiments = told(experiments)

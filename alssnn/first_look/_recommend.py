@@ -15,7 +15,8 @@ LEVEL = 0.05  # of the test for nonlinearity
 NEAR_FLOOR = 1.05  # error of a linear model over the noise from which it is enough
 SHORT = 200  # samples of all experiments, below which networks learn the noise
 PAYS = 0.9  # error with an option over that without, from which it is real
-AS_GOOD = 1.1  # the same of delays that take the place of states
+AS_GOOD = 1.1  # the same of delays that take the place of states,
+SAVED = 2  # so many of them: one alone may be that of a lag of high order
 MUCH = 0.5  # error of a rival over that of the best model, from which it is right
 MIRRORED = 0.02  # error of an input as a curve of the outputs of the same sample
 WANDERS = 1.5  # standard deviation of a delay that varies, in samples
@@ -178,8 +179,8 @@ def _linear(parts, delays):
         best = direct
     if delays.any():
         late = trial(parts, "linear", input_delay=delays.tolist())
-        smaller = late.model.nx_ < best.model.nx_
-        if late.error < (AS_GOOD if smaller else PAYS) * best.error:
+        takes_place = best.model.nx_ - late.model.nx_ >= SAVED
+        if late.error < (AS_GOOD if takes_place else PAYS) * best.error:
             best = late
     return best
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..experiments import gap
 from ..initial_states import estimate_x0
 from ..innovations import has_innovations, predictor
 from ..plants import as_plant
@@ -176,7 +177,8 @@ def _parts(record):
     """Return the rows of every piece of a record, and how many do not count."""
     parts = [part for _, part in pieces([(record.u_s, record.y_s)])]
     # at most half of a piece between two gaps is left to its initial state
-    starts = [min(record.start, (part.stop - part.start) // 2) for part in parts]
+    window = record.start - gap(record.u_s, record.y_s)  # pieces begin behind gaps
+    starts = [min(window, (part.stop - part.start) // 2) for part in parts]
     return list(zip(parts, starts, strict=True))
 
 
