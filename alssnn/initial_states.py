@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg import pinv
 
-from .criterion import DIVERGED_NORM, Criterion, LeastSquares
+from .criterion import DIVERGED_NORM, Criterion, LeastSquares, compress
 from .experiments import gap
 from .mapping import Held
 from .optimizers import minimize
@@ -230,7 +230,9 @@ class _Start(LeastSquares):
     def normal_equations(self, z):
         free = self.criterion.join(self.theta, self.state(z))
         JJ, Jr, norm = self.criterion.normal_equations(free)
-        own, root = slice(len(self.theta), None), self.prior.root
-        JJ = root.T @ JJ[own, own] @ root + self.weight * np.eye(len(z))
-        Jr = root.T @ Jr[own] + self.weight * z
+        own = slice(len(self.theta), None)
+        # by a factor: root' J'J root could lose its positive diagonal to rounding
+        rows = compress(JJ[own, own], Jr[own], norm) @ self.prior.root
+        JJ = rows.T @ rows + self.weight * np.eye(len(z))
+        Jr = norm * rows[0] + self.weight * z
         return JJ, Jr, float(np.sqrt(norm**2 + self.weight * z @ z))

@@ -199,3 +199,17 @@ def test_states_that_never_moved_may_yet_begin_elsewhere():
     np.testing.assert_allclose(other.root @ other.root.T, P, rtol=1e-6)
     scaled = Prior.of_region(Region.of(1e6 * X, 1e-9 * u, X), np.ones(2))
     np.testing.assert_allclose(scaled.root @ scaled.root.T, 1e12 * P, rtol=1e-6)
+
+
+def test_a_direction_that_the_outputs_do_not_show_keeps_its_curvature(rng):
+    """Beside an unstable state, J'J of it is rounding, which must not be negative."""
+    structure = state_space(2, 1, 1)
+    for _ in range(20):
+        T = rng.standard_normal((2, 2))
+        A = T @ np.diag([2.4, 0.5]) @ np.linalg.inv(T)
+        theta = structure.join({"A": A, "B": B, "C": C})
+        u, y = np.zeros((40, 1)), rng.standard_normal((40, 1))
+        prior = Prior(np.zeros(2), np.column_stack([T[:, 1], T.sum(axis=1)]))
+        options = {"window": 40, "noise": 1e-6, "prior": prior}
+        (x0,) = estimate_x0(structure, theta, [(u, y)], **options)
+        assert np.all(np.isfinite(x0))
