@@ -136,7 +136,8 @@ class Prior:
 
 def _root(F):
     """Return a square factor of F F', with a little variance in every direction."""
-    U, spread, _ = np.linalg.svd(F)
+    # all of the left vectors, and of the right ones, of a long record, no more
+    U, spread, _ = np.linalg.svd(F, full_matrices=F.shape[0] > F.shape[1])
     least = LEAST * np.linalg.norm(spread) / np.sqrt(len(U))
     every = np.full(len(U), least)
     every[: len(spread)] = np.maximum(spread, least)

@@ -68,6 +68,11 @@ def test_a_prior_has_the_mean_and_covariance_of_states(rng):
     assert Prior.along(structure, growing, np.ones((1, 2)), [(u, u)]) is None
 
 
+def test_a_prior_of_a_long_record_takes_no_memory():
+    prior = Prior.of_states(np.resize([0.0, 1.0, 2.0, 3.0], (200_000, 2)))
+    assert prior.root.shape == (2, 2)
+
+
 def test_a_model_expects_the_states_of_its_training():
     record = make_pendulum(600, noise=0.01, random_state=0)
     model = LinearStateSpace(nx=2, dt=record.dt).fit(record.u, record.y)
