@@ -9,6 +9,7 @@ order simulates samples that it was not fitted to.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from .drift import identify
 from .holdout import hold_out
@@ -19,6 +20,7 @@ SAMPLES = 8_000  # of a record, on which orders are compared
 PATIENCE = 3  # larger orders without a gain, after which the search ends
 TOLERANCE = 0.03  # relative, of the error, for which a smaller order is taken
 NOISE = 1e-8  # least mean square error that an initial state is estimated for
+SLOWEST = 0.5, 0.999  # bounds of the slowest pole, for states that are added
 STEPS, TOL = 30, 1e-4  # of the refinement of every candidate
 
 
@@ -48,6 +50,29 @@ class Orders:
         return min(
             nx for nx, error in total.items() if error <= (1 + TOLERANCE) ** 2 * least
         )
+
+    def starts(self, nx):
+        """Return the models from which networks of an order may start.
+
+        Parameters
+        ----------
+        nx : int
+            Order.
+
+        Returns
+        -------
+        starts : list of list of LinearModel
+            One model per fold each: those that were fitted, and beyond `nx` those of
+            this order with idle states (eq. idle). There, what was fitted may have
+            found a second mode of the plant, or poles that follow the distortions.
+        """
+        fitted = [self.models[nx]] if nx in self.models else []
+        if nx <= self.nx:
+            return fitted
+        return [
+            *fitted,
+            [with_idle_states(model, nx) for model in self.models[self.nx]],
+        ]
 
     @property
     def curve(self):
@@ -134,6 +159,69 @@ def compare_orders(
         if orders is None and nx - min(total, key=lambda n: total[n]) >= PATIENCE:
             break
     return Orders(folds, models, errors)
+
+
+def compare_down(experiments, nx, **options):
+    """Compare an order with those below it, as long as these are as good.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    nx : int
+        Order of the networks.
+    **options : dict
+        Of `compare_orders`.
+
+    Returns
+    -------
+    orders : Orders
+        The models and their errors, the last order worse than the others or 1.
+    """
+    orders = compare_orders(experiments, [nx], **options)
+    for lower in range(nx - 1, 0, -1):
+        one = compare_orders(experiments, [lower], **options)
+        orders = replace(
+            orders,
+            models={**orders.models, **one.models},
+            errors={**orders.errors, **one.errors},
+        )
+        if orders.nx > lower:
+            break
+    return orders
+
+
+def with_idle_states(model, nx):
+    """Return a model with states that follow the inputs and act on nothing yet.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Model of less than nx states.
+    nx : int
+        Number of states.
+
+    Returns
+    -------
+    model : LinearModel
+        The same outputs (eq. idle): the j-th of the further states has a pole (1 + j)
+        times as fast as the slowest one of the model, and the variance one for a white
+        input.
+    """
+    n, nu = model.B.shape
+    slowest = np.clip(np.abs(np.linalg.eigvals(model.A)).max(initial=0.0), *SLOWEST)
+    poles = slowest ** np.arange(2, nx - n + 2)
+    B = np.zeros((len(poles), nu))
+    j = np.arange(len(poles))
+    B[j, j % nu] = np.sqrt(1.0 - poles**2)
+    return replace(
+        model,
+        A=block_diag(model.A, np.diag(poles)),
+        B=np.vstack([model.B, B]),
+        C=np.hstack([model.C, np.zeros((len(model.C), len(poles)))]),
+        x0=np.hstack([model.x0, np.zeros((len(model.x0), len(poles)))]),
+        result=None,
+    )
 
 
 def _started(model, fold):

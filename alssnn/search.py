@@ -35,6 +35,7 @@ import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
 from .holdout import SHARE
+from .orders import TOLERANCE
 from .training import LEAST_MOVE
 from .watch import Watch
 from .workers import finished
@@ -171,6 +172,7 @@ class _Tally:
     def plan(self, n_stages):
         """Begin stages of a path; those that an earlier one did not need are done."""
         self.done, self.planned = self.planned, self.planned + n_stages
+        self.of = max(self.of, self.planned)  # orders may go on
         return self
 
     def walked(self, errors, n_stages):
@@ -281,14 +283,26 @@ def _walked(paths, alphas, watch, options, tally, n_jobs):
     return [walked[i] for i in range(len(calls))]
 
 
-def _compared(paths, alphas, watch, tally, options):
-    """Return the least error on hidden samples of one path of every order."""
-    curve = {}
-    for nx, path in paths:
-        tell = tally.plan(len(alphas))
-        errors = path.descend(alphas, watch, tell=tell, **options).errors
-        curve[nx] = float(np.sqrt(np.mean(np.min([np.mean(e) for e in errors]))))
-    return curve
+def _compared(start, orders, candidates, largest, alphas, watch, tally, options):
+    """Return the least error on hidden samples by order, and the best linear models.
+
+    Beyond the candidates, orders go on as long as each is clearly the best so far.
+    """
+    curve: dict[int, float] = {}
+    best, candidates = None, list(candidates)
+    while candidates:
+        nx, before = candidates.pop(0), min(curve.values(), default=np.inf)
+        for linears in orders.starts(nx):
+            tell = tally.plan(len(alphas))
+            path = start(linears).descend(alphas, watch, tell=tell, **options)
+            error = float(np.sqrt(np.min([np.mean(e) for e in path.errors])))
+            if best is None or error < min(curve.values()):
+                best = linears
+            curve[nx] = min(curve.get(nx, np.inf), error)
+        is_best = curve[nx] * (1 + TOLERANCE) < before
+        if not candidates and is_best and nx < largest and watch.reason is None:
+            candidates.append(nx + 1)
+    return curve, best
 
 
 def search(
@@ -297,6 +311,7 @@ def search(
     candidates,
     seeds,
     *,
+    largest=0,
     max_iter,
     descent=USUAL,
     method="lm",
@@ -317,6 +332,8 @@ def search(
         Orders among which the networks choose.
     seeds : sequence of int
         One per random start.
+    largest : int, default=0
+        Up to this order, further ones follow the candidates as long as they gain.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
     descent : Descent, default=`USUAL`
@@ -351,22 +368,23 @@ def search(
     alphas = scale * np.asarray(descent.alphas)
     common = output_weight, _bounds(orders, output_weight), descent.center
 
-    def start(nx, seed):
-        return _Path(recipe, folds, orders.models[nx], seed, *common)
+    def start(linears, seed=seeds[0]):
+        return _Path(recipe, folds, linears, seed, *common)
 
     curve, screened = {}, alphas[slice(*descent.screen)]
     more = max_iter // options["max_iter"]
     n_stages = len(seeds) * len(alphas) + more * (len(folds) > 1)
-    n_stages += len(candidates) * len(screened) * (len(candidates) > 1)
+    ways = [linears for nx in candidates for linears in orders.starts(nx)]
+    n_stages += len(ways) * len(screened) * (len(ways) > 1)
     tally = _Tally(watch, orders.errors[orders.nx], n_stages)
-    nx = candidates[0]
-    if len(candidates) > 1:
-        ways = ((nx, start(nx, seeds[0])) for nx in candidates)
-        curve = _compared(ways, screened, quiet, tally, options)
-        nx = min(curve, key=lambda n: curve[n])
+    linears = ways[0]
+    if len(ways) > 1:
+        among = orders, candidates, largest, screened
+        curve, linears = _compared(start, *among, quiet, tally, options)
+    nx = len(linears[0].A)
     # the paths begin here, for the recipe is of the estimator, whose callbacks and
     # streams may not leave this process
-    paths = [start(nx, seed) for seed in seeds]
+    paths = [start(linears, seed) for seed in seeds]
     # of a long record one start counts: the others stop where a path may end
     is_long = len(folds) == 1 and len(paths) > 1
     first, rest = np.split(alphas, [n_first])

@@ -1,6 +1,7 @@
 """How many states: linear models compared on hidden samples."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import FlSsnn, LinearStateSpace
 from alssnn.datasets import make_duffing, make_pendulum
-from alssnn.orders import Orders, compare_orders
+from alssnn.orders import Orders, compare_down, compare_orders, with_idle_states
 from alssnn.subspace import GAP, identify_linear, largest_order, without_gaps
 from alssnn.watch import Watch
 from helpers import Heard, simulate_linear
@@ -94,6 +95,56 @@ def test_the_orders_that_are_asked_for_are_compared(rng):
     assert list(orders.models) == list(orders.errors) == [1, 4]
     assert orders.nx == 4
     assert [len(model.A) for model in orders.models[4]] == [4, 4, 4]
+
+
+@pytest.mark.parametrize("nx, largest", [(2, 2), (2, 6), (4, 5), (3, 3)])
+def test_an_order_is_compared_with_those_below_it(rng, nx, largest):
+    """Down to the first that is worse: it is the order of the plant that counts."""
+    orders = compare_down([linear_record(rng, nx)], largest)
+    assert sorted(orders.models) == list(range(nx - 1, largest + 1))
+    assert orders.nx == nx
+
+
+def test_idle_states_change_no_output(rng):
+    """They are as large as the inputs, and no two of them are alike."""
+    experiments = [linear_record(rng, 3, n=4000), linear_record(rng, 3, n=500)]
+    model = identify_linear(experiments, 3)
+    more = with_idle_states(model, 6)
+    np.testing.assert_array_equal(model.x0, more.x0[:, :3])
+    assert not more.x0[:, 3:].any()
+    for (u, _), x0, x0_more in zip(experiments, model.x0, more.x0, strict=True):
+        y = simulate_linear(model.A, model.B, model.C, u, x0)
+        y_more = simulate_linear(more.A, more.B, more.C, u, x0_more)
+        np.testing.assert_allclose(y_more, y, atol=1e-12)
+        idle = simulate_linear(more.A, more.B, np.eye(6)[3:], u)
+    np.testing.assert_allclose(idle.std(axis=0), 1.0, rtol=0.2)
+    assert np.linalg.cond(idle) < 100
+    slowest = np.abs(np.linalg.eigvals(model.A)).max()
+    np.testing.assert_allclose(np.diag(more.A)[3:], slowest ** np.arange(2, 5))
+
+
+@pytest.mark.parametrize("pole, slowest", [(0.0, 0.5), (1.2, 0.999)])
+def test_idle_states_follow_every_input_and_stay_bounded(rng, pole, slowest):
+    model = identify_linear([linear_record(rng, 1)], 1)
+    model = replace(model, A=np.full((1, 1), pole), B=np.ones((1, 2)))
+    more = with_idle_states(model, 5)
+    np.testing.assert_allclose(np.diag(more.A)[1:], slowest ** np.arange(2, 6))
+    np.testing.assert_array_equal(
+        more.B[1:] != 0, np.tile(np.eye(2, dtype=bool), (2, 1))
+    )
+
+
+def test_networks_of_more_states_begin_with_idle_ones(rng):
+    orders = compare_orders([linear_record(rng, 2)], None)
+    assert orders.nx == 2
+    for nx in (1, 2):
+        assert orders.starts(nx) == [orders.models[nx]]
+    assert orders.starts(3)[0] is orders.models[3]  # one that was compared
+    assert len(orders.starts(9)) == 1
+    for nx in (3, 9):
+        for start, model in zip(orders.starts(nx)[-1], orders.models[2], strict=True):
+            assert len(start.A) == nx and not start.C[:, 2:].any()
+            np.testing.assert_array_equal(start.A[:2, :2], model.A)
 
 
 def test_every_fold_is_judged_without_its_hidden_samples(rng):
@@ -212,7 +263,7 @@ def test_nx_that_is_given_is_taken(rng):
 
 def test_the_range_of_nx_is_that_of_the_networks(rng):
     u, y = oscillator(make_pendulum, 1000)
-    options = {"max_iter": 50, "n_init": 1, "random_state": 0}
+    options = {"max_iter": 250, "n_init": 1, "random_state": 0}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model = FlSsnn(range(1, 4), 2, **options).fit(u, y)

@@ -16,11 +16,12 @@ from ..limits import Limits
 from ..linear_model import simulation_error, stabilize
 from ..mapping import Held
 from ..models import state_space
-from ..orders import compare_orders
+from ..orders import compare_down, compare_orders
 from ..predictions import likeliest
 from ..search import USUAL, Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
+from ..subspace import largest_order
 from ..watch import INTERRUPTED
 from ._base import StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
@@ -400,15 +401,15 @@ class Ssnn(StateSpaceModel):
             bounds = own._scaled_bounds(plain, contractive=self._phi is not None)
             return Limits(plain, self._phi, bounds, self._at_rest, self._radius)
 
-        orders, candidates = self._orders, [len(linear.A)]
+        orders, candidates, largest = self._orders, [len(linear.A)], 0
         if self.linear_start is not None or self.integrators_:
             orders = compare_orders(
                 experiments, None, model=linear, integrators=self.integrators_
             )
         elif orders is None:
-            orders = compare_orders(
+            orders = compare_down(
                 experiments,
-                candidates,
+                len(linear.A),
                 feedthrough=self.feedthrough,
                 watch=watch,
                 **predicted(self, experiments),
@@ -419,12 +420,14 @@ class Ssnn(StateSpaceModel):
             candidates = [
                 nx for nx in candidates if nx <= max(orders.nx + MORE_STATES, 3)
             ]
+            largest = largest_order(experiments)
         try:
             found = search(
                 Recipe(declare, own._start, limits),
                 orders,
                 candidates,
                 seeds,
+                largest=largest,
                 **stages_of_search(self),
                 method=self.method,
                 n_jobs=self.n_jobs,
