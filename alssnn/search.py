@@ -35,7 +35,6 @@ import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
 from .holdout import SHARE
-from .orders import TOLERANCE
 from .training import LEAST_MOVE
 from .watch import Watch
 from .workers import finished
@@ -50,6 +49,7 @@ STAGE_TOL = 1e-4  # relative change of the cost that ends one
 WAIT = 3  # alphas without a gain, after which a path ends
 ENOUGH = 1e-4  # the largest alpha at which it may
 NEARLY = 1.1  # relative mean square error that is as good as the best
+CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
 REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 WORSE = 1.5  # the same of a single fold
@@ -286,23 +286,25 @@ def _walked(paths, alphas, watch, options, tally, n_jobs):
 def _compared(start, orders, candidates, largest, alphas, watch, tally, options):
     """Return the least error on hidden samples by order, and the best linear models.
 
-    Beyond the candidates, orders go on as long as each is clearly the best so far.
+    They are those of the smallest order that does nearly as well as the best: one start
+    of each is tried, by few stages. Beyond the candidates, orders go on as long as each
+    is clearly better than those before.
     """
     curve: dict[int, float] = {}
-    best, candidates = None, list(candidates)
+    best, candidates = {}, list(candidates)
     while candidates:
         nx, before = candidates.pop(0), min(curve.values(), default=np.inf)
         for linears in orders.starts(nx):
             tell = tally.plan(len(alphas))
             path = start(linears).descend(alphas, watch, tell=tell, **options)
             error = float(np.sqrt(np.min([np.mean(e) for e in path.errors])))
-            if best is None or error < min(curve.values()):
-                best = linears
-            curve[nx] = min(curve.get(nx, np.inf), error)
-        is_best = curve[nx] * (1 + TOLERANCE) < before
+            if error <= curve.get(nx, np.inf):
+                curve[nx], best[nx] = error, linears
+        is_best = curve[nx] * CLEARLY < before
         if not candidates and is_best and nx < largest and watch.reason is None:
             candidates.append(nx + 1)
-    return curve, best
+    enough = CLEARLY * min(curve.values())
+    return curve, best[min(nx for nx, error in curve.items() if error <= enough)]
 
 
 def search(
