@@ -9,7 +9,7 @@ from ..regression import complete, lagged
 from ..shown import percent
 from ..validation import feedback_tests
 from ._rivals import curve, hysteresis, mirror, varying_delay
-from ._trials import MONOTONE, NEAR, USEFUL, Parts, trial, with_options
+from ._trials import LITTLE, MONOTONE, NEAR, USEFUL, Parts, trial, with_options
 
 LEVEL = 0.05  # of the test for nonlinearity
 NEAR_FLOOR = 1.05  # error of a linear model over the noise from which it is enough
@@ -113,7 +113,8 @@ def recommend(records, delays, p, response, dt, period=None):
     rival = _rival(parts, delays, best.error, is_linear)
     if rival:
         return _none(rival)
-    near = NEAR * best.error if best.error < USEFUL else np.inf
+    near = max(NEAR * best.error, LITTLE * fits[0].error)
+    near = near if best.error < USEFUL else np.inf
     chosen = next(fit for fit in fits if fit.error <= near)
     options, sentences = {**chosen.options, **given}, [why or _why(fits, chosen)]
     if _is_fed_back(parts, best, period):
