@@ -150,8 +150,8 @@ class ImplicitLayer:
         rows = np.arange(len(t))  # those that still move
         least = np.linalg.norm(F, axis=1)
         for _ in range(MAX_ITER):
-            # never singular but where numbers overflow
-            step = np.linalg.solve(slope, F[..., None])[..., 0]
+            # never singular but where weights are so large that I is rounding
+            step = solve_each(slope, F[..., None])[..., 0]
             far = np.abs(step).max(axis=1) > ROUNDING * size.max(axis=1)
             t[rows[~far]] -= step[~far]
             rows, F, step = rows[far], F[far], step[far]
@@ -193,10 +193,8 @@ class ImplicitLayer:
         """Return the root by Newton's method, every row with a step of its own."""
         rows = np.arange(len(t))  # those that still move
         for _ in range(MAX_ITER):
-            try:
-                step = np.linalg.solve(slope, F[..., None])[..., 0]
-            except np.linalg.LinAlgError:  # no monotone map
-                break
+            step = solve_each(slope, F[..., None])[..., 0]
+            t[rows[np.isnan(step).any(axis=1)]] = np.nan  # no monotone map
             far = np.abs(step).max(axis=1) > ROUNDING * size.max(axis=1)
             rows, F, size, step = rows[far], F[far], size[far], step[far]
             if not len(rows):
@@ -217,6 +215,35 @@ class ImplicitLayer:
             F, slope, size = self._error(a[rows], t[rows])
         t[rows] = np.nan
         return t
+
+
+def solve_each(matrices, right):
+    """Return the solutions of several linear systems, nan where one is singular.
+
+    Parameters
+    ----------
+    matrices : ndarray of shape (N, n, n)
+        Their matrices.
+    right : ndarray of shape (N, n, k) or (n, k)
+        Their right sides, or one for all.
+
+    Returns
+    -------
+    solutions : ndarray of shape (N, n, k)
+        Solutions.
+    """
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:  # one of them, and which one nobody tells
+        right = np.broadcast_to(right, (*matrices.shape[:2], right.shape[-1]))
+        return np.stack([_solve(*both) for both in zip(matrices, right, strict=True)])
+
+
+def _solve(matrix, right):
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.nan)
 
 
 def _metric(P, Q):

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from .activations import OTHER
+from .implicit import solve_each
 from .kernels import advance, back_propagate, differentiate
 
 SIMULATION_CHUNK = 1024  # samples between two tests for divergence
@@ -307,10 +308,11 @@ def neuron_gains(lure, W, Phi):
     WR = np.repeat(W[None], len(w), axis=0)
     for layer, before in reversed(list(zip(lure.layers, lure.seen, strict=True))):
         if layer.start in lure.implicit:  # W (I - diag(sigma') E)^-1
-            inner = np.eye(layer.stop - layer.start) - (
+            unit = np.eye(layer.stop - layer.start)
+            inner = unit - (
                 np.swapaxes(slope[:, :, layer], 1, 2) * lure.E[layer, layer]
             )
-            inner = np.swapaxes(np.linalg.inv(inner), 1, 2)
+            inner = np.swapaxes(solve_each(inner, unit), 1, 2)
             WR[:, :, layer] = np.einsum("njk,nik->nij", inner, WR[:, :, layer])
         WR[:, :, layer] *= slope[:, :, layer]
         WR[:, :, before] += WR[:, :, layer] @ lure.E[layer, before]

@@ -13,7 +13,7 @@ from alssnn.certificates import certify_gain, certify_iss
 from alssnn.equations import Equations
 from alssnn.estimators import _input_map
 from alssnn.feedback import LinearizingLaw, input_range
-from alssnn.implicit import ImplicitLayer
+from alssnn.implicit import ImplicitLayer, solve_each
 from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.mpc import LinearizingMPC
@@ -230,6 +230,18 @@ def test_a_layer_that_is_no_gradient_is_solved(rng):
     a = rng.standard_normal((500, 8))
     w = layer.value(a)
     np.testing.assert_allclose(np.tanh(a + w @ E.T), w, atol=1e-12)
+
+
+def test_a_sample_without_solution_leaves_the_others_theirs(rng):
+    a = np.where(np.arange(40)[:, None] % 2, -1.0, 1e20 * rng.standard_normal((40, 6)))
+    for _ in range(20):  # some of them are singular: the unit matrix is rounding
+        U = 1e20 * rng.standard_normal((6, 2))
+        E = -U @ (U * rng.uniform(0, 5, (6, 1))).T
+        w = ImplicitLayer(E, ACTIVATIONS["relu"]).value(a)
+        np.testing.assert_array_equal(w[1::2], 0.0)  # no neuron of these is bent
+    matrices = np.array([np.eye(2), np.ones((2, 2)), 2 * np.eye(2)])
+    solved = solve_each(matrices, np.ones((2, 1)))[..., 0]
+    np.testing.assert_array_equal(solved, [[1, 1], [np.nan, np.nan], [0.5, 0.5]])
 
 
 def test_one_sample_is_solved_as_one_of_many(rng):
