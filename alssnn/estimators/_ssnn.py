@@ -56,8 +56,8 @@ class Ssnn(StateSpaceModel):
         Number of states. "auto" compares linear models of order 1, 2, ... on hidden
         samples until three larger orders bring no gain; a range or a list compares the
         orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
-        among the same orders, with "auto" up to one more than the best linear one. See
-        `orders_`.
+        among the same orders, with "auto" up to one more than the best linear one, and
+        beyond as long as each is clearly better. See `orders_`.
     max_iter : int, default=300
         Largest number of trial steps of the training of one start: of `n_iter_`, but
         for `continuation`, where every weight may take as many, and for the stages that
