@@ -30,6 +30,7 @@ alphas are relative to the error of the linear model, as the noise is (eq. innov
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +50,7 @@ STAGE_TOL = 1e-4  # relative change of the cost that ends one
 WAIT = 3  # alphas without a gain, after which a path ends
 ENOUGH = 1e-4  # the largest alpha at which it may
 NEARLY = 1.1  # relative mean square error that is as good as the best
+CONTENDS = 1.5  # root mean square error of a start over the least, which may yet win
 CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
 REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
@@ -69,7 +71,8 @@ class Descent:
     alphas : sequence of float, default=`ALPHAS`
         Weights of the decay, not rising.
     screen : tuple of int
-        First, end and step of those by which orders are compared.
+        First, end and step of those by which orders are compared. Those behind the end
+        follow for orders that come near the best.
     stages : int, default=25
         A stage has this share of the trial steps of a fit.
     center : {"start", "zero"}, default="start"
@@ -283,28 +286,56 @@ def _walked(paths, alphas, watch, options, tally, n_jobs):
     return [walked[i] for i in range(len(calls))]
 
 
+class _Way(NamedTuple):
+    """Hold the path of a start of some order, and the least error along it."""
+
+    nx: int
+    path: _Path
+    linears: list
+    error: float = np.inf
+
+
 def _compared(start, orders, candidates, largest, alphas, watch, tally, options):
     """Return the least error on hidden samples by order, and the best linear models.
 
     They are those of the smallest order that does nearly as well as the best: one start
-    of each is tried, by few stages. Beyond the candidates, orders go on as long as each
-    is clearly better than those before.
+    of each way to begin is tried, by few stages, and those that come near the best go
+    on. Beyond the candidates, orders go on as long as each is clearly better than those
+    before, with idle states: what is fitted by then follows the distortions.
     """
+    first, rest = alphas
     curve: dict[int, float] = {}
-    best, candidates = {}, list(candidates)
-    while candidates:
-        nx, before = candidates.pop(0), min(curve.values(), default=np.inf)
-        for linears in orders.starts(nx):
-            tell = tally.plan(len(alphas))
-            path = start(linears).descend(alphas, watch, tell=tell, **options)
-            error = float(np.sqrt(np.min([np.mean(e) for e in path.errors])))
-            if error <= curve.get(nx, np.inf):
-                curve[nx], best[nx] = error, linears
-        is_best = curve[nx] * CLEARLY < before
-        if not candidates and is_best and nx < largest and watch.reason is None:
-            candidates.append(nx + 1)
-    enough = CLEARLY * min(curve.values())
-    return curve, best[min(nx for nx, error in curve.items() if error <= enough)]
+    fresh: list[_Way] = []
+    ways: list[_Way] = []
+    pending = list(candidates)
+
+    def walked(way, alphas):
+        tell = tally.plan(len(alphas))
+        way.path.descend(alphas, watch, tell=tell, **options)
+        error = float(np.sqrt(np.min([np.mean(e) for e in way.path.errors])))
+        curve[way.nx] = min(curve.get(way.nx, np.inf), error)
+        return way._replace(error=error)
+
+    while pending:
+        nx = pending.pop(0)
+        begins = orders.starts(nx) if nx in candidates else orders.starts(nx)[-1:]
+        fresh += [walked(_Way(nx, start(z), z), first) for z in begins]
+        if pending:
+            continue
+        # by few stages alone, an order that comes down late looks like a smaller one
+        near = CONTENDS * min(curve.values())
+        fresh = [way for way in fresh if way.error <= near]
+        if len(ways) + len(fresh) > 1 or nx < largest:
+            fresh = [walked(way, rest) for way in fresh]
+        ways, fresh = ways + fresh, []
+        smaller = min((curve[n] for n in curve if n < nx), default=np.inf)
+        is_best = curve[nx] * CLEARLY < smaller
+        if is_best and nx < largest and watch.reason is None:
+            pending.append(nx + 1)
+    enough = CLEARLY * min(way.error for way in ways)
+    nx = min(way.nx for way in ways if way.error <= enough)
+    best = min((way for way in ways if way.nx == nx), key=lambda way: way.error)
+    return curve, best.linears
 
 
 def search(
@@ -373,11 +404,11 @@ def search(
     def start(linears, seed=seeds[0]):
         return _Path(recipe, folds, linears, seed, *common)
 
-    curve, screened = {}, alphas[slice(*descent.screen)]
+    curve, screened = {}, (alphas[slice(*descent.screen)], alphas[descent.screen[1] :])
     more = max_iter // options["max_iter"]
     n_stages = len(seeds) * len(alphas) + more * (len(folds) > 1)
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages += len(ways) * len(screened) * (len(ways) > 1)
+    n_stages += len(ways) * len(screened[0]) * (len(ways) > 1)
     tally = _Tally(watch, orders.errors[orders.nx], n_stages)
     linears = ways[0]
     if len(ways) > 1:

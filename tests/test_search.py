@@ -322,6 +322,58 @@ def told(monkeypatch, table, seeds):
     return walked
 
 
+@pytest.mark.parametrize(
+    ("table", "largest", "nx"),
+    [
+        # 3 is not clearly better than 2, also where both have gone on
+        ({2: (0.30, 0.29), 3: (0.29, 0.28)}, 3, 2),
+        # it comes down late: few stages alone do not tell
+        ({2: (0.30, 0.29), 3: (0.40, 0.10)}, 3, 3),
+        # so late that nobody waits for it
+        ({2: (0.30, 0.29), 3: (0.46, 0.10)}, 3, 2),
+        # of two ways to begin, one may do
+        ({2: (0.30, 0.29), 3: (0.9, 0.9), -3: (0.31, 0.1)}, 3, 3),
+        # orders go on while each gains, with idle states alone, up to the largest
+        ({2: (0.3, 0.3), 3: (0.2, 0.2), -4: (0.1, 0.1), -5: (0.1, 0.1)}, 9, 4),
+        ({2: (0.3, 0.3), 3: (0.2, 0.2), -4: (0.1, 0.1)}, 3, 3),
+        ({2: (0.3, 0.3), 3: (0.2, 0.2), 4: (0.1, 0.1)}, 9, 3),
+    ],
+)
+def test_the_smallest_order_that_does_nearly_as_well(
+    short, monkeypatch, table, largest, nx
+):
+    """A table of errors after few stages and after all, negative orders are idle."""
+    orders = compare_orders(scaled(*short), [2, 3, 4])
+    walked = []
+
+    class Path(searching._Path):
+        def __init__(self, recipe, folds, linears, *common):
+            super().__init__(recipe, folds, linears, *common)
+            n, n_folds = len(linears[0].A), len(folds)
+            is_idle = n > orders.nx and not linears[0].C[:, orders.nx :].any()
+            self.key = -n if is_idle else n
+            told = table.get(self.key, (0.99, 0.99))
+            errors = [np.full(n_folds, error**2) for error in (1, *told)]
+            self.errors, self.told = errors[:1], errors[1:]
+
+        def descend(self, alphas, watch, **options):
+            walked.append((self.key, len(alphas)))
+            self.errors.append(self.told[min(len(self.errors), 2) - 1])
+            self.states.append(self.points)
+            return self
+
+        def go_on(self, stage, *args, **options):
+            return stage
+
+    monkeypatch.setattr(searching, "_Path", Path)
+    monkeypatch.setattr(Orders, "nx", 2)
+    found = search(recipe(), orders, [2, 3], [0], largest=largest, max_iter=10)
+    assert found.structure.sizes["x"] == nx
+    assert {2, 3, -3} <= {key for key, _ in walked}
+    assert (4, 3) not in walked  # what is fitted by then follows the distortions
+    assert ((-5, 3) in walked) == (-5 in table)
+
+
 # a record of 400 samples hides three times 100: chance is 2 / 300
 WITHIN, BEYOND = 1 + 1.8 / 300, 1 + 2.2 / 300
 
