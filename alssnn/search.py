@@ -29,8 +29,7 @@ alphas are relative to the error of the linear model, as the noise is (eq. innov
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -286,7 +285,8 @@ def _walked(paths, alphas, watch, options, tally, n_jobs):
     return [walked[i] for i in range(len(calls))]
 
 
-class _Way(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Way:
     """Hold the path of a start of some order, and the least error along it."""
 
     nx: int
@@ -314,7 +314,7 @@ def _compared(start, orders, candidates, largest, alphas, watch, tally, options)
         way.path.descend(alphas, watch, tell=tell, **options)
         error = float(np.sqrt(np.min([np.mean(e) for e in way.path.errors])))
         curve[way.nx] = min(curve.get(way.nx, np.inf), error)
-        return way._replace(error=error)
+        return replace(way, error=error)
 
     while pending:
         nx = pending.pop(0)
@@ -408,7 +408,7 @@ def search(
     more = max_iter // options["max_iter"]
     n_stages = len(seeds) * len(alphas) + more * (len(folds) > 1)
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages += len(ways) * len(screened[0]) * (len(ways) > 1)
+    n_stages += len(ways) * sum(map(len, screened)) * (len(ways) > 1)
     tally = _Tally(watch, orders.errors[orders.nx], n_stages)
     linears = ways[0]
     if len(ways) > 1:

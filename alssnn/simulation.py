@@ -308,11 +308,9 @@ def neuron_gains(lure, W, Phi):
     WR = np.repeat(W[None], len(w), axis=0)
     for layer, before in reversed(list(zip(lure.layers, lure.seen, strict=True))):
         if layer.start in lure.implicit:  # W (I - diag(sigma') E)^-1
-            unit = np.eye(layer.stop - layer.start)
-            inner = unit - (
-                np.swapaxes(slope[:, :, layer], 1, 2) * lure.E[layer, layer]
-            )
-            inner = np.swapaxes(solve_each(inner, unit), 1, 2)
+            bent = np.swapaxes(slope[:, :, layer], 1, 2) * lure.E[layer, layer]
+            unit = np.eye(bent.shape[1])
+            inner = np.swapaxes(solve_each(unit - bent, unit), 1, 2)
             WR[:, :, layer] = np.einsum("njk,nik->nij", inner, WR[:, :, layer])
         WR[:, :, layer] *= slope[:, :, layer]
         WR[:, :, before] += WR[:, :, layer] @ lure.E[layer, before]
