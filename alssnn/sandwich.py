@@ -11,7 +11,8 @@ from .noise import Moments
 from .simulation import runs, sensitivities
 
 RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
-WEIGHTING_LEVEL = 0.01  # chance of calling a sound fit biased
+WEIGHTING_LEVEL = 0.05  # chance of refusing bands of a sound fit; at 1 %, bands of too
+FEEDBACK_LEVEL = 0.01  # many biased ones are shown (benchmarks.coverage). The same of u
 LOSS = 0.1  # relative excess of a variance that is worth a test
 
 

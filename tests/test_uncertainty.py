@@ -17,6 +17,7 @@ from alssnn.delays import estimate_delays
 from alssnn.estimators import _uncertainty
 from alssnn.noise import Moments, Noise, _whittle, fit_noise
 from alssnn.plotting import BodeDisplay
+from alssnn.sandwich import WEIGHTING_LEVEL
 from alssnn.uncertainty import FrequencyBand, PoleRegions
 from benchmarks.coverage import covered, make_record
 from helpers import complex_step, simulate_linear
@@ -341,15 +342,20 @@ def test_more_samples_than_parameters_are_needed(rng):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:No confidence band holds")  # a few of 120
 def test_the_band_covers_the_truth_as_often_as_it_says():
     rng = np.random.default_rng(1)
     u = rng.standard_normal((600, 2))
     clean, truth = simulate_linear(A, B, C, u), response(A, B, C, OMEGA)
-    inside, ellipse = [], []
+    inside, ellipse, refused = [], [], 0
     for _ in range(120):
         y = clean + rng.standard_normal(clean.shape) @ NOISE.T
         model = LinearStateSpace(nx=3, operating_point="zero").fit(u, y)
-        band = model.parameter_covariance(u, y).frequency_response(OMEGA)
+        covariance = model.parameter_covariance(u, y)
+        if not covariance.holds:
+            refused += 1
+            continue
+        band = covariance.frequency_response(OMEGA)
         low, high = band.magnitude_band()
         inside.append((low <= np.abs(truth)) & (np.abs(truth) <= high))
         ellipse.append(band.covers(truth))
@@ -357,6 +363,7 @@ def test_the_band_covers_the_truth_as_often_as_it_says():
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
     assert np.mean(ellipse) == pytest.approx(0.95, abs=0.02)
     assert np.mean(inside, axis=0).min() > 0.85
+    assert refused <= 6
 
 
 # -- correlated noise ------------------------------------------------------------------
@@ -439,10 +446,11 @@ def test_bands_cover_in_correlated_noise(case):
         u, y = make_record(case, 500, seed)
         model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # 1 % may say no
+            warnings.simplefilter("ignore", UserWarning)  # 7 % may say no
             found.append(model.parameter_covariance(u, y))
-    assert sum(not covariance.holds for covariance in found) <= 2
-    shares = [np.mean(covered(covariance)[0]) for covariance in found]
+    held = [covariance for covariance in found if covariance.holds]
+    assert len(held) >= 25
+    shares = [np.mean(covered(covariance)[0]) for covariance in held]
     # 30 records: 4 % is one standard error if all frequencies were one
     assert np.mean(shares) > 0.85
 
@@ -464,6 +472,24 @@ def test_a_closed_loop_has_no_bands(rng):
     axes = BodeDisplay.from_estimator(model, band=band).axes_
     labels = [text.get_text() for text in axes[0, 0].get_legend().get_texts()]
     assert "no confidence band holds" in labels
+
+
+def test_feedback_is_seen_where_the_weighting_shows_nothing():
+    """Of the ellipses that such fits used to show, 70 % covered the plant."""
+    held = []
+    for seed in range(20):
+        u, y = make_record("process, closed loop", 1000, seed)
+        model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            covariance = model.parameter_covariance(u, y)
+        if covariance.holds:
+            held.append(seed)
+        elif covariance.p_weighting > WEIGHTING_LEVEL:
+            assert "Noise that is correlated over time has moved `u`" in (
+                covariance.reason
+            )
+    assert len(held) <= 3  # 10 % of them, by benchmarks.coverage
 
 
 def test_what_is_no_number_has_no_bands(monkeypatch, fitted):

@@ -15,6 +15,7 @@ from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
 from ..predictions import bridged, first_states, told
 from ..sandwich import (
+    FEEDBACK_LEVEL,
     WEIGHTING_LEVEL,
     pseudo_inverse,
     residual_moments,
@@ -23,6 +24,7 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
+from ..validation import record_feedback
 from ._first_states import from_free
 from ._fitted import as_fitted, free_entries, publish_parameters
 from ._plant import sampling_time
@@ -58,9 +60,10 @@ def parameter_covariance(model, u, y, experiment=None):
     -----
     UserWarning
         If the fit moves more than the noise allows when its color is weighed
-        (eq. weighting): the record of a closed loop, or a model that is too small. The
-        simulation error is biased then, no interval covers the truth, and the result
-        has `holds` False and no bands. ``noise="innovations"`` takes such records.
+        (eq. weighting), or noise of some color has moved u (eq. fedback): the record
+        of a closed loop, or a model that is too small. The simulation error is biased
+        then, no interval covers the truth, and the result has `holds` False and no
+        bands. ``noise="innovations"`` takes such records.
 
     Notes
     -----
@@ -92,7 +95,10 @@ def parameter_covariance(model, u, y, experiment=None):
         F = score_covariance(*simulated, weight, noise)
         p = weighting_p_value(*simulated, weight, noise, F, fit.free)
     P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
-    reason = ""
+    reason, fed_back = "", 1.0
+    colored = noise.order and noise.p_white < FEEDBACK_LEVEL
+    if colored and not has_innovations(model._structure):  # white noise does no harm
+        fed_back = getattr(record_feedback(model, u, y, experiment), "p", 1.0)
     if model.horizon > 1:
         reason = (
             f"The fit has weighed predictions over `horizon`={model.horizon} samples, "
@@ -102,6 +108,12 @@ def parameter_covariance(model, u, y, experiment=None):
         reason = (
             "The fit moves more than noise allows when its color is weighed "
             f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."
+        )
+    elif fed_back < FEEDBACK_LEVEL:
+        reason = (
+            "Noise that is correlated over time has moved `u` by feedback "
+            f"(p = {fed_back:.1g}), which biases the simulation error. Fit with "
+            "noise='innovations'."
         )
     if reason:
         warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)

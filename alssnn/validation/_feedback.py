@@ -8,9 +8,10 @@ by block, on
 
 and an F-test asks whether noise explains more of it than chance does.  What the past of
 the inputs tells is granted, the simulated output being a function of it: then errors of
-the model, which depend on past inputs, are not taken for noise.  Noise is the whitened
-residual of a free run, or the error one sample ahead.  That of the same sample counts
-only if y does not depend on u of the same sample.
+the model, which depend on past inputs, are not taken for noise.  Noise is the residual
+of a free run, as a controller sees it, of which two samples tell nearly all; or the
+errors one sample ahead, of which a controller sees sums of many.  That of the same
+sample counts only if y does not depend on u of the same sample.
 
 With feedback it matters whether anything else moves u.  A second regression puts the
 outputs in the place of the noise, as a linear filter and as a broken line: what they
@@ -31,9 +32,10 @@ from ..regression import lagged
 from ..shown import short_repr
 from ._lags import LEAST, MOST, POWER_LAGS, ROWS
 from ._regression import regress
-from ._residuals import PERFECT, whiten
+from ._residuals import PERFECT
 
 KNOTS = np.arange(1, 10) / 10  # quantiles of y at which a broken line may bend
+RESIDUALS = 2  # past samples of a residual: on ten of them the test has less power
 NOTHING = 1e-10  # share of an input that its own past leaves, and that is rounding
 
 
@@ -149,7 +151,7 @@ def feedback_tests(
     experiments = [one[:3] for one in runs]
     simulated = None if simulated is None else [one[3] for one in runs]
     u = [np.asarray(u, dtype=float) for u, _, _ in experiments]
-    noise = _noise(experiments, ahead)
+    noise = _noise(experiments)
     y = [np.where(np.isnan(y), y_hat, y) for _, y, y_hat in experiments]
     ny = y[0].shape[1]
     given = [j for j in range(nu) if j not in moved]
@@ -163,7 +165,8 @@ def feedback_tests(
             more = [_columns(z, lags) for z in others]
             past = [np.hstack(pair) for pair in zip(past, more, strict=True)]
     known = (past, range(1))
-    by_noise = [known, (noise, few), (noise, now)]
+    told = few if ahead else range(1, RESIDUALS + 1)
+    by_noise = [known, (noise, told), (noise, now)]
     first = 0 if direct else 1
     by_y = [known, (y, range(first, few[-1] + 1)), (_bent(y), range(first, first + 1))]
     p_values, shares, by_outputs = [], [], []
@@ -219,7 +222,7 @@ def _explained(u, blocks):
     return p[2:], [part / left for part in share[2:]]
 
 
-def _noise(experiments, ahead):
+def _noise(experiments):
     """Return the noise of every experiment; zero where nobody knows it."""
     parts = []
     for i in range(experiments[0][1].shape[1]):
@@ -229,8 +232,6 @@ def _noise(experiments, ahead):
         r = [part - mean for part in r]
         if max(np.nanmax(np.abs(part)) for part in r) <= PERFECT * size:
             r = [0.0 * part for part in r]
-        elif not ahead:
-            r = whiten(r)[0]
         parts.append([np.nan_to_num(part) for part in r])
     return [np.column_stack(columns) for columns in zip(*parts, strict=True)]
 
