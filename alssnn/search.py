@@ -33,11 +33,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .criterion import DIVERGED_NORM, Criterion
 from .holdout import SHARE
+from .paths import ENOUGH, Path, Tally, choose, descended
 from .training import LEAST_MOVE
 from .watch import Watch
-from .workers import finished
 
 ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 # Of the alphas, those by which orders are compared: 0.1, 1e-3, 1e-5. With 10, 0.1, 1e-3
@@ -46,8 +45,6 @@ ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = (2, 7, 2)
 STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
-WAIT = 3  # alphas without a gain, after which a path ends
-ENOUGH = 1e-4  # the largest alpha at which it may
 NEARLY = 1.1  # relative mean square error that is as good as the best
 CONTENDS = 1.5  # root mean square error of a start over the least, which may yet win
 CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
@@ -164,141 +161,20 @@ class Found:
         )
 
 
-class _Tally:
-    """Tell a watch how much of a search is done, at most, and what it has reached."""
-
-    def __init__(self, watch, linear, of):
-        self.watch, self.linear, self.of = watch, float(np.sum(linear)), of
-        self.done, self.planned, self.least = 0, 0, np.inf
-
-    def plan(self, n_stages):
-        """Begin stages of a path; those that an earlier one did not need are done."""
-        self.done, self.planned = self.planned, self.planned + n_stages
-        self.of = max(self.of, self.planned)  # orders may go on
-        return self
-
-    def walked(self, errors, n_stages):
-        """Hear of the errors of a path that another process has walked."""
-        self.plan(n_stages)
-        self.done = self.planned - 1
-        self(min(errors, key=np.sum))
-
-    def __call__(self, errors):
-        """Hear of the errors on hidden samples at the end of a stage."""
-        self.done += 1
-        self.least = min(self.least, float(np.sum(errors)))
-        if self.watch is not None:
-            share = np.sqrt(self.least / max(self.linear, np.finfo(float).tiny))
-            self.watch.searched(self.done, self.of, float(share))
-
-
-class _Path:
-    """Descend from one start along falling alphas, on all folds at once."""
-
-    def __init__(self, recipe, folds, linears, seed, weight, bounds, center="start"):
-        self.folds, self.weight, self.bounds = folds, weight, bounds
-        self.problems, self.points = [], []
-        for fold, model in zip(folds, linears, strict=True):
-            linear, structure, penalized, weights = recipe.declare(model)
-            theta = recipe.start(structure, linear, fold.fitted, seed)
-            limits = recipe.limits(structure)
-            self.problems.append((structure, penalized, weights, limits))
-            x0 = linear.starts(structure.given)
-            x0 = 0.0 * x0 if limits.at_rest else x0
-            self.points.append((limits.clip(theta), x0))
-        starts = [theta for theta, _ in self.points]
-        self.centers = starts if center == "start" else [0.0 * z for z in starts]
-        self.errors = [self._judge()]
-        self.states = [self.points]
-
-    def _judge(self):
-        """Return the errors of the folds, or from elsewhere if these are too large."""
-        errors = []
-        for fold, bound, (structure, *_), point in zip(
-            self.folds, self.bounds, self.problems, self.points, strict=True
-        ):
-            error = fold.error(structure, *point, self.weight)
-            if error < bound:  # else it is large enough already
-                elsewhere = fold.error(structure, *point, self.weight, elsewhere=True)
-                error = elsewhere if elsewhere > bound else error
-            errors.append(error)
-        return np.array(errors)
-
-    def descend(self, alphas, watch, enough=ENOUGH, tell=None, **options):
-        """Go down the path, and stop where further stages bring no more."""
-        waited, least = 0, min(errors.sum() for errors in self.errors)
-        for alpha in alphas:
-            self.points = [
-                self._stage(i, alpha, watch, options) for i in range(len(self.folds))
-            ]
-            self.errors.append(self._judge())
-            self.states.append(self.points)
-            if tell is not None:
-                tell(self.errors[-1])
-            waited = 0 if self.errors[-1].sum() < 0.99 * least else waited + 1
-            least = min(least, self.errors[-1].sum())
-            if (waited >= WAIT and alpha <= enough) or watch.reason is not None:
-                break
-        return self
-
-    def go_on(self, stage, alpha, n_stages, watch, **options):
-        """Go on from a stage at its alpha; return the stage of least error."""
-        kept = slice(0, stage + 1)
-        self.errors, self.states = self.errors[kept], self.states[kept]
-        self.points = self.states[stage]
-        self.descend(np.full(n_stages, alpha), watch, enough=np.inf, **options)
-        last = [errors.sum() for errors in self.errors[stage:]]
-        return stage + int(np.argmin(last))
-
-    def _stage(self, i, alpha, watch, options):
-        _, penalized, weights, limits = self.problems[i]
-        theta, x0 = self.points[i]
-        criterion = Criterion(
-            penalized,
-            self.folds[i].fitted,
-            alpha=alpha,
-            center=self.centers[i],
-            **weights,
-        )
-        free = criterion.join(theta, x0)
-        if not criterion.norm(free) < DIVERGED_NORM:
-            return theta, x0
-        result = limits.minimize(criterion, free, watch=watch, **options)
-        return criterion.split(result.x)
-
-
-def _descend(path, alphas, watch, options):
-    return path.descend(alphas, watch, **options)
-
-
-def _walked(paths, alphas, watch, options, tally, n_jobs):
-    """Go down several paths, in processes of their own if asked for; return them."""
-    if n_jobs in (None, 1) or len(paths) == 1:
-        for path in paths:
-            path.descend(alphas, watch, tell=tally.plan(len(alphas)), **options)
-        return paths
-    calls = [(path, alphas, watch, options) for path in paths]
-    walked = {}
-    for i, path in finished(_descend, calls, n_jobs):
-        walked[i] = path
-        tally.walked(path.errors, len(alphas))
-    return [walked[i] for i in range(len(calls))]
-
-
 @dataclass(frozen=True, eq=False)
 class _Way:
     """Hold the path of a start of some order, and the least error along it."""
 
     nx: int
-    path: _Path
+    path: Path
     linears: list
     error: float = np.inf
 
 
 def _compared(start, orders, candidates, largest, alphas, watch, tally, options):
-    """Return the least error on hidden samples by order, and the best linear models.
+    """Return the least error on hidden samples by order, and the best way.
 
-    They are those of the smallest order that does nearly as well as the best: one start
+    It is of the smallest order that does nearly as well as the best: one start
     of each way to begin is tried, by few stages, and those that come near the best go
     on. Beyond the candidates, orders go on as long as each is clearly better than those
     before, with idle states: what is fitted by then follows the distortions.
@@ -334,8 +210,7 @@ def _compared(start, orders, candidates, largest, alphas, watch, tally, options)
             pending.append(nx + 1)
     enough = CLEARLY * min(way.error for way in ways)
     nx = min(way.nx for way in ways if way.error <= enough)
-    best = min((way for way in ways if way.nx == nx), key=lambda way: way.error)
-    return curve, best.linears
+    return curve, min((w for w in ways if w.nx == nx), key=lambda way: way.error)
 
 
 def search(
@@ -402,33 +277,36 @@ def search(
     common = output_weight, _bounds(orders, output_weight), descent.center
 
     def start(linears, seed=seeds[0]):
-        return _Path(recipe, folds, linears, seed, *common)
+        return Path(recipe, folds, linears, seed, *common)
 
+    options["enough"] = scale * ENOUGH
     curve, screened = {}, (alphas[slice(*descent.screen)], alphas[descent.screen[1] :])
     more = max_iter // options["max_iter"]
     n_stages = len(seeds) * len(alphas) + more * (len(folds) > 1)
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
     n_stages += len(ways) * sum(map(len, screened)) * (len(ways) > 1)
-    tally = _Tally(watch, orders.errors[orders.nx], n_stages)
-    linears = ways[0]
+    tally = Tally(watch, orders.errors[orders.nx], n_stages)
+    linears, screen = ways[0], None
     if len(ways) > 1:
         among = orders, candidates, largest, screened
-        curve, linears = _compared(start, *among, quiet, tally, options)
+        curve, best = _compared(start, *among, quiet, tally, options)
+        linears, screen = best.linears, best.path
     nx = len(linears[0].A)
     # the paths begin here, for the recipe is of the estimator, whose callbacks and
     # streams may not leave this process
     paths = [start(linears, seed) for seed in seeds]
+    if screen is not None and screen.is_along(alphas):
+        paths[0], screen = screen, None  # it is that of the first seed
     # of a long record one start counts: the others stop where a path may end
     is_long = len(folds) == 1 and len(paths) > 1
-    first, rest = np.split(alphas, [n_first])
-    along = first if is_long else alphas
-    options["enough"] = scale * ENOUGH
-    paths = _walked(paths, along, quiet, options, tally, n_jobs)
+    along = alphas[:n_first] if is_long else alphas
+    paths = descended(paths, along, quiet, options, tally, n_jobs)
     if is_long:
-        best = min(paths, key=lambda path: min(e.sum() for e in path.errors))
+        best = min(paths, key=lambda path: path.least(len(along)))
+        rest = alphas[len(best.alphas) :]
         best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)
-    walk, stage = _choose(paths, nearly)
-    alpha = alphas[stage - 1]
+    walk, stage = choose(paths, nearly, screen)
+    alpha = walk.alphas[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
     if len(folds) > 1:  # else the fit that follows goes on, without a break
         options.pop("enough")
@@ -475,20 +353,3 @@ def _standards(orders, is_predictor):
     n_hidden = sum(len(u) * SHARE for fold in orders.folds for u, _ in fold.hidden)
     chance = CHANCE / n_hidden
     return min(NEARLY, 1.0 + chance), max(GAIN, 1.0 - chance)
-
-
-def _choose(paths, nearly):
-    """Return the path that goes on, and the stage from which it does."""
-    length = max(len(walk.errors) for walk in paths)
-    table = np.full((len(paths), length), np.inf)
-    for row, walk in zip(table, paths, strict=True):
-        row[: len(walk.errors)] = [errors.sum() for errors in walk.errors]
-    # The average keeps few hidden samples from choosing by luck. Along the best start
-    # alone, as of a long record, 9 of 65 fits to two or three folds (FL and AL, 12
-    # plants of `benchmarks.field`) had test errors lower by more than 5 %, 8 higher; of
-    # the 5 whose best start ended below half the average, one lower and one higher.
-    typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
-    if len(paths[0].folds) == 1:  # a long record: enough is hidden to trust one start
-        typical = table[np.argmin(table.min(axis=1))]
-    stage = 1 + int(np.argmax(typical[1:] <= nearly * typical[1:].min()))
-    return paths[int(np.argmin(table[:, stage]))], stage

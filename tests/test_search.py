@@ -11,6 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
 from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
@@ -20,7 +21,7 @@ from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
 from alssnn.orders import Orders, compare_orders
-from alssnn.search import ALPHAS, SMOOTH, Found, Recipe, search
+from alssnn.search import ALPHAS, SMOOTH, USUAL, Found, Recipe, search
 from alssnn.starts import initial_theta
 from alssnn.training import train
 from alssnn.watch import BY_OBSERVER, INTERRUPTED, OUT_OF_TIME, Watch
@@ -185,7 +186,7 @@ def walk(orders, bounds=(np.inf,) * 3, center="start"):
     """Return the start of a path of order 1."""
     folds, models = orders.folds, orders.models[1]
     bounds = bounds[: len(folds)]
-    return searching._Path(recipe(), folds, models, 0, None, bounds, center)
+    return searching.Path(recipe(), folds, models, 0, None, bounds, center)
 
 
 @pytest.mark.parametrize(
@@ -264,6 +265,61 @@ def test_smaller_alphas_fit_more(short):
     assert path.errors[-1].sum() < path.errors[0].sum() / 4
 
 
+class Walked:
+    """Stand in for a path of one fold that was walked."""
+
+    folds = (None,)
+
+    def __init__(self, alphas, errors):
+        self.alphas = list(alphas)
+        self.errors = [np.array([error]) for error in errors]
+
+
+@pytest.mark.parametrize(
+    ("errors", "stage"),
+    [
+        ((1.0, 0.29, 0.28), 1),  # lower, and its larger alpha does nearly as well
+        ((1.0, 0.4, 0.29), 2),
+        ((1.0, 0.4, 0.31), None),  # not lower
+    ],
+)
+def test_the_path_that_chose_an_order_is_taken_if_it_comes_lower(errors, stage):
+    paths = [Walked([3, 2, 1], row) for row in ((1, 0.5, 0.3, 0.3), (1, 0.9, 0.9, 0.9))]
+    other = Walked([3, 1], errors)
+    expected = (paths[0], 2) if stage is None else (other, stage)
+    assert walking.choose(paths, 1.1, other) == expected
+
+
+def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(
+    short, monkeypatch
+):
+    """Along the usual alphas it is another one, along those to zero the same."""
+    orders, seeds = compare_orders(scaled(*short), [1, 2]), [11, 22]
+    descend, walked = searching.Path.descend, []
+
+    def recorded(self, alphas, watch, **options):
+        walked.append((self, list(alphas)))
+        return descend(self, alphas, watch, **options)
+
+    monkeypatch.setattr(searching.Path, "descend", recorded)
+    for descent in (replace(SMOOTH, center="start"), USUAL):
+        walked.clear()
+        found = search(recipe(), orders, [1, 2], seeds, descent=descent, max_iter=20)
+        nx = found.structure.sizes["x"]
+        of_order = [
+            (path, alphas)
+            for path, alphas in walked
+            if path.problems[0][0].sizes["x"] == nx
+        ]
+        whole = [alphas for _, alphas in of_order if len(alphas) == len(descent.alphas)]
+        assert len(whole) == (1 if descent is not USUAL else 2)
+        if descent is not USUAL:
+            first = of_order[0][0]
+            alphas = [one for path, part in of_order if path is first for one in part]
+            # but for what goes on at the end
+            assert alphas[: len(descent.alphas)] == list(descent.alphas)
+
+
 @pytest.mark.parametrize(
     ("table", "stage", "start"),
     [
@@ -299,13 +355,14 @@ def test_the_largest_alpha_that_does_nearly_as_well(
 def told(monkeypatch, table, seeds):
     """Have paths whose errors are told: one row per seed, one column per stage."""
 
-    class Path(searching._Path):
+    class Path(searching.Path):
         def __init__(self, recipe, folds, linears, seed, *common):
             super().__init__(recipe, folds, linears, seed, *common)
             self.row = table[seeds.index(seed)]
 
         def descend(self, alphas, watch, **options):
             n_folds, self.asked = len(self.folds), (list(alphas), options["enough"])
+            self.alphas = list(alphas)
             self.errors = [np.full(n_folds, error / n_folds) for error in self.row]
             self.states = [
                 [(theta + i, x0) for theta, x0 in self.points]
@@ -318,7 +375,7 @@ def told(monkeypatch, table, seeds):
             return stage
 
     walked: list = []
-    monkeypatch.setattr(searching, "_Path", Path)
+    monkeypatch.setattr(searching, "Path", Path)
     return walked
 
 
@@ -346,7 +403,7 @@ def test_the_smallest_order_that_does_nearly_as_well(
     orders = compare_orders(scaled(*short), [2, 3, 4])
     walked = []
 
-    class Path(searching._Path):
+    class Path(searching.Path):
         def __init__(self, recipe, folds, linears, *common):
             super().__init__(recipe, folds, linears, *common)
             n, n_folds = len(linears[0].A), len(folds)
@@ -358,6 +415,7 @@ def test_the_smallest_order_that_does_nearly_as_well(
 
         def descend(self, alphas, watch, **options):
             walked.append((self.key, len(alphas)))
+            self.alphas += list(alphas)
             self.errors.append(self.told[min(len(self.errors), 2) - 1])
             self.states.append(self.points)
             return self
@@ -365,7 +423,7 @@ def test_the_smallest_order_that_does_nearly_as_well(
         def go_on(self, stage, *args, **options):
             return stage
 
-    monkeypatch.setattr(searching, "_Path", Path)
+    monkeypatch.setattr(searching, "Path", Path)
     monkeypatch.setattr(Orders, "nx", 2)
     found = search(recipe(), orders, [2, 3], [0], largest=largest, max_iter=10)
     assert found.structure.sizes["x"] == nx
@@ -410,7 +468,7 @@ def test_alphas_of_a_predictor_are_relative_to_its_noise(short, monkeypatch, err
     np.testing.assert_array_equal(plain, ALPHAS)
     # they are meant for a mean square error of a tenth
     np.testing.assert_allclose(relative, ALPHAS * error / 0.1, rtol=1e-12)
-    assert enough == searching.ENOUGH
+    assert enough == walking.ENOUGH
     assert enough_relative == pytest.approx(enough * error / 0.1)
 
 
@@ -432,17 +490,17 @@ def test_of_a_long_record_only_the_best_start_goes_all_the_way(short, monkeypatc
     one = {1: orders.models[1][:1]}, {1: orders.errors[1][:1]}
     orders = Orders(orders.folds[:1], *one)  # a long record has one fold
     went = []
-    descend = searching._Path.descend
+    descend = searching.Path.descend
 
     def recorded(self, alphas, watch, **options):
         went.append((self, list(alphas)))
         return descend(self, alphas, watch, **options)
 
-    monkeypatch.setattr(searching._Path, "descend", recorded)
+    monkeypatch.setattr(searching.Path, "descend", recorded)
     found = search(recipe(), orders, [1], [1, 2, 3], max_iter=50)
     paths = [path for path, _ in went]
     assert [alphas for _, alphas in went] == [list(ALPHAS[:6])] * 3 + [list(ALPHAS[6:])]
-    assert ALPHAS[5] == pytest.approx(searching.ENOUGH)
+    assert ALPHAS[5] == pytest.approx(walking.ENOUGH)
     least = [min(e.sum() for e in path.errors[:7]) for path in paths[:3]]
     assert paths[3] is paths[int(np.argmin(least))]
     # the fit to all samples goes on from there, with all its steps
@@ -769,15 +827,15 @@ def test_an_interrupt_within_a_search(short, monkeypatch, where):
         return function
 
     if where == "in a stage":
-        wrapped = interrupt(searching.Criterion.normal_equations, 12)
+        wrapped = interrupt(walking.Criterion.normal_equations, 12)
 
         class Interrupted(Criterion):
             normal_equations = wrapped
 
-        monkeypatch.setattr(searching, "Criterion", Interrupted)
+        monkeypatch.setattr(walking, "Criterion", Interrupted)
     elif where == "between stages":
-        wrapped = interrupt(searching._Path._judge, 4)
-        monkeypatch.setattr(searching._Path, "_judge", wrapped)
+        wrapped = interrupt(searching.Path._judge, 4)
+        monkeypatch.setattr(searching.Path, "_judge", wrapped)
     else:
         wrapped = interrupt(alssnn.subspace.minimize, 2)
         monkeypatch.setattr("alssnn.subspace.minimize", wrapped)
