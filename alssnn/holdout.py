@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
-from .simulation import simulate
+from .simulation import outputs, simulate
 
 SHARE = 0.25  # of every experiment, hidden in one fold
 NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
 ELSEWHERE = 4  # states along the record, from which a simulation begins anew
+LARGER = 1.25  # inputs over those of the record, with which a simulation has to stay
+NEAR = 3.0  # outputs over the largest of the record
 FEW, MANY = 1_200, 4_000  # samples up to which three folds, two folds judge
 
 
@@ -97,6 +99,41 @@ class Fold:
             return [x0]
         rows = ((np.arange(ELSEWHERE) + 0.5) / ELSEWHERE * len(X)).astype(int)
         return [np.tile(state, (len(x0), 1)) for state in X[rows]]
+
+
+def escapes(structure, theta, x0, experiments):
+    """Tell whether a model leaves its record for good under larger inputs (eq. escape).
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model, y its first channel.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states of the experiments.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations; nan where an output was not measured.
+
+    Returns
+    -------
+    escapes : bool
+        Whether an output deviates from its mean by three times what it ever does in the
+        record, while inputs deviate by a quarter more.
+    """
+    lure, ny = structure.lure(theta), structure.sizes["y"]
+    u_mean = np.vstack([u[:] for u, _ in experiments]).mean(axis=0)
+    y = np.vstack([y[:] for _, y in experiments])
+    y_mean = np.nanmean(y, axis=0)
+    # a constant output may move by its unit
+    bound = NEAR * np.maximum(np.nanmax(np.abs(y - y_mean), axis=0), 1.0)
+    for (u, _), start in zip(experiments, x0, strict=True):
+        larger = u_mean + LARGER * (u[:] - u_mean)
+        with np.errstate(over="ignore", invalid="ignore"):
+            y_hat = outputs(lure, larger, structure.initial_state(start))[:, :ny]
+        if not np.all(np.abs(y_hat - y_mean) <= bound):
+            return True
+    return False
 
 
 def hold_out(experiments, share=SHARE, integrators=0):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from alssnn import holdout
-from alssnn.holdout import hold_out
+from alssnn.holdout import escapes, hold_out
 from alssnn.models import state_space
-from alssnn.simulation import simulate
+from alssnn.simulation import outputs, simulate
 from helpers import simulate_linear
 
 
@@ -175,6 +175,43 @@ def test_a_simulation_that_diverges_does_so_from_everywhere(rng):
     fold = hold_out([(u, u)])[0]
     growing = point(np.diag([0.5, 1.5]), np.ones((2, 1)), np.ones((1, 2)))
     assert fold.error(*growing, np.zeros((1, 2)), elsewhere=True) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("threshold", "offset", "found"),
+    [
+        (1.75, 0.0, True),  # beyond what the record reaches, 1.56, and below 1.95
+        (2.5, 0.0, False),
+        (1.75, 100.0, True),  # inputs deviate from their mean, not from zero
+        (2.5, 100.0, False),
+    ],
+)
+def test_a_second_attractor_beyond_the_record_is_found(threshold, offset, found):
+    structure, _ = bistable(0.0)
+    u = np.random.default_rng(0).uniform(-1, 1, (500, 1))
+    values = {"A": 0.5, "B": 1.0, "W_x": 40.0, "b_x": -40.0 * threshold, "W_g": 5.0}
+    theta = {n: np.full(structure.shapes[n], values.get(n, 0.0)) for n in values}
+    theta["W_u"] = np.zeros((1, 1))
+    if offset:  # x = 2 offset + what it is without
+        theta["b_x"] = theta["b_x"] - 40.0 * 2 * offset
+    u, x0 = u + offset, np.array([[2 * offset]])
+    theta = structure.join(theta)
+    y = outputs(structure.lure(theta), u, x0[0])
+    assert np.ptp(y) < 4
+    y[::7] = np.nan  # not measured
+    assert escapes(structure, theta, x0, [(u, y)]) == found
+
+
+def test_a_constant_output_escapes_nowhere(rng):
+    u = rng.standard_normal((300, 1))
+    model = point(np.array([[0.5]]), np.array([[1e-3]]), np.ones((1, 1)))
+    assert not escapes(*model, np.zeros((1, 1)), [(u, np.zeros((300, 1)))])
+
+
+def test_a_simulation_that_diverges_escapes(rng):
+    u = rng.standard_normal((3000, 1))
+    model = point(np.array([[3.0]]), np.ones((1, 1)), np.ones((1, 1)))
+    assert escapes(*model, np.zeros((1, 1)), [(u, u)])
 
 
 def test_what_integrates_begins_where_it_did(rng):

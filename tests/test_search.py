@@ -15,7 +15,7 @@ from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
-from alssnn.estimators import _horizon, _ssnn
+from alssnn.estimators import _horizon, _judge, _ssnn
 from alssnn.holdout import Fold
 from alssnn.limits import Limits
 from alssnn.models import state_space
@@ -970,6 +970,27 @@ def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
         model.fit(swinging.u, swinging.y)
     assert model.message_.endswith(message)
     assert np.isinf(model.alpha_) == all_are
+
+
+@pytest.mark.parametrize(
+    ("n_escapes", "message"),
+    [(1, "the model of the search"), (2, "the linear model")],
+)
+def test_a_training_that_larger_inputs_lead_away_is_left_out(
+    monkeypatch, swinging, n_escapes, message
+):
+    asked = []
+
+    def escapes(structure, theta, x0, experiments):
+        asked.append(len(experiments))
+        return len(asked) <= n_escapes
+
+    monkeypatch.setattr(_judge, "escapes", escapes)
+    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    with pytest.warns(ConvergenceWarning, match="larger by a quarter"):
+        model.fit(swinging.u, swinging.y)
+    assert model.message_.endswith(message)
+    assert asked == [1, 1]  # the training, and the model of the search
 
 
 @pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])

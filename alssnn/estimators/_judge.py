@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
-from ..holdout import hold_out
+from ..holdout import escapes, hold_out
 from ..horizon import ahead
 from ..initial_states import WINDOW, Prior, estimate_x0
 from ..linear_model import simulation_error
@@ -183,7 +183,8 @@ def warn_left_linear(estimator, trained=False):
         warn_of_training(
             f"The networks of {type(estimator).__name__} {verb} this record worse than "
             "the linear model, which is returned: from initial states estimated as in "
-            "`score`, or from other states of the record. Try a smaller `nx`, a longer "
+            "`score`, from other states of the record, or under inputs that are larger "
+            "by a quarter, which lead them far away. Try a smaller `nx`, a longer "
             "record, or another `random_state`."
         )
         return
@@ -234,8 +235,9 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
         what = "prediction" if is_predicting(estimator) else "simulation"
         warn_of_training(
             f"Training {type(estimator).__name__} on all samples made its {what} "
-            "of this record, from initial states estimated as in `score` or from other "
-            "states of the record, worse than that of the linear model. The model that "
+            "of this record worse than that of the linear model: from initial states "
+            "estimated as in `score`, from other states of the record, or under inputs "
+            "that are larger by a quarter, which lead it far away. The model that "
             "the search found is returned instead; it may fit less well than a full "
             "training. Try a smaller `nx`, a longer record, or another `random_state`."
         )
@@ -292,8 +294,8 @@ def _loses(estimator, plain, result, *, linear, experiments):
     """Tell whether a fit simulates its record worse than the linear model.
 
     Its error is more than 2 % larger, or more than twice as large from other states of
-    the record. The latter is not asked of predictions over a horizon, and of so many
-    samples that a copy of them would count.
+    the record, or larger inputs lead it far away (eq. escape). The latter are not asked
+    of predictions over a horizon, and of so many samples that a copy would count.
     """
     if not experiments.is_here:
         return False
@@ -309,6 +311,9 @@ def _loses(estimator, plain, result, *, linear, experiments):
         return True
     if estimator.horizon > 1 or experiments.n_samples > MOST:
         return False
+    simulates = not is_predicting(estimator) and estimator.integrators_ == 0
+    if simulates and escapes(plain, result.theta, result.x0, experiments):
+        return True
     return any(
         fold.error(plain, result.theta, result.x0, elsewhere=True)
         > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)
