@@ -26,7 +26,7 @@ from .field.__main__ import assignment
 from .field.case import Case, Data
 from .field.runs import MODELS, Job, fit
 from .true_loops import CASES as PLANTS
-from .true_loops import NOISE, SAMPLES
+from .true_loops import NOISE
 
 SMALL = ("servo speed", "two tanks", "short", "short saturation")
 LINEAR = (
@@ -59,10 +59,10 @@ CONSTANTS = {
 OTHERS = {"DECAYS": [tuple(ALPHAS)], "SMOOTH": [USUAL]}
 
 
-def recorded(make):
+def recorded(loop):
     """Return a noisy record of a plant, and one without noise."""
-    record = make(SAMPLES, noise=NOISE, random_state=0)
-    fresh = make(SAMPLES, random_state=1)
+    record = loop.make(loop.samples, noise=NOISE, random_state=0)
+    fresh = loop.make(loop.samples, random_state=1)
     return Data([(record.u, record.y)], {"fresh": [(fresh.u, fresh.y)]}, record.dt)
 
 
@@ -77,7 +77,7 @@ def mapped(loop):
 # some names are also of the field
 LOOPS = {f"{name} loop": loop for name, loop in PLANTS.items()}
 CASES = FIELD | {
-    name: Case(name, "actuator", partial(recorded, loop.make), "seen")
+    name: Case(name, "actuator", partial(recorded, loop), "seen")
     for name, loop in LOOPS.items()
 }
 # what their models are told beside the defaults
