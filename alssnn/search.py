@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .holdout import SHARE
+from .holdout import SHARE, Fold
 from .paths import ENOUGH, Path, Tally, choose, descended
 from .training import LEAST_MOVE
 from .watch import Watch
@@ -128,6 +128,10 @@ class Found:
     refit_iter : int
         Trial steps that a fit to all samples may take: of a short record, many more
         than what was judged would be another, less regular model.
+    fold : Fold
+        The first fold.
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states of its fit.
     errors : ndarray of shape (n_folds,)
         Mean square errors on the hidden samples, outputs of unit variance.
     linear_errors : ndarray of shape (n_folds,)
@@ -143,6 +147,8 @@ class Found:
     center: np.ndarray
     alpha: float
     refit_iter: int
+    fold: Fold
+    x0: np.ndarray
     errors: np.ndarray
     linear_errors: np.ndarray
     curve: dict
@@ -315,12 +321,15 @@ def search(
     reached = float(np.sqrt(np.mean(walk.errors[stage])))
     curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
     structure = walk.problems[0][0]
+    theta, x0 = walk.states[stage][0]
     return Found(
         structure,
-        walk.states[stage][0][0],
+        theta,
         walk.centers[0],
         float(alpha),
         max_iter if len(folds) == 1 else REFIT * options["max_iter"],
+        folds[0],
+        x0,
         judged,
         orders.errors[orders.nx],
         curve,

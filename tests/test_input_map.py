@@ -301,6 +301,28 @@ def test_a_fan_is_linearized_by_default_options():
     assert figures.closed_linearization_error.max() < 1e-9
 
 
+@pytest.mark.parametrize(("matched", "nx"), [(True, 1), (False, 2)])
+def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
+    """A curve of the actuator is all of phi; no law cancels one behind a state."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, 200), 3)
+    x, y = np.zeros(2), np.empty(600)
+    for k in range(600):
+        y[k] = x[0]
+        if matched:
+            x = np.array([0.8 * x[0] + 0.2 * u[k] + 0.4 * u[k] ** 3, 0.0])
+        else:
+            x = np.array([0.7 * x[0] + 0.4 * np.tanh(3 * x[1]), 0.5 * (x[1] + u[k])])
+    y += 0.01 * y.std() * rng.standard_normal(600)
+    sizes = {"nx": nx, "n_h": 4, "n_g": 4, "n_init": 1, "max_iter": 60}
+    options = {"feedback": "state", "input_map": "monotone", "random_state": 0}
+    model = alssnn.AlSsnn(**sizes, **options).fit(u, y)
+    assert np.any(model.params_["W_h"]) and np.any(model.params_["r_phi"])
+    assert np.any(model.params_["W_g"]) != matched
+    error = model.linearizability(u, y).closed_linearization_error.max()
+    assert error == 0.0 if matched else error > 0.01
+
+
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_a_map_is_searched_along_decays_of_its_own(monkeypatch):
     monkeypatch.setattr(_input_map, "DECAYS", (0.03, 0.02))

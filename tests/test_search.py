@@ -535,7 +535,7 @@ def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
 )
 def test_what_counts_as_help(errors, linear, helps):
     errors, linear = np.array(errors), np.array(linear)
-    found = Found(None, None, None, 1e-3, 24, errors, linear, {})
+    found = Found(None, None, None, 1e-3, 24, None, None, errors, linear, {})
     assert found.helps is helps
 
 

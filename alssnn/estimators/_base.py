@@ -416,12 +416,13 @@ class StateSpaceModel(
         )
         return with_integrators(self, bounds, structure)
 
-    def _training(self, structure):
+    def _training(self, structure, held=()):
         """Return the options that all trainings of a structure have in common."""
+        bounds = self._scaled_bounds(structure, contractive=self._phi is not None)
         return {
             "phi": self._phi,
             "radius": self._radius,
-            "bounds": self._scaled_bounds(structure, contractive=self._phi is not None),
+            "bounds": bounds | dict(held),
             "at_rest": self._at_rest,
             "periodic": is_periodic(self),
             "max_iter": self.max_iter,

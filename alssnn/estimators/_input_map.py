@@ -1,8 +1,9 @@
 """What the training of a monotone input map v = phi(u, s) needs beside that of others.
 
 g explains the curve of an actuator sooner than phi does, and then stays: the search
-leaves g out, and the fit that follows adds it.  The size of v is free, for B can carry
-it: after the training v has the standard deviation of u along the record.
+leaves g out, and the fit that follows adds it, if hidden samples say so.  The size of v
+is free, for B can carry it: after the training v has the standard deviation of u along
+the record.
 """
 
 from copy import copy
@@ -12,6 +13,7 @@ import numpy as np
 from ..equations import LEAST_GAIN
 from ..search import Descent
 from ..simulation import outputs
+from ..training import train
 
 MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
 # A stage of the search takes three times the steps of other models, for squared weights
@@ -26,6 +28,8 @@ LONGER_STAGES = 3
 # with a fan, a valve, an exchanger, a magnet and an arm are 0.97, 1.60, 2.90, 1.08 and
 # 0.91 times as large, medians of two seeds; of all ten the worst is 4.8.
 DECAYS = (1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+
+TRIAL = 60  # steps of the short fit that asks whether g helps, at most
 
 
 def check_map(estimator):
@@ -153,7 +157,7 @@ def searched(model):
     return plain
 
 
-def completed(model, found, linear, experiments, seed):
+def completed(model, found, linear, experiments, seed, watch):
     """Return where the fit begins that follows a search.
 
     Parameters
@@ -168,6 +172,8 @@ def completed(model, found, linear, experiments, seed):
         Pairs (u, y) of scaled deviations.
     seed : int
         Seed of the inner weights of g.
+    watch : Watch
+        May end the short fit that asks whether g helps.
 
     Returns
     -------
@@ -175,10 +181,12 @@ def completed(model, found, linear, experiments, seed):
         Structure of the whole model.
     theta, center : ndarray of shape (n_params,)
         Its parameters, g of zero output, and the center of their decay.
+    held : dict of str to tuple of ndarray
+        Bounds that hold g at zero, if it does not help on hidden samples.
     """
     known = found.structure
     if searched(model) is model:
-        return known, found.theta, found.center
+        return known, found.theta, found.center, {}
     C, p = known.constants["C"], known.split(found.theta)
     nx, nu, ny = (known.sizes[axis] for axis in "xuy")
     structure = model.declare(nx, nu, ny, C)
@@ -189,4 +197,30 @@ def completed(model, found, linear, experiments, seed):
         structure.join({**fresh, **known.split(each)})
         for each in (found.theta, found.center)
     )
-    return structure, theta, center
+    if _helps(model, found, structure, theta, center, watch):
+        return structure, theta, center, {}
+    of_g = set(structure.shapes) - set(known.shapes)
+    p = structure.split(theta)
+    return structure, theta, center, {name: (p[name], p[name]) for name in of_g}
+
+
+def _helps(model, found, structure, theta, center, watch):
+    """Tell whether g makes the error on hidden samples less."""
+    penalized, terms = model._criterion_terms(structure)
+    options = model._training(structure)
+    options["max_iter"] = min(found.refit_iter, TRIAL)
+    result = train(
+        penalized,
+        found.fold.fitted,
+        [theta],
+        x0=found.x0,
+        alpha=found.alpha,
+        center=center,
+        watch=watch.quiet(),
+        **terms,
+        **options,
+    )
+    weight = terms["weights"]["y"]
+    without = found.fold.error(found.structure, found.theta, found.x0, weight)
+    error = found.fold.error(structure, result.theta, result.x0, weight)
+    return error < found.gain * without

@@ -281,6 +281,7 @@ class Ssnn(StateSpaceModel):
         check_inputs(self)
         max_iter = self.max_iter
         chosen, continues = self._decay or {"alpha": 0.0}, goes_on(self, previous)
+        held: dict = {}
         self._decay = None
         is_auto = self.alpha == "auto"
         if continues:
@@ -301,7 +302,9 @@ class Ssnn(StateSpaceModel):
                 found = self._search(far, linear, seeds, watch)
                 if found is None or not found.helps:
                     return self._left_linear(linear, near, experiments, watch)
-                plain, theta, center = completed(self, found, linear, near, seeds[0])
+                plain, theta, center, held = completed(
+                    self, found, linear, near, seeds[0], watch
+                )
                 starts, max_iter = [theta], min(max_iter, found.refit_iter)
                 decay = {"alpha": found.alpha, "center": center}
                 if plain.sizes["x"] != len(linear.A):
@@ -321,7 +324,7 @@ class Ssnn(StateSpaceModel):
             starts,
             **terms,
             **decay,
-            **self._training(plain) | {"max_iter": max_iter},
+            **self._training(plain, held) | {"max_iter": max_iter},
             **stages(self),
             continuation=0 if is_auto else self.continuation,
             watch=watch,
