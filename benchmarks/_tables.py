@@ -17,8 +17,8 @@ def machine(load, *modules):
     return ", ".join(system)
 
 
-def replace_runs(path, columns, rows, note):
-    """Write runs as CSV in place of those with their first cells; return all cells.
+def replace_runs(path, columns, rows, note, n_first=1):
+    """Write runs as CSV in place of those with the same `n_first` cells; return all.
 
     The last column, which `columns` does not name, is the machine of the run.
     """
@@ -26,7 +26,8 @@ def replace_runs(path, columns, rows, note):
     if path.exists():
         with path.open(newline="") as file:
             old = list(csv.reader(file))[1:]
-        table = [row for row in old if row[0] not in {r[0] for r in table}] + table
+        new = [row[:n_first] for row in table]
+        table = [row for row in old if row[:n_first] not in new] + table
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

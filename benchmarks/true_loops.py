@@ -298,9 +298,9 @@ def cells(line):
 
 
 def write_table(rows, load):
-    """Write all runs as CSV, beside those of other plants, and medians as Markdown."""
+    """Write all runs as CSV, beside those of others, and medians as Markdown."""
     note = machine(load, alssnn, np, control)
-    table = replace_runs(OUT / "true_loops.csv", COLUMNS, rows, note)
+    table = replace_runs(OUT / "true_loops.csv", COLUMNS, rows, note, n_first=2)
     kept = [(*r[:3], *map(float, r[3:9]), r[9]) for r in table]
     text = [
         "# True plants with real actuators in closed loop",
