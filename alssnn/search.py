@@ -15,8 +15,9 @@ it is then smooth where the record says little.)
 
 Of the alphas that do nearly as well as the best, averaged over the better starts (of a
 long record, along the best one), the largest is taken; of the starts, the best at this
-alpha.  The path by which an order was chosen is taken if it comes lower.  From there it goes on at this alpha as long as the error on the hidden samples
-falls; of a long record, the fit to all its samples does that in one go.
+alpha.  The path by which an order was chosen is taken if it comes lower.  From there it
+goes on at this alpha as long as the error on the hidden samples falls; of a long
+record, the fit to all its samples does that in one go.
 
 The networks are kept if they beat the best linear model on the hidden samples: in the
 sum over the folds, not much worse in any of them, and with an error that is worth a

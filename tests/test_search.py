@@ -974,7 +974,7 @@ def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
 
 @pytest.mark.parametrize(
     ("n_escapes", "message"),
-    [(1, "the model of the search"), (2, "the linear model")],
+    [(1, "the model of the search"), (2, "as many steps as hidden samples allow")],
 )
 def test_a_training_that_larger_inputs_lead_away_is_left_out(
     monkeypatch, swinging, n_escapes, message
@@ -987,9 +987,13 @@ def test_a_training_that_larger_inputs_lead_away_is_left_out(
 
     monkeypatch.setattr(_judge, "escapes", escapes)
     model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
-    with pytest.warns(ConvergenceWarning, match="larger by a quarter"):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         model.fit(swinging.u, swinging.y)
+    # what the search found does so, too: it may be the plant
     assert model.message_.endswith(message)
+    told = any("larger by a quarter" in str(w.message) for w in caught)
+    assert told == (n_escapes == 1)
     assert asked == [1, 1]  # the training, and the model of the search
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
-from ..holdout import escapes, hold_out
+from ..holdout import NEAR, escapes, hold_out
 from ..horizon import ahead
 from ..initial_states import WINDOW, Prior, estimate_x0
 from ..linear_model import simulation_error
@@ -183,8 +183,7 @@ def warn_left_linear(estimator, trained=False):
         warn_of_training(
             f"The networks of {type(estimator).__name__} {verb} this record worse than "
             "the linear model, which is returned: from initial states estimated as in "
-            "`score`, from other states of the record, or under inputs that are larger "
-            "by a quarter, which lead them far away. Try a smaller `nx`, a longer "
+            "`score`, or from other states of the record. Try a smaller `nx`, a longer "
             "record, or another `random_state`."
         )
         return
@@ -219,10 +218,13 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     -------
     result : OptimizeResult or None
         The outcome of the training; that of the search, with a warning, if the former
-        depends on its initial states too much to be worth anything; None if both do.
+        depends on its initial states too much to be worth anything, or if larger inputs
+        lead it away and not what it began with (eq. escape); None if both depend.
     """
     loses = partial(_loses, estimator, plain, linear=linear, experiments=experiments)
-    if not loses(result):
+    leaves = partial(_leaves, estimator, plain, experiments=experiments)
+    lost = loses(result)
+    if not lost and not leaves(result):
         return result
     noise = min(result.cost, 1.0)
     untrained = as_found(
@@ -230,18 +232,37 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     )
     found = OptimizeResult({**result, **untrained})
     if loses(found):
-        return None
+        return None if lost else result
+    if not lost and leaves(found):  # the plant itself may do so
+        return result
     if watch.reason is None:  # else the training might have come out of it
-        what = "prediction" if is_predicting(estimator) else "simulation"
-        warn_of_training(
-            f"Training {type(estimator).__name__} on all samples made its {what} "
-            "of this record worse than that of the linear model: from initial states "
-            "estimated as in `score`, from other states of the record, or under inputs "
-            "that are larger by a quarter, which lead it far away. The model that "
-            "the search found is returned instead; it may fit less well than a full "
-            "training. Try a smaller `nx`, a longer record, or another `random_state`."
-        )
+        _warn_untrained(estimator, lost)
     return found
+
+
+def _warn_untrained(estimator, lost):
+    """Warn that a fit returns the model of its search."""
+    name = type(estimator).__name__
+    what = "prediction" if is_predicting(estimator) else "simulation"
+    reason = (
+        f"made its {what} of this record, from initial states estimated as in `score` "
+        "or from other states of the record, worse than that of the linear model"
+        if lost
+        else "made it leave for good under inputs that are larger by a quarter: an "
+        f"output goes {NEAR:.0f} times as far as in the record"
+    )
+    warn_of_training(
+        f"Training {name} on all samples {reason}. The model that the search found is "
+        "returned instead; it may fit less well than a full training. Try a smaller "
+        "`nx`, a longer record, or another `random_state`."
+    )
+
+
+def _leaves(estimator, plain, result, *, experiments):
+    """Tell whether larger inputs lead a simulation away for good (eq. escape)."""
+    if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
+        return False
+    return escapes(plain, result.theta, result.x0, experiments)
 
 
 def as_found(
@@ -294,8 +315,8 @@ def _loses(estimator, plain, result, *, linear, experiments):
     """Tell whether a fit simulates its record worse than the linear model.
 
     Its error is more than 2 % larger, or more than twice as large from other states of
-    the record, or larger inputs lead it far away (eq. escape). The latter are not asked
-    of predictions over a horizon, and of so many samples that a copy would count.
+    the record. The latter is not asked of predictions over a horizon, and of so many
+    samples that a copy of them would count.
     """
     if not experiments.is_here:
         return False
@@ -311,9 +332,6 @@ def _loses(estimator, plain, result, *, linear, experiments):
         return True
     if estimator.horizon > 1 or experiments.n_samples > MOST:
         return False
-    simulates = not is_predicting(estimator) and estimator.integrators_ == 0
-    if simulates and escapes(plain, result.theta, result.x0, experiments):
-        return True
     return any(
         fold.error(plain, result.theta, result.x0, elsewhere=True)
         > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)
