@@ -304,14 +304,7 @@ def search(
     paths = [start(linears, seed) for seed in seeds]
     if screen is not None and screen.is_along(alphas):
         paths[0], screen = screen, None  # it is that of the first seed
-    # of a long record one start counts: the others stop where a path may end
-    is_long = len(folds) == 1 and len(paths) > 1
-    along = alphas[:n_first] if is_long else alphas
-    paths = descended(paths, along, quiet, options, tally, n_jobs)
-    if is_long:
-        best = min(paths, key=lambda path: path.least(len(along)))
-        rest = alphas[len(best.alphas) :]
-        best.descend(rest, quiet, tell=tally.plan(len(rest)), **options)
+    paths = _walked(paths, alphas, n_first, quiet, options, tally, n_jobs)
     walk, stage = choose(paths, nearly, screen)
     alpha = walk.alphas[stage - 1]
     judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
@@ -336,6 +329,18 @@ def search(
         curve,
         gain,
     )
+
+
+def _walked(paths, alphas, n_first, watch, options, tally, n_jobs):
+    """Go down the paths of all starts; return them."""
+    if len(paths) == 1 or len(paths[0].folds) > 1:
+        return descended(paths, alphas, watch, options, tally, n_jobs)
+    # of a long record one start counts: the others stop where a path may end
+    paths = descended(paths, alphas[:n_first], watch, options, tally, n_jobs)
+    best = min(paths, key=lambda path: path.least(n_first))
+    rest = alphas[len(best.alphas) :]
+    best.descend(rest, watch, tell=tally.plan(len(rest)), **options)
+    return paths
 
 
 def _bounds(orders, weight):

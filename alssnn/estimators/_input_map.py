@@ -179,14 +179,16 @@ def completed(model, found, linear, experiments, seed, watch):
     -------
     structure : Structure
         Structure of the whole model.
-    theta, center : ndarray of shape (n_params,)
-        Its parameters, g of zero output, and the center of their decay.
+    theta : ndarray of shape (n_params,)
+        Its parameters, g of zero output.
+    decay : dict
+        Weight ``alpha`` and ``center`` of their decay.
     held : dict of str to tuple of ndarray
         Bounds that hold g at zero, if it does not help on hidden samples.
     """
-    known = found.structure
+    known, alpha = found.structure, {"alpha": found.alpha}
     if searched(model) is model:
-        return known, found.theta, found.center, {}
+        return known, found.theta, alpha | {"center": found.center}, {}
     C, p = known.constants["C"], known.split(found.theta)
     nx, nu, ny = (known.sizes[axis] for axis in "xuy")
     structure = model.declare(nx, nu, ny, C)
@@ -197,14 +199,15 @@ def completed(model, found, linear, experiments, seed, watch):
         structure.join({**fresh, **known.split(each)})
         for each in (found.theta, found.center)
     )
-    if _helps(model, found, structure, theta, center, watch):
-        return structure, theta, center, {}
+    decay = alpha | {"center": center}
+    if _helps(model, found, structure, theta, decay, watch):
+        return structure, theta, decay, {}
     of_g = set(structure.shapes) - set(known.shapes)
     p = structure.split(theta)
-    return structure, theta, center, {name: (p[name], p[name]) for name in of_g}
+    return structure, theta, decay, {name: (p[name], p[name]) for name in of_g}
 
 
-def _helps(model, found, structure, theta, center, watch):
+def _helps(model, found, structure, theta, decay, watch):
     """Tell whether g makes the error on hidden samples less."""
     penalized, terms = model._criterion_terms(structure)
     options = model._training(structure)
@@ -214,9 +217,8 @@ def _helps(model, found, structure, theta, center, watch):
         found.fold.fitted,
         [theta],
         x0=found.x0,
-        alpha=found.alpha,
-        center=center,
         watch=watch.quiet(),
+        **decay,
         **terms,
         **options,
     )

@@ -302,18 +302,15 @@ class Ssnn(StateSpaceModel):
                 found = self._search(far, linear, seeds, watch)
                 if found is None or not found.helps:
                     return self._left_linear(linear, near, experiments, watch)
-                plain, theta, center, held = completed(
+                plain, theta, decay, held = completed(
                     self, found, linear, near, seeds[0], watch
                 )
                 starts, max_iter = [theta], min(max_iter, found.refit_iter)
-                decay = {"alpha": found.alpha, "center": center}
-                if plain.sizes["x"] != len(linear.A):
-                    fallback = None
+                fallback = fallback if plain.sizes["x"] == len(linear.A) else None
             else:
                 starts = [self._start(plain, linear, near, seed) for seed in seeds]
                 decay = {"alpha": 0.0 if is_auto else self.alpha}
-        if is_auto:
-            self._decay = decay
+        self._decay = decay if is_auto else None
         penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(snapshot, self, plain)
