@@ -151,6 +151,9 @@ def test_a_gap_at_the_beginning_in_continuous_time(hold):
     assert model.fit(record.u, y).score(record.u, y) > 0.9
 
 
+# the model is linear, and the plant is not
+@pytest.mark.filterwarnings("ignore:No confidence band holds")
+@pytest.mark.filterwarnings("ignore:The models that are drawn are no sample")
 @pytest.mark.parametrize(
     "options", [{}, {"noise": "innovations"}, {"time": "continuous"}]
 )

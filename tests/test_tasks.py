@@ -54,7 +54,7 @@ def test_there_are_fifteen_of_three_lines():
 def names(tmp_path_factory):
     """Return what there is after all lines."""
     folder = tmp_path_factory.mktemp("tasks")
-    plain = make_pendulum(2000, amplitude=5.0, noise=0.01, random_state=0)
+    plain = make_pendulum(2000, amplitude=5.0, noise=0.01, random_state=3)
     t = plain.dt * np.arange(len(plain))
     columns = [
         ("time", t),

@@ -61,7 +61,7 @@ def test_a_fit_survives_a_dead_process(tmp_path, monkeypatch, alpha):
     options = {"alpha": alpha, "max_iter": 8, "n_init": 3, "random_state": 0}
     model = AlSsnn(nx=2, n_h=2, n_g=2, **options)
     flag = tmp_path / "flag"
-    where = "training" if alpha == 0.0 else "search"
+    where = "training" if alpha == 0.0 else "paths"
     module = __import__(f"alssnn.{where}", fromlist=["_descend"])
     monkeypatch.setattr(module, "_descend", Once(Deadly(flag), module._descend))
     with warnings.catch_warnings():
