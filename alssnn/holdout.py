@@ -102,7 +102,7 @@ class Fold:
 
 
 def escapes(structure, theta, x0, experiments):
-    """Tell whether a model leaves its record for good under larger inputs (eq. escape).
+    """Tell whether larger inputs take a model far from its record (eq. escape).
 
     Parameters
     ----------

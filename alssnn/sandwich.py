@@ -11,8 +11,7 @@ from .noise import Moments
 from .simulation import runs, sensitivities
 
 RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
-WEIGHTING_LEVEL = 0.05  # chance of refusing bands of a sound fit; at 1 %, bands of too
-FEEDBACK_LEVEL = 0.01  # many biased ones are shown (benchmarks.coverage). The same of u
+WEIGHTING_LEVEL = 0.05  # of refusing sound fits; 0.01 shows bands of more biased ones
 LOSS = 0.1  # relative excess of a variance that is worth a test
 
 

@@ -107,7 +107,7 @@ CASES = {
     "exchanger": Case(
         make_heat_exchanger,  # the temperature of the inlet is measured
         nx=2,
-        reference=2.0,  # from 2.5 on, loops leave the training data
+        reference=2.0,  # with 4, most loops leave the training data
         hold=60,
         limits=(0.0, 20.0),
         disturbances=(1,),

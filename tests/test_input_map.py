@@ -12,6 +12,7 @@ from alssnn.activations import ACTIVATIONS
 from alssnn.certificates import certify_gain, certify_iss
 from alssnn.equations import Equations
 from alssnn.estimators import _input_map
+from alssnn.estimators._fitted import fitted_model
 from alssnn.feedback import LinearizingLaw, input_range
 from alssnn.implicit import ImplicitLayer, solve_each
 from alssnn.lure import Lure
@@ -321,6 +322,9 @@ def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
     assert np.any(model.params_["W_g"]) != matched
     error = model.linearizability(u, y).closed_linearization_error.max()
     assert error == 0.0 if matched else error > 0.01
+    fit = fitted_model(model)  # what is held has no variance
+    assert fit.free[fit.structure.slices["W_g"]].all() != matched
+    assert fit.free[fit.structure.slices["W_h"]].all()
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

@@ -8,6 +8,7 @@ import pytest
 from alssnn import LinearStateSpace
 from alssnn.feedback import designed_loop
 from benchmarks import true_loops as command
+from benchmarks._tables import replace_runs
 from benchmarks.closed_loop import references
 from benchmarks.true_loops import CASES, attempt, design, judge, row, summarize
 
@@ -54,6 +55,19 @@ def test_disturbances_move_in_the_loop_and_in_its_design():
     ]
     for run in runs:
         assert run.predicted < 1e-9 and 0.01 < run.deviation < 1 and not run.failure
+
+
+def test_runs_take_the_place_of_those_of_the_same_plant_and_model(tmp_path):
+    path, columns = tmp_path / "runs.csv", ("plant", "model", "seed")
+    first = [("fan", "LTI", 0), ("fan", "FL", 0), ("valve", "FL", 0)]
+    replace_runs(path, columns, first, "old", n_first=2)
+    table = replace_runs(path, columns, [("fan", "FL", 1)], "new", n_first=2)
+    assert table == [
+        ["fan", "LTI", "0", "old"],
+        ["valve", "FL", "0", "old"],
+        ["fan", "FL", "1", "new"],
+    ]
+    assert path.read_text().splitlines()[1:] == [",".join(row) for row in table]
 
 
 def test_the_input_map_reaches_the_models(monkeypatch):

@@ -202,9 +202,35 @@ def completed(model, found, linear, experiments, seed, watch):
     decay = alpha | {"center": center}
     if _helps(model, found, structure, theta, decay, watch):
         return structure, theta, decay, {}
-    of_g = set(structure.shapes) - set(known.shapes)
+    return structure, theta, decay, idle_g(model, structure, theta)
+
+
+def idle_g(model, structure, theta):
+    """Return bounds that hold g where a fit beside a monotone map has left it: at zero.
+
+    Parameters
+    ----------
+    model : estimator
+        Model in its fit, or behind it.
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+
+    Returns
+    -------
+    bounds : dict of str to tuple of ndarray
+        Equal bounds of all parameters of g; empty if g is not zero.
+    """
     p = structure.split(theta)
-    return structure, theta, decay, {name: (p[name], p[name]) for name in of_g}
+    if searched(model) is model or np.any(p.get("W_g", 1.0)):
+        return {}
+    of_g = [
+        name
+        for name, axes in structure.parameters.items()
+        if any(axis.startswith("w_g") for axis in axes)
+    ]
+    return {name: (p[name], p[name]) for name in of_g}
 
 
 def _helps(model, found, structure, theta, decay, watch):

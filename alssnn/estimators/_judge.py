@@ -248,8 +248,8 @@ def _warn_untrained(estimator, lost):
         f"made its {what} of this record, from initial states estimated as in `score` "
         "or from other states of the record, worse than that of the linear model"
         if lost
-        else "made it leave for good under inputs that are larger by a quarter: an "
-        f"output goes {NEAR:.0f} times as far as in the record"
+        else "made it go far from its record under inputs that are a quarter larger: "
+        f"an output deviates {NEAR:.0f} times as much as any in the record"
     )
     warn_of_training(
         f"Training {name} on all samples {reason}. The model that the search found is "
@@ -259,7 +259,7 @@ def _warn_untrained(estimator, lost):
 
 
 def _leaves(estimator, plain, result, *, experiments):
-    """Tell whether larger inputs lead a simulation away for good (eq. escape)."""
+    """Tell whether larger inputs take a simulation far from its record (eq. escape)."""
     if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
         return False
     return escapes(plain, result.theta, result.x0, experiments)

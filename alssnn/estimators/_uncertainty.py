@@ -15,7 +15,6 @@ from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
 from ..predictions import bridged, first_states, told
 from ..sandwich import (
-    FEEDBACK_LEVEL,
     WEIGHTING_LEVEL,
     pseudo_inverse,
     residual_moments,
@@ -24,9 +23,9 @@ from ..sandwich import (
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
-from ..validation import record_feedback
 from ._first_states import from_free
 from ._fitted import as_fitted, free_entries, publish_parameters
+from ._input_map import idle_g
 from ._plant import sampling_time
 from ._simulation import expected_states, labeled_data, simulated_experiments
 
@@ -60,10 +59,9 @@ def parameter_covariance(model, u, y, experiment=None):
     -----
     UserWarning
         If the fit moves more than the noise allows when its color is weighed
-        (eq. weighting), or noise of some color has moved u (eq. fedback): the record
-        of a closed loop, or a model that is too small. The simulation error is biased
-        then, no interval covers the truth, and the result has `holds` False and no
-        bands. ``noise="innovations"`` takes such records.
+        (eq. weighting): the record of a closed loop, or a model that is too small. The
+        simulation error is biased then, no interval covers the truth, and the result
+        has `holds` False and no bands. ``noise="innovations"`` takes such records.
 
     Notes
     -----
@@ -95,26 +93,9 @@ def parameter_covariance(model, u, y, experiment=None):
         F = score_covariance(*simulated, weight, noise)
         p = weighting_p_value(*simulated, weight, noise, F, fit.free)
     P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
-    reason, fed_back = "", 1.0
-    colored = noise.order and noise.p_white < FEEDBACK_LEVEL
-    if colored and not has_innovations(model._structure):  # white noise does no harm
-        fed_back = getattr(record_feedback(model, u, y, experiment), "p", 1.0)
-    if model.horizon > 1:
-        reason = (
-            f"The fit has weighed predictions over `horizon`={model.horizon} samples, "
-            "whose errors are not independent. Fit with horizon=1."
-        )
-    elif not (p >= WEIGHTING_LEVEL and np.isfinite(P).all()):  # nan is no likelihood
-        reason = (
-            "The fit moves more than noise allows when its color is weighed "
-            f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."
-        )
-    elif fed_back < FEEDBACK_LEVEL:
-        reason = (
-            "Noise that is correlated over time has moved `u` by feedback "
-            f"(p = {fed_back:.1g}), which biases the simulation error. Fit with "
-            "noise='innovations'."
-        )
+    reason = _doubt(model, p)
+    if not np.isfinite(P).all():
+        reason = "The covariance has entries that are not finite. Fit a smaller model."
     if reason:
         warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
     scale = model._scaling.y_scale
@@ -133,6 +114,21 @@ def parameter_covariance(model, u, y, experiment=None):
         p_weighting=p,
         reason=reason,
     )
+
+
+def _doubt(model, p):
+    """Return why no interval covers the truth; "" if nothing speaks against one."""
+    if model.horizon > 1:
+        return (
+            f"The fit has weighed predictions over `horizon`={model.horizon} samples, "
+            "whose errors are not independent. Fit with horizon=1."
+        )
+    if not p >= WEIGHTING_LEVEL:  # nan is no likelihood
+        return (
+            "The fit moves more than noise allows when its color is weighed "
+            f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."
+        )
+    return ""
 
 
 def aic(model, u, y, experiment=None):
@@ -290,7 +286,8 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     structure, terms = model._criterion_terms(predictor(model._structure))
-    options = {**model._training(structure), "periodic": False, **options}
+    held = idle_g(model, structure, model._theta)
+    options = {**model._training(structure, held), "periodic": False, **options}
     random_state = check_random_state(random_state)
     for _ in range(n_models):
         noisy = []

@@ -17,7 +17,7 @@ No figure is drawn here: see `alssnn.plotting`.
 from ._ahead import AheadFit, ahead_fit
 from ._feedback import FeedbackTests, feedback_tests
 from ._loops import LoopDeviation, frequency_response, loop_deviation, sine_response
-from ._predicted import judged_experiments, record_feedback
+from ._predicted import judged_experiments
 from ._record import Check, Validation
 from ._residuals import ResidualTests, residual_tests
 from ._scored import (
@@ -44,7 +44,6 @@ __all__ = [
     "judged_experiments",
     "loop_deviation",
     "moved_names",
-    "record_feedback",
     "residual_tests",
     "scored_experiments",
     "scored_sensitivities",

@@ -35,7 +35,7 @@ from ._regression import regress
 from ._residuals import PERFECT
 
 KNOTS = np.arange(1, 10) / 10  # quantiles of y at which a broken line may bend
-RESIDUALS = 2  # past samples of a residual: on ten of them the test has less power
+RESIDUALS = 2  # past samples of a residual, which is correlated over time as it is
 NOTHING = 1e-10  # share of an input that its own past leaves, and that is rounding
 
 

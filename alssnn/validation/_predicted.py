@@ -17,13 +17,7 @@ from ..innovations import has_innovations, predictor
 from ..plants import as_plant
 from ..predictions import follow, pieces, told
 from ..simulation import regressors, sensitivities
-from ._feedback import feedback_tests
-from ._scored import (
-    moved_names,
-    scored_experiments,
-    scored_sensitivities,
-    simulated,
-)
+from ._scored import scored_experiments, scored_sensitivities, simulated
 
 
 def predicts(model):
@@ -177,42 +171,6 @@ def sent_experiments(model, u, y, experiment=None):
             ]
         found += [(record.u[rows], y_hat[rows]) for rows in judged]
     return found
-
-
-def record_feedback(model, u, y, experiment=None, experiments=None):
-    """Test whether noise, as a model sees it, has moved the inputs of a record.
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model.
-    u : array_like of shape (N, nu), or list of them
-        Inputs.
-    y : array_like of shape (N,) or (N, ny), or list of them
-        Outputs; nan where not measured.
-    experiment : array_like of shape (N,) or None, default=None
-        Label of the experiment of every sample.
-    experiments : list of tuple of ndarray or None, default=None
-        What `judged_experiments` has returned, if it is known already.
-
-    Returns
-    -------
-    tests : FeedbackTests or None
-        Tests of the inputs as they were sent; None if the record is too short.
-    """
-    if experiments is None:
-        experiments, _ = judged_experiments(model, u, y, experiment, exact=True)
-    sent, simulated = zip(*sent_experiments(model, u, y, experiment), strict=True)
-    plant = as_plant(model).arrived()
-    known = all(np.isfinite(y_hat).all() for y_hat in simulated)
-    return feedback_tests(
-        [(u_i, *pair) for u_i, (_, *pair) in zip(sent, experiments, strict=True)],
-        moved=plant.moved,
-        input_names=moved_names(model),
-        simulated=simulated if known else None,
-        ahead=predicts(model),
-        direct=not plant.feeds_through,
-    )
 
 
 def _parts(record):

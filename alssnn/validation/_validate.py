@@ -11,13 +11,15 @@ from ..metrics import free_run_errors, missed_percent
 from ..plants import as_plant
 from ._ahead import ahead_fit
 from ._closed_loop import feedback_check, in_closed_loop
+from ._feedback import feedback_tests
 from ._lags import choose_lags
-from ._predicted import judged_experiments, predicts, record_feedback, share_outside
+from ._predicted import judged_experiments, predicts, sent_experiments, share_outside
 from ._record import Check, Validation
 from ._residuals import AUTO, BLOCKS, check_options, residual_tests
 from ._scored import (
     column_names,
     count_estimated,
+    moved_names,
     scored_experiments,
     surely_outside,
 )
@@ -204,7 +206,7 @@ def _tests(model, u, y, experiment, exact, **named):
     if not all(np.isfinite(y_hat).all() for _, _, y_hat in tested):
         return tested, None, None, ""
     residuals, doubt = _tested(tested, **named, **options)
-    return tested, residuals, record_feedback(model, u, y, experiment, tested), doubt
+    return tested, residuals, _fed_back(model, u, y, experiment, tested), doubt
 
 
 def _tested(experiments, sensitivities, n_lags, ahead, **options):
@@ -222,6 +224,21 @@ def _tested(experiments, sensitivities, n_lags, ahead, **options):
         experiments, sensitivities=sensitivities, n_lags=n_lags, ahead=ahead, **options
     )
     return tests, doubt
+
+
+def _fed_back(model, u, y, experiment, tested):
+    """Return the tests of feedback: of the inputs as they were sent."""
+    sent, simulated = zip(*sent_experiments(model, u, y, experiment), strict=True)
+    plant = as_plant(model).arrived()
+    known = all(np.isfinite(y_hat).all() for y_hat in simulated)
+    return feedback_tests(
+        [(u_i, *pair) for u_i, (_, *pair) in zip(sent, tested, strict=True)],
+        moved=plant.moved,
+        input_names=moved_names(model),
+        simulated=simulated if known else None,
+        ahead=predicts(model),
+        direct=not plant.feeds_through,
+    )
 
 
 def _bonferroni(p, n_tests=1):
