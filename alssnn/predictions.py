@@ -18,13 +18,15 @@ EXACT = 1e-12  # variance of an error, of outputs of variance one, that is round
 FAR = 100.0  # of a state of unit variance, from which a gap was too long
 
 
-def told(experiments):
+def told(experiments, *, from_rest=False):
     """Return the experiments that the fit of a predictor works on.
 
     Parameters
     ----------
     experiments : sequence of tuple of array, or Held
         Scaled experiments.
+    from_rest : bool, default=False
+        Whether they begin at rest. Then none starts anew, and none is cut.
 
     Returns
     -------
@@ -33,6 +35,8 @@ def told(experiments):
     """
     held = Held.of(experiments)
     whole = with_outputs(held)
+    if from_rest:  # only there a predictor knows where it is
+        return Held(whole, held.n_jobs)
     parts = [(whole[i][0][part], whole[i][1][part]) for i, part in pieces(held)]
     return Held(parts, held.n_jobs)
 

@@ -404,6 +404,27 @@ def test_records_that_begin_or_end_with_a_gap(n, loop_record, linear):
     np.testing.assert_allclose(*poles, atol=0.05)
 
 
+@pytest.mark.parametrize(("first", "n"), [(0, 30), (500, 100)])
+def test_a_gap_of_a_record_that_began_at_rest_is_followed_from_there(first, n):
+    """Behind a gap, a plant that once was at rest is so no longer."""
+    rng = np.random.default_rng(1)
+    u, x, y = np.repeat(0.5 + rng.standard_normal(200), 5), np.zeros(2), np.empty(1000)
+    for k in range(1000):
+        y[k] = x[0] + 0.5 * rng.standard_normal()
+        x = np.array(
+            [1.7 * x[0] - 0.75 * x[1] + u[k] + 0.1 * rng.standard_normal(), x[0]]
+        )
+    known = {"noise": "innovations", "initial_state": "rest", "operating_point": "zero"}
+    whole = alssnn.LinearStateSpace(nx=2, **known).fit(u, y)
+    y[first : first + n] = np.nan
+    model = clone(whole).fit(u, y)
+    assert model.cost_ == pytest.approx(whole.cost_, rel=0.1)
+    np.testing.assert_allclose(model.C_ @ model.K_, whole.C_ @ whole.K_, atol=0.05)
+    assert not np.any(model.x0_)
+    told = [m.parameter_covariance(u, y).n_effective for m in (model, whole)]
+    assert told[0] == pytest.approx(told[1], abs=0.1)
+
+
 def test_a_long_gap_of_an_unstable_plant():
     record = make_inverted_pendulum(1500, random_state=0)
     y = record.y.copy()

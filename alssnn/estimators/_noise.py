@@ -99,7 +99,7 @@ def training_data(estimator, experiments):
             "`noise` must be 'output' for experiments on a cluster, got "
             f"{estimator.noise!r}. Fit such a model where the record is."
         )
-    return told(experiments)
+    return told(experiments, from_rest=estimator._at_rest)
 
 
 def identified(estimator, experiments, previous, watch, held_out):

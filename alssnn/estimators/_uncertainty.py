@@ -311,9 +311,12 @@ def _seen(model, u, y, parts):
     experiments = from_free(model, simulated_experiments(model, u, y, parts))
     if not has_innovations(model._structure):
         return experiments
-    experiments = told(experiments)
+    experiments = told(experiments, from_rest=model._at_rest)
     structure, theta = predictor(model._structure), model._theta
-    x0 = estimate_x0(structure, theta, experiments, window=WINDOW, noise=model.cost_)
+    x0 = np.zeros((len(experiments), structure.n_x0))
+    if not model._at_rest:
+        known = {"window": WINDOW, "noise": model.cost_}
+        x0 = estimate_x0(structure, theta, experiments, **known)
     return bridged(structure, theta, x0, experiments)
 
 
