@@ -120,8 +120,8 @@ CASES = {
         hold=100,
         travel=(1.0, 20.0),
     ),
-    "arm": Case(make_two_input_arm, nx=4, reference=0.6, hold=60),
-    "long arm": Case(make_two_input_arm, nx=4, reference=0.6, hold=60, samples=10_000),
+    "arm": Case(make_two_input_arm, nx=4, reference=0.3, hold=60),
+    "long arm": Case(make_two_input_arm, nx=4, reference=0.3, hold=60, samples=10_000),
 }
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alssnn import LinearStateSpace
+from alssnn import FlSsnn, LinearStateSpace
 from alssnn.feedback import designed_loop
 from benchmarks import true_loops as command
 from benchmarks._tables import replace_runs
@@ -34,6 +34,17 @@ def test_a_linear_model_follows_its_own_design_and_not_on_the_plant(fan):
     run = attempt(case, record, LinearStateSpace(nx=2, dt=record.dt), 0)
     assert run.predicted < 1e-9 and 0 < run.reported < 0.5 and not run.failure
     assert 0.02 < run.deviation < 0.5
+
+
+@pytest.mark.filterwarnings("ignore:The limit .* is beyond the training data")
+def test_what_is_reported_of_a_law_that_nearly_fits_is_true_within_a_factor_2():
+    case = CASES["valve"]
+    record = case.make(1_000, noise=0.01, random_state=1)
+    options = {"nx": 1, "n_h": 4, "n_init": 1, "feedback": "state", "random_state": 1}
+    model = FlSsnn(**options, disturbances=[1], input_map="monotone", dt=record.dt)
+    run = attempt(case, record, model, 1)
+    assert run.deviation < 0.01 and run.predicted < 1e-9
+    assert 0.5 < run.reported / run.deviation < 2
 
 
 def test_disturbances_move_in_the_loop_and_in_its_design():

@@ -28,7 +28,7 @@ class LawRates:
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_duffing(400, random_state=0)
+    >>> record = alssnn.datasets.make_duffing(400, noise=0.01, random_state=0)
     >>> model = alssnn.FlSsnn(
     ...     nx=2, n_h=2, alpha=0.0, tol=1e-2, time="continuous", dt=record.dt
     ... )
