@@ -325,6 +325,11 @@ def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
     fit = fitted_model(model)  # what is held has no variance
     assert fit.free[fit.structure.slices["W_g"]].all() != matched
     assert fit.free[fit.structure.slices["W_h"]].all()
+    if matched:
+        covariance = model.parameter_covariance(u, y)
+        (drawn,) = model.sample_models(covariance, 1, random_state=0, data=(u, y))
+        assert not np.any(drawn.params_["W_g"])
+        assert np.any(drawn.params_["W_h"] != model.params_["W_h"])
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
