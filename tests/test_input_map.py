@@ -330,6 +330,9 @@ def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
         (drawn,) = model.sample_models(covariance, 1, random_state=0, data=(u, y))
         assert not np.any(drawn.params_["W_g"])
         assert np.any(drawn.params_["W_h"] != model.params_["W_h"])
+        more = y + 0.01 * rng.standard_normal(600)
+        model.set_params(warm_start=True, tol=1e-2).fit(u, more)
+        assert not np.any(model.params_["W_g"])
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

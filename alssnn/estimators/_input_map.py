@@ -220,10 +220,10 @@ def idle_g(model, structure, theta):
     Returns
     -------
     bounds : dict of str to tuple of ndarray
-        Equal bounds of all parameters of g; empty if g is not zero.
+        Equal bounds of all parameters of g; empty if g is not zero, or h is, too.
     """
     p = structure.split(theta)
-    if searched(model) is model or np.any(p.get("W_g", 1.0)):
+    if searched(model) is model or np.any(p.get("W_g", 1.0)) or not np.any(p["W_h"]):
         return {}
     of_g = [
         name

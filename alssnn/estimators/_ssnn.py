@@ -28,7 +28,13 @@ from ._callbacks import snapshot, with_callbacks
 from ._disturbances import checked
 from ._held_out import hold_out
 from ._horizon import trained
-from ._input_map import as_large_as_u, completed, searched, stages_of_search
+from ._input_map import (
+    as_large_as_u,
+    completed,
+    idle_g,
+    searched,
+    stages_of_search,
+)
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._judge import as_found, not_worse, warn_left_linear
@@ -288,6 +294,7 @@ class Ssnn(StateSpaceModel):
             plain, starts, fallback = previous[0], [previous[1]], None
             # "auto" goes on with what the fit that is continued has chosen
             decay = chosen if is_auto else {"alpha": self.alpha}
+            held = idle_g(self, plain, previous[1]) if is_auto else {}
         else:
             near = self._near(experiments)
             linear, plain = self._declared(self._linear_start(near, watch))
