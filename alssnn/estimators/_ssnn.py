@@ -285,11 +285,10 @@ class Ssnn(StateSpaceModel):
 
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
-        max_iter = self.max_iter
+        max_iter, is_auto = self.max_iter, self.alpha == "auto"
         chosen, continues = self._decay or {"alpha": 0.0}, goes_on(self, previous)
         held: dict = {}
         self._decay = None
-        is_auto = self.alpha == "auto"
         if continues:
             plain, starts, fallback = previous[0], [previous[1]], None
             # "auto" goes on with what the fit that is continued has chosen
