@@ -146,31 +146,26 @@ def train(
     stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     x0 = None if is_coarse else x0
     best = _best_start(stages, starts, first_limits, watch, n_jobs, options, x0)
-    if is_coarse:
-        # as much work on the middle stretch as on all samples
-        n_steps = polish_iter * experiments.n_samples // middle
-        n_steps = min(n_steps, options.get("max_iter", n_steps))
-        parts = [(experiments, limits, polish_iter, periodic)]
-        if is_long:
-            part = experiments.stretch(middle)
-            part = Held(part, n_jobs) if experiments.is_here else Held.of(part)
-            parts.insert(0, (part, first_limits, n_steps, False))
-        for label, (part, part_limits, n, is_periodic) in zip(
-            labels[len(criteria) :], parts, strict=True
-        ):
-            steps = best.nfev
-            best = _stage(
-                Criterion(
-                    structure, part, weights=weights, periodic=is_periodic, **decay
-                ),
-                best.theta,
-                part_limits,
-                fallback=fallback,
-                watch=watch,
-                label=label,
-                **{**options, "max_iter": n},
-            )
-            best.nfev += steps
+    if not is_coarse:
+        return best
+    # as much work on the middle stretch as on all samples
+    n_steps = polish_iter * experiments.n_samples // middle
+    n_steps = min(n_steps, options.get("max_iter", n_steps))
+    parts = [(experiments, limits, polish_iter, periodic)]
+    if is_long:
+        part = experiments.stretch(middle)
+        part = Held(part, n_jobs) if experiments.is_here else Held.of(part)
+        parts.insert(0, (part, first_limits, n_steps, False))
+    for label, (part, within, n, is_periodic) in zip(
+        labels[len(criteria) :], parts, strict=True
+    ):
+        criterion = Criterion(
+            structure, part, weights=weights, periodic=is_periodic, **decay
+        )
+        how = {**options, "watch": watch, "label": label, "max_iter": n}
+        steps, theta = best.nfev, best.theta
+        best = _stage(criterion, theta, within, fallback=fallback, **how)
+        best.nfev += steps
     return best
 
 

@@ -223,7 +223,8 @@ def idle_g(model, structure, theta):
         Equal bounds of all parameters of g; empty if g is not zero, or h is, too.
     """
     p = structure.split(theta)
-    if searched(model) is model or np.any(p.get("W_g", 1.0)) or not np.any(p["W_h"]):
+    has_map = searched(model) is not model and np.any(p.get("W_h", 0.0))
+    if not has_map or np.any(p.get("W_g", 1.0)):
         return {}
     of_g = [
         name

@@ -288,9 +288,9 @@ class Ssnn(StateSpaceModel):
         max_iter, is_auto = self.max_iter, self.alpha == "auto"
         chosen, continues = self._decay or {"alpha": 0.0}, goes_on(self, previous)
         held: dict = {}
-        self._decay = None
+        fallback = self._decay = None
         if continues:
-            plain, starts, fallback = previous[0], [previous[1]], None
+            plain, starts = previous[0], [previous[1]]
             # "auto" goes on with what the fit that is continued has chosen
             decay = chosen if is_auto else {"alpha": self.alpha}
             held = idle_g(self, plain, previous[1]) if is_auto else {}

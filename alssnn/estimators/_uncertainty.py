@@ -93,9 +93,7 @@ def parameter_covariance(model, u, y, experiment=None):
         F = score_covariance(*simulated, weight, noise)
         p = weighting_p_value(*simulated, weight, noise, F, fit.free)
     P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
-    reason = _doubt(model, p)
-    if not np.isfinite(P).all():
-        reason = "The covariance has entries that are not finite. Fit a smaller model."
+    reason = _doubt(model, P, p)
     if reason:
         warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
     scale = model._scaling.y_scale
@@ -116,13 +114,15 @@ def parameter_covariance(model, u, y, experiment=None):
     )
 
 
-def _doubt(model, p):
+def _doubt(model, P, p):
     """Return why no interval covers the truth; "" if nothing speaks against one."""
     if model.horizon > 1:
         return (
             f"The fit has weighed predictions over `horizon`={model.horizon} samples, "
             "whose errors are not independent. Fit with horizon=1."
         )
+    if not np.isfinite(P).all():
+        return "The covariance has entries that are not finite. Fit a smaller model."
     if not p >= WEIGHTING_LEVEL:  # nan is no likelihood
         return (
             "The fit moves more than noise allows when its color is weighed "
