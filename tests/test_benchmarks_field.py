@@ -2,6 +2,7 @@
 
 import csv
 import os
+from collections import Counter
 from functools import partial
 
 import numpy as np
@@ -95,11 +96,15 @@ def test_the_page_has_cases_that_are_whole():
     ]
     other = {**rows[1], "options": "nx=1", "relative": "9"}  # no default fit
     alone = {**rows[1], "case": "pendulum"}
-    lines = table.page([*rows, other, alone], command.CASES)
+    more = [
+        {**rows[1], "seed": "1", "relative": "0.5"},
+        {**rows[1], "seed": "2", "relative": "0.2"},
+    ]
+    lines = table.page([*rows, *more, other, alone], command.CASES)
     (y,) = (y for _, y in command.CASES["linear"].load().train)
     noise = 0.05 * y.std() / 0.2  # as the case says
-    assert lines[-2] == f"   linear, 0.500, 0.25, 0.12, 1.00, {noise:.2f}"
-    assert lines[-1] == "   tanks, 0.500, 0.25, 0.12, 1.00, "
+    assert lines[-2] == f"   linear, 0.500, 0.25 (0.50), 0.12, 1.00, 3, {noise:.2f}"
+    assert lines[-1] == "   tanks, 0.500, 0.25, 0.12, 1.00, 1, "
     assert not any("pendulum" in line for line in lines)
 
 
@@ -220,8 +225,9 @@ def test_plants_move_and_their_tests_are_new(name):
 
 def test_both_halves_of_the_plants_are_of_all_kinds():
     assert len(PLANTS) >= 26
-    n_seen = sum(case.split == "seen" for case in PLANTS.values())
-    assert abs(2 * n_seen - len(PLANTS)) <= 2
+    splits = Counter(case.split for case in PLANTS.values())
+    assert set(splits) == {"seen", "unseen", "later"}
+    assert abs(splits["seen"] - splits["unseen"]) <= 2
     assert {case.split for case in RECORDS.values()} == {"real"}
 
 

@@ -7,7 +7,7 @@ Fits every model with the defaults of the package, in processes of one thread ea
 appends a row per fit and test to a file; a run goes on where the file ends. --table
 prints medians and worst seeds relative to the linear model of the same case, published
 errors, and counts what must not happen: crashes, diverging tests, fits worse than the
-linear model, seeds that disagree.  --page writes seed 0 to doc/benchmarks/field.inc.
+linear model, seeds that disagree.  --page writes doc/benchmarks/field.inc.
 """
 
 import argparse

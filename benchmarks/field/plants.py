@@ -11,10 +11,13 @@ import numpy as np
 from alssnn import LinearStateSpace
 
 from .blocks import AWKWARD, BLOCKS
+from .later import LATER
 from .mechanics import MACHINES
 from .processes import PROCESSES
 
-PLANTS = {case.name: case for case in (*MACHINES, *PROCESSES, *BLOCKS, *AWKWARD)}
+PLANTS = {
+    case.name: case for case in (*MACHINES, *PROCESSES, *BLOCKS, *AWKWARD, *LATER)
+}
 
 
 def check(case):
