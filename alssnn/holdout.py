@@ -19,6 +19,8 @@ NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
 ELSEWHERE = 4  # states along the record, from which a simulation begins anew
 LARGER = 1.25  # inputs over those of the record, with which a simulation has to stay
 NEAR = 3.0  # outputs over the largest of the record
+BLOCKS = 8  # of a fold, by which chance is told
+TINY = np.finfo(float).tiny
 FEW, MANY = 1_200, 4_000  # samples up to which three folds, two folds judge
 
 
@@ -66,17 +68,38 @@ class Fold:
             (eq. holdout); inf where it diverges.
         """
         (y,) = structure.channels
-        weight = np.ones(1) if output_weight is None else np.asarray(output_weight)
-        weight = np.broadcast_to(weight, structure.sizes[y])
-        criterion = Criterion(
-            structure, self.hidden, weights={y: weight / weight.sum()}
-        )
+        weight = _shares(output_weight, structure.sizes[y])
+        criterion = Criterion(structure, self.hidden, weights={y: weight})
         if elsewhere and not self.integrators:
             starts = self._along(structure, theta, x0)
         else:
             starts = self._nudged(x0)
         norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
         return norm**2 if norm < DIVERGED_NORM else np.inf
+
+    def squares(self, structure, theta, x0, output_weight=None):
+        """Return the squared errors of the hidden samples, each times its weight.
+
+        Parameters
+        ----------
+        structure, theta, x0, output_weight
+            As of `error`.
+
+        Returns
+        -------
+        squares : ndarray of shape (n_hidden, ny)
+            Of all samples with a measured output; zero where another was not, and not
+            finite from where the simulation diverges.
+        """
+        lure, ny = structure.lure(theta), structure.sizes["y"]
+        weight, squares = _shares(output_weight, ny), []
+        for (u, y), start in zip(self.hidden, x0, strict=True):
+            rows = np.isfinite(y[:]).any(axis=1)
+            with np.errstate(over="ignore", invalid="ignore"):
+                y_hat = outputs(lure, u, structure.initial_state(start))[rows, :ny]
+                missed = np.where(np.isnan(y[rows]), 0.0, y_hat - y[rows])
+                squares.append(weight * missed**2)
+        return np.vstack(squares)
 
     def _nudged(self, x0):
         """Return initial states, and others next to them."""
@@ -99,6 +122,36 @@ class Fold:
             return [x0]
         rows = ((np.arange(ELSEWHERE) + 0.5) / ELSEWHERE * len(X)).astype(int)
         return [np.tile(state, (len(x0), 1)) for state in X[rows]]
+
+
+def certainty(pairs):
+    """Return a mean difference of squares over its standard error (eq. certainty).
+
+    Parameters
+    ----------
+    pairs : sequence of tuple of ndarray
+        By fold, the squared errors of one model and those of another, of shape
+        (n_hidden, ny).
+
+    Returns
+    -------
+    certainty : float
+        Of eight blocks of every fold: how many standard errors the second model is
+        better; infinite where the first alone diverges, zero if too little is hidden.
+    """
+    blocks = []
+    for ours, theirs in pairs:
+        if not np.isfinite(theirs).all():
+            return -np.inf
+        if not np.isfinite(ours).all():
+            return np.inf
+        gain = np.sum(ours - theirs, axis=1)
+        parts = np.array_split(gain, BLOCKS)
+        blocks += [part.mean() for part in parts if len(part)]
+    if len(blocks) < 2:
+        return 0.0
+    error = np.std(blocks, ddof=1) / np.sqrt(len(blocks))
+    return float(np.mean(blocks) / max(error, TINY))
 
 
 def escapes(structure, theta, x0, experiments):
@@ -134,6 +187,13 @@ def escapes(structure, theta, x0, experiments):
         if not np.all(np.abs(y_hat - y_mean) <= bound):
             return True
     return False
+
+
+def _shares(output_weight, ny):
+    """Return the weights of the outputs, their sum one."""
+    weight = np.ones(1) if output_weight is None else np.asarray(output_weight)
+    weight = np.broadcast_to(weight, ny)
+    return weight / weight.sum()
 
 
 def hold_out(experiments, share=SHARE, integrators=0):

@@ -20,8 +20,9 @@ goes on at this alpha as long as the error on the hidden samples falls; of a lon
 record, the fit to all its samples does that in one go.
 
 The networks are kept if they beat the best linear model on the hidden samples: in the
-sum over the folds, not much worse in any of them, and with an error that is worth a
-prediction.
+sum over the folds, by more than chance makes of it (eq. certainty), with outputs that
+gain more than others lose, not much worse in any fold, and with an error that is worth
+a prediction.
 
 Errors of a predictor are nearly white, and mostly what nobody can predict.  By chance,
 those of two models that predict equally well differ by `CHANCE` over the number of
@@ -34,7 +35,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .holdout import SHARE, Fold
+from .holdout import SHARE, Fold, certainty
 from .paths import ENOUGH, Path, Tally, choose, descended
 from .training import LEAST_MOVE
 from .watch import Watch
@@ -51,6 +52,7 @@ CONTENDS = 1.5  # root mean square error of a start over the least, which may ye
 CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
 REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
+SURE = 1.0  # standard errors by which it is less, at least
 WORSE = 1.5  # the same of a single fold
 USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
 FAR = 2.0  # root mean square error from elsewhere, over that of the linear model
@@ -137,6 +139,10 @@ class Found:
         Mean square errors on the hidden samples, outputs of unit variance.
     linear_errors : ndarray of shape (n_folds,)
         Those of the best linear model.
+    certainty : float
+        How many standard errors the networks are better (eq. certainty).
+    by_output : float
+        Mean over the outputs of their mean square errors over those of that model.
     curve : dict of int to float
         Least root mean square error on hidden samples of the networks, by order.
     gain : float, default=0.96
@@ -152,6 +158,8 @@ class Found:
     x0: np.ndarray
     errors: np.ndarray
     linear_errors: np.ndarray
+    certainty: float
+    by_output: float
     curve: dict
     gain: float = GAIN
 
@@ -163,6 +171,8 @@ class Found:
         bound = WORSE * np.maximum(linear, linear.mean() / 2)
         return bool(
             self.errors.sum() < self.gain * linear.sum()
+            and self.certainty >= SURE
+            and self.by_output < 1.0
             and np.all(self.errors < bound)
             and np.sqrt(self.errors.max()) < USEFUL
         )
@@ -195,9 +205,9 @@ def _compared(start, orders, candidates, largest, alphas, watch, tally, options)
     def walked(way, alphas):
         tell = tally.plan(len(alphas))
         way.path.descend(alphas, watch, tell=tell, **options)
-        error = float(np.sqrt(np.min([np.mean(e) for e in way.path.errors])))
-        curve[way.nx] = min(curve.get(way.nx, np.inf), error)
-        return replace(way, error=error)
+        least = min(way.path.errors, key=np.sum)
+        curve[way.nx] = min(curve.get(way.nx, np.inf), float(np.sqrt(np.mean(least))))
+        return replace(way, error=float(np.sqrt(min(way.path.scores) / len(least))))
 
     while pending:
         nx = pending.pop(0)
@@ -206,7 +216,7 @@ def _compared(start, orders, candidates, largest, alphas, watch, tally, options)
         if pending:
             continue
         # by few stages alone, an order that comes down late looks like a smaller one
-        near = CONTENDS * min(curve.values())
+        near = CONTENDS * min(way.error for way in [*ways, *fresh])
         fresh = [way for way in fresh if way.error <= near]
         if len(ways) + len(fresh) > 1 or nx < largest:
             fresh = [walked(way, rest) for way in fresh]
@@ -281,7 +291,7 @@ def search(
     scale = _scale(orders, is_predictor, descent)
     n_first = np.count_nonzero(np.asarray(descent.alphas) >= ENOUGH)
     alphas = scale * np.asarray(descent.alphas)
-    common = output_weight, _bounds(orders, output_weight), descent.center
+    common = output_weight, _bounds(orders, output_weight), descent.center, is_predictor
 
     def start(linears, seed=seeds[0]):
         return Path(recipe, folds, linears, seed, *common)
@@ -307,13 +317,15 @@ def search(
     paths = _walked(paths, alphas, n_first, quiet, options, tally, n_jobs)
     walk, stage = choose(paths, nearly, screen)
     alpha = walk.alphas[stage - 1]
-    judged = walk.errors[stage]  # what goes on from here is chosen by the same samples
+    # what goes on from here is chosen by the same samples
+    judged, chosen = walk.errors[stage], walk.states[stage]
     if len(folds) > 1:  # else the fit that follows goes on, without a break
         options.pop("enough")
         tell = tally.plan(more)
         stage = walk.go_on(stage, alpha, more, quiet, tell=tell, **options)
     reached = float(np.sqrt(np.mean(walk.errors[stage])))
     curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
+    linear, sure, by_output = _beside(orders, walk, chosen, output_weight, is_predictor)
     structure = walk.problems[0][0]
     theta, x0 = walk.states[stage][0]
     return Found(
@@ -325,7 +337,9 @@ def search(
         folds[0],
         x0,
         judged,
-        orders.errors[orders.nx],
+        linear,
+        sure,
+        by_output,
         curve,
         gain,
     )
@@ -351,6 +365,27 @@ def _bounds(orders, weight):
         error = fold.error(structure, theta, fit.x0, weight, elsewhere=True)
         bounds.append(FAR**2 * error)
     return bounds
+
+
+def _beside(orders, walk, points, weight, is_predictor):
+    """Return errors of the linear model, how sure others are less, and by output."""
+    errors, pairs = [], []
+    for fold, linear, (structure, *_), point in zip(
+        orders.folds, orders.models[orders.nx], walk.problems, points, strict=True
+    ):
+        known, theta, fit = linear.as_fit()
+        its = known, theta, fit.x0, weight
+        errors.append(fold.error(*its))
+        squares = fold.squares(structure, *point, weight)
+        pairs.append((fold.squares(*its), squares))
+    linear, ours = (
+        sum(part.sum(axis=0) for part in z) for z in zip(*pairs, strict=True)
+    )
+    judged = linear > 0  # neither without weight nor never measured
+    by_output = float(np.mean(ours[judged] / linear[judged])) if judged.any() else 1.0
+    # nearly white errors of a predictor have a chance of their own (`_standards`)
+    sure = np.inf if is_predictor else certainty(pairs)
+    return np.array(errors), sure, by_output
 
 
 def _scale(orders, is_predictor, descent):

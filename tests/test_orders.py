@@ -102,8 +102,21 @@ def test_the_orders_that_are_asked_for_are_compared(rng):
 def test_an_order_is_compared_with_those_below_it(rng, nx, largest):
     """Down to the first that is worse: it is the order of the plant that counts."""
     orders = compare_down([linear_record(rng, nx)], largest)
-    assert sorted(orders.models) == list(range(nx - 1, largest + 1))
+    assert sorted(orders.models) == list(range(max(nx - 2, 1), largest + 1))
     assert orders.nx == nx
+
+
+def test_one_order_that_is_worse_is_no_end(rng, monkeypatch):
+    """By chance 3 is worse than 4, and 2 as good: networks of 4 then begin with 2."""
+    told = {4: 0.33, 3: 0.345, 2: 0.33, 1: 0.9}
+
+    def compared(experiments, orders, **options):
+        (nx,) = orders
+        return Orders([], {nx: []}, {nx: np.array([told[nx] ** 2])})
+
+    monkeypatch.setattr("alssnn.orders.compare_orders", compared)
+    orders = compare_down([linear_record(rng, 1)], 4)
+    assert sorted(orders.models) == [1, 2, 3, 4] and orders.nx == 2
 
 
 def test_idle_states_change_no_output(rng):

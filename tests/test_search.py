@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
@@ -16,7 +17,7 @@ from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
 from alssnn.estimators import _horizon, _judge, _ssnn
-from alssnn.holdout import Fold
+from alssnn.holdout import Fold, certainty
 from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
@@ -182,11 +183,13 @@ def scaled(u, y):
     return [((u - u.mean()) / u.std(), (y - y.mean()) / y.std())]
 
 
-def walk(orders, bounds=(np.inf,) * 3, center="start"):
+def walk(orders, bounds=(np.inf,) * 3, center="start", is_predictor=False):
     """Return the start of a path of order 1."""
     folds, models = orders.folds, orders.models[1]
     bounds = bounds[: len(folds)]
-    return searching.Path(recipe(), folds, models, 0, None, bounds, center)
+    return searching.Path(
+        recipe(), folds, models, 0, None, bounds, center, is_predictor
+    )
 
 
 @pytest.mark.parametrize(
@@ -273,6 +276,7 @@ class Walked:
     def __init__(self, alphas, errors):
         self.alphas = list(alphas)
         self.errors = [np.array([error]) for error in errors]
+        self.scores = list(errors)
 
 
 @pytest.mark.parametrize(
@@ -364,6 +368,7 @@ def told(monkeypatch, table, seeds):
             n_folds, self.asked = len(self.folds), (list(alphas), options["enough"])
             self.alphas = list(alphas)
             self.errors = [np.full(n_folds, error / n_folds) for error in self.row]
+            self.scores = list(self.row)
             self.states = [
                 [(theta + i, x0) for theta, x0 in self.points]
                 for i in range(len(self.row))
@@ -412,11 +417,13 @@ def test_the_smallest_order_that_does_nearly_as_well(
             told = table.get(self.key, (0.99, 0.99))
             errors = [np.full(n_folds, error**2) for error in (1, *told)]
             self.errors, self.told = errors[:1], errors[1:]
+            self.scores = [float(n_folds)]
 
         def descend(self, alphas, watch, **options):
             walked.append((self.key, len(alphas)))
             self.alphas += list(alphas)
             self.errors.append(self.told[min(len(self.errors), 2) - 1])
+            self.scores.append(self.errors[-1].sum())
             self.states.append(self.points)
             return self
 
@@ -450,7 +457,8 @@ def test_white_errors_differ_by_chance(short, monkeypatch, is_predictor):
         told(monkeypatch, [row], [11])
         found = search(recipe(), orders, [1], [11], **options)
         # every fold of the told errors has the same: so have the linear models
-        found = replace(found, linear_errors=np.full(3, linear.mean()))
+        told_too = {"certainty": 9.0, "by_output": 0.5}
+        found = replace(found, linear_errors=np.full(3, linear.mean()), **told_too)
         assert found.helps is helps
 
 
@@ -535,8 +543,101 @@ def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
 )
 def test_what_counts_as_help(errors, linear, helps):
     errors, linear = np.array(errors), np.array(linear)
-    found = Found(None, None, None, 1e-3, 24, None, None, errors, linear, {})
+    found = Found(None, None, None, 1e-3, 24, None, None, errors, linear, 2.0, 0.5, {})
     assert found.helps is helps
+    # by chance, or one output at the cost of another
+    assert not replace(found, certainty=0.9).helps
+    assert not replace(found, by_output=1.1).helps
+
+
+def test_how_sure_a_gain_is():
+    # eight blocks of two samples each, of two outputs
+    gain = np.array([4.0, 2.0, 3.0, 3.0, 5.0, 1.0, 3.0, 3.0])
+    ours = np.repeat(gain, 2)[:, None] * [0.75, 0.25] + 1.0
+    error = gain.std(ddof=1) / np.sqrt(8)
+    assert certainty([(ours, np.ones_like(ours))]) == pytest.approx(3.0 / error)
+    assert certainty([(np.ones_like(ours), ours)]) == pytest.approx(-3.0 / error)
+    both = gain, gain + 6.0  # two folds: the mean of 16 blocks
+    folds = [(np.repeat(g, 2)[:, None], np.zeros((16, 1))) for g in both]
+    error = np.concatenate(both).std(ddof=1) / 4
+    assert certainty(folds) == pytest.approx(6.0 / error)
+
+
+def test_how_sure_a_gain_is_where_something_diverges_or_little_is_hidden():
+    fine, lost = np.ones((16, 1)), np.full((16, 1), np.inf)
+    assert certainty([(fine, lost)]) == certainty([(lost, lost)]) == -np.inf
+    assert certainty([(lost, fine)]) == np.inf
+    assert certainty([(fine[:0], fine[:0])]) == certainty([(fine[:1], fine[:1])]) == 0.0
+    assert certainty([(fine, fine)]) == 0.0
+
+
+def test_hidden_squares_are_those_of_the_error(short):
+    orders = compare_orders(scaled(*short), [1])
+    for fold, linear in zip(orders.folds, orders.models[1], strict=True):
+        structure, theta, fit = linear.as_fit()
+        squares = fold.squares(structure, theta, fit.x0)
+        assert squares.shape == (len(short[0]) / 4, 1)
+        assert squares.mean() == pytest.approx(orders.errors[1].mean(), rel=0.5)
+        # nothing is as bad from other initial states, which a stable plant forgets
+        error = fold.error(structure, theta, fit.x0)
+        assert squares.mean() == pytest.approx(error, rel=1e-6)
+
+
+def test_networks_are_compared_output_by_output(monkeypatch):
+    """With the weights of the outputs, and those of no weight left out."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 1))
+    y = lfilter([0, 1], [1, -0.5], u, axis=0) * [1.0, 2.0]
+    y += 0.1 * rng.standard_normal(y.shape)
+    orders = compare_orders([(u, y)], [1])
+    structure, theta, fit = orders.models[1][0].as_fit()
+    squares = Fold.squares
+
+    def told(self, structure, theta, x0, weight=None):
+        found = squares(self, structure, theta, x0, weight)
+        return found * (0.25, 3.0) if theta is other else found
+
+    monkeypatch.setattr(Fold, "squares", told)
+    other = theta.copy()
+
+    class Walk:
+        problems = [(structure,)] * len(orders.folds)
+
+    for weight, by_output in ((None, 1.625), ([1, 3], 1.625), ([1, 0], 0.25)):
+        alike = orders.folds[:1], {1: orders.models[1][:1]}
+        one = replace(orders, folds=alike[0], models=alike[1])
+        Walk.problems = [(structure,)]
+        errors, sure, found = searching._beside(
+            one, Walk, [(other, fit.x0)], weight, False
+        )
+        assert found == pytest.approx(by_output)
+        assert sure > 0 if weight == [1, 0] else sure < 0
+        expected = one.folds[0].error(structure, theta, fit.x0, weight)
+        assert errors == pytest.approx([expected])
+
+
+@pytest.mark.parametrize("escaped", [False, True])
+def test_what_larger_inputs_take_away_counts_with_twice_its_error(
+    short, monkeypatch, escaped
+):
+    orders = compare_orders(scaled(*short), [1])
+    monkeypatch.setattr(walking, "escapes", lambda *point: escaped)
+    path = walk(orders)
+    assert path.scores == [pytest.approx(path.errors[0].sum() * (4 if escaped else 1))]
+    assert path.least(5) == path.scores[0]
+    # of predictors and of plants that integrate, nobody asks
+    assert walk(orders, is_predictor=True).scores == [path.errors[0].sum()]
+    folds = [replace(fold, integrators=1) for fold in orders.folds]
+    orders = replace(orders, folds=folds)
+    assert walk(orders).scores == [pytest.approx(path.errors[0].sum(), rel=0.5)]
+
+
+def test_of_two_paths_the_one_that_stays(short):
+    stays, leaves = Walked([2, 1], (1, 0.5, 0.3)), Walked([2, 1], (1, 0.4, 0.2))
+    leaves.scores = [1, 0.4, 0.8]
+    assert walking.choose([stays, leaves], 1.1) == (stays, 2)
+    leaves.scores = [1, 0.4, 0.2]
+    assert walking.choose([stays, leaves], 1.1) == (leaves, 2)
 
 
 def test_overflowing_derivatives_are_a_cliff_and_not_the_end():
