@@ -1073,6 +1073,45 @@ def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
     assert np.isinf(model.alpha_) == all_are
 
 
+def _times(factor, refused):
+    """Return `as_found`, the cost of the search's model that times the training's."""
+    real = _judge.as_found
+
+    def as_found(*args, **options):
+        found = real(*args, **options)
+        found.cost = factor * refused[-1].cost
+        return found
+
+    return as_found
+
+
+@pytest.mark.parametrize(
+    ("factor", "message", "words"),
+    [
+        (3.9, "the model of the search", "made its simulation of this record"),
+        (4.1, "as many steps as hidden samples allow", "from other states of it worse"),
+    ],
+)
+def test_a_fourth_of_the_error_outweighs_what_happens_elsewhere(
+    monkeypatch, swinging, factor, message, words
+):
+    """An arm that turns over ends elsewhere from other states, too."""
+    trained, hangs = [], _judge._hangs
+
+    def hang(estimator, plain, result, **options):
+        if not trained:
+            trained.append(result)
+            return True
+        return hangs(estimator, plain, result, **options)
+
+    monkeypatch.setattr(_judge, "_hangs", hang)
+    monkeypatch.setattr(_judge, "as_found", _times(factor, trained))
+    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    with pytest.warns(ConvergenceWarning, match=words):
+        model.fit(swinging.u, swinging.y)
+    assert model.message_.endswith(message)
+
+
 @pytest.mark.parametrize(
     ("n_escapes", "message"),
     [(1, "the model of the search"), (2, "as many steps as hidden samples allow")],

@@ -10,6 +10,7 @@ from ..holdout import NEAR, escapes, hold_out
 from ..horizon import ahead
 from ..initial_states import WINDOW, Prior, estimate_x0
 from ..linear_model import simulation_error
+from ..paths import ESCAPED
 from ..search import FAR
 from ..shown import percent
 from ..stability import hold_off
@@ -217,37 +218,55 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     Returns
     -------
     result : OptimizeResult or None
-        The outcome of the training; that of the search, with a warning, if the former
-        depends on its initial states too much to be worth anything, or if larger inputs
-        lead it away and not what it began with (eq. escape); None if both depend.
+        The outcome of the training. That of the search, with a warning, if the former
+        simulates the record worse than the linear model, or if it goes far where
+        nothing was measured: from other states of the record, or with larger inputs
+        (eq. escape), as the outcome of the search does not. The plant may do so, too:
+        a fourth of the error outweighs it. None if both outcomes are worse than the
+        linear model, from here or from other states.
     """
-    loses = partial(_loses, estimator, plain, linear=linear, experiments=experiments)
+    worse = partial(_worse, estimator, plain, linear=linear, experiments=experiments)
+    hangs = partial(_hangs, estimator, plain, linear=linear, experiments=experiments)
     leaves = partial(_leaves, estimator, plain, experiments=experiments)
-    lost = loses(result)
-    if not lost and not leaves(result):
+    lost = worse(result)
+    hung = lost or hangs(result)
+    if not hung and not leaves(result):
         return result
     noise = min(result.cost, 1.0)
     untrained = as_found(
         estimator, plain, theta, experiments, watch, SEARCHED, noise=noise
     )
     found = OptimizeResult({**result, **untrained})
-    if loses(found):
-        return None if lost else result
-    if not lost and leaves(found):  # the plant itself may do so
+    if worse(found) or hangs(found):
+        return None if hung else result
+    outweighs = not lost and ESCAPED * result.cost < found.cost
+    if outweighs or (not hung and leaves(found)):
+        if hung:
+            _warn_elsewhere(estimator)
         return result
     if watch.reason is None:  # else the training might have come out of it
-        _warn_untrained(estimator, lost)
+        _warn_untrained(estimator, hung)
     return found
 
 
-def _warn_untrained(estimator, lost):
+def _warn_elsewhere(estimator):
+    """Warn of a model that goes far from other states, and fits well otherwise."""
+    warn_of_training(
+        f"{type(estimator).__name__} simulates this record well, and from other states "
+        "of it worse than the linear model. That is right for a plant that ends "
+        "elsewhere from there, as a pendulum that turns over. For another one, try a "
+        "smaller `nx`, a longer record, or another `random_state`."
+    )
+
+
+def _warn_untrained(estimator, hung):
     """Warn that a fit returns the model of its search."""
     name = type(estimator).__name__
     what = "prediction" if is_predicting(estimator) else "simulation"
     reason = (
         f"made its {what} of this record, from initial states estimated as in `score` "
         "or from other states of the record, worse than that of the linear model"
-        if lost
+        if hung
         else "made it go far from its record under inputs that are a quarter larger: "
         f"an output deviates {NEAR:.0f} times as much as any in the record"
     )
@@ -311,13 +330,8 @@ def as_found(
     )
 
 
-def _loses(estimator, plain, result, *, linear, experiments):
-    """Tell whether a fit simulates its record worse than the linear model.
-
-    Its error is more than 2 % larger, or more than twice as large from other states of
-    the record. The latter is not asked of predictions over a horizon, and of so many
-    samples that a copy of them would count.
-    """
+def _worse(estimator, plain, result, *, linear, experiments):
+    """Tell whether a fit simulates its record worse than the linear model by 2 %."""
     if not experiments.is_here:
         return False
     judge = judge_over_horizon(estimator, own_judge(estimator, experiments))
@@ -328,10 +342,19 @@ def _loses(estimator, plain, result, *, linear, experiments):
     least = judge.rmse(linear, theta, min(noise, 1.0))
     prior = Prior.along(plain, result.theta, result.x0, experiments)
     error = judge.rmse(ahead_of, result.theta, min(result.cost, 1.0), prior)
-    if error > 1.02 * least:
-        return True
-    if estimator.horizon > 1 or experiments.n_samples > MOST:
+    return error > 1.02 * least
+
+
+def _hangs(estimator, plain, result, *, linear, experiments):
+    """Tell whether the error is twice the linear model's from other states.
+
+    It is not asked of predictions over a horizon, and of so many samples that a copy of
+    them would count.
+    """
+    here = experiments.is_here and experiments.n_samples <= MOST
+    if not here or estimator.horizon > 1:
         return False
+    structure, theta, fit = linear.as_fit()
     return any(
         fold.error(plain, result.theta, result.x0, elsewhere=True)
         > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)
