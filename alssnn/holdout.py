@@ -82,8 +82,14 @@ class Fold:
 
         Parameters
         ----------
-        structure, theta, x0, output_weight
-            As of `error`.
+        structure : Structure
+            Structure of the model.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+        output_weight : ndarray of shape (ny,) or None, default=None
+            Weight of every output; None means one.
 
         Returns
         -------
