@@ -43,6 +43,14 @@ class Fold:
     hidden: list
     integrators: int = 0
 
+    @property
+    def whole(self):
+        """Return the experiments with all their samples."""
+        return [
+            (u, np.where(np.isnan(seen), unseen, seen))
+            for (u, seen), (_, unseen) in zip(self.fitted, self.hidden, strict=True)
+        ]
+
     def error(self, structure, theta, x0, output_weight=None, *, elsewhere=False):
         """Return the mean square error of a simulation on the hidden samples.
 

@@ -237,7 +237,8 @@ class Path:
         self.has_ended = False
         for alpha in alphas:
             self.points = [
-                self._stage(i, alpha, watch, options) for i in range(len(self.folds))
+                self._stage(i, fold.fitted, alpha, watch, options)[0]
+                for i, fold in enumerate(self.folds)
             ]
             self.alphas.append(alpha)
             self._judge()
@@ -278,21 +279,49 @@ class Path:
         self.descend([alpha] * n_stages, watch, enough=np.inf, **options)
         return stage + int(np.argmin(self.scores[stage:]))
 
-    def _stage(self, i, alpha, watch, options):
+    def best_fold(self, stage, alpha, watch, **options):
+        """Return the fold from whose parameters all samples are fitted best.
+
+        A search that has ended in a poor optimum in one fold may have left it in
+        another, where the samples that it has seen differ.
+
+        Parameters
+        ----------
+        stage : int
+            Stage to go on from.
+        alpha : float
+            Weight of the decay.
+        watch : Watch
+            May end it.
+        **options : dict
+            Of the minimization.
+
+        Returns
+        -------
+        fold : int
+            The first of those whose cost is the least behind one more stage, on all
+            samples.
+        """
+        if len(self.folds) == 1:
+            return 0
+        self.points = self.states[stage]
+        costs = [
+            self._stage(i, fold.whole, alpha, watch, options)[1]
+            for i, fold in enumerate(self.folds)
+        ]
+        return int(np.argmin(costs))
+
+    def _stage(self, i, experiments, alpha, watch, options):
+        """Return parameters and initial states of one fold behind a stage; its cost."""
         _, penalized, weights, limits = self.problems[i]
         theta, x0 = self.points[i]
         criterion = Criterion(
-            penalized,
-            self.folds[i].fitted,
-            alpha=alpha,
-            center=self.centers[i],
-            **weights,
+            penalized, experiments, alpha=alpha, center=self.centers[i], **weights
         )
         free = criterion.join(theta, x0)
-        if not criterion.norm(free) < DIVERGED_NORM:
-            return theta, x0
-        result = limits.minimize(criterion, free, watch=watch, **options)
-        return criterion.split(result.x)
+        if criterion.norm(free) < DIVERGED_NORM:
+            free = limits.minimize(criterion, free, watch=watch, **options).x
+        return criterion.split(free), criterion.norm(free)
 
 
 def _descend(path, alphas, watch, options):

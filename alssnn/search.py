@@ -326,15 +326,16 @@ def search(
     reached = float(np.sqrt(np.mean(walk.errors[stage])))
     curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
     linear, sure, by_output = _beside(orders, walk, chosen, output_weight, is_predictor)
-    structure = walk.problems[0][0]
-    theta, x0 = walk.states[stage][0]
+    options.pop("enough", None)
+    i = walk.best_fold(stage, alpha, quiet, **options)
+    theta, x0 = walk.states[stage][i]
     return Found(
-        structure,
+        walk.problems[i][0],
         theta,
-        walk.centers[0],
+        walk.centers[i],
         float(alpha),
         max_iter if len(folds) == 1 else REFIT * options["max_iter"],
-        folds[0],
+        folds[i],
         x0,
         judged,
         linear,

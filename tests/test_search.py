@@ -343,20 +343,19 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     short, monkeypatch, table, stage, start
 ):
     orders = compare_orders(scaled(*short), [1])
-    seeds = [11, 22, 33]
-    told(monkeypatch, table, seeds)
+    seeds, fold = [11, 22, 33], start  # any fold may have the best parameters
+    told(monkeypatch, table, seeds, fold)
     found = search(recipe(), orders, [1], seeds, max_iter=10)
     assert found.alpha == ALPHAS[stage - 1]
     assert found.errors.sum() == pytest.approx(table[start][stage])
-    linear = orders.models[1][0]
-    centre = recipe().start(
-        found.structure, linear, orders.folds[0].fitted, seeds[start]
-    )
+    assert found.fold is orders.folds[fold]
+    linear = orders.models[1][fold]
+    centre = recipe().start(found.structure, linear, found.fold.fitted, seeds[start])
     np.testing.assert_array_equal(found.center, centre)
     np.testing.assert_array_equal(found.theta, centre + stage)
 
 
-def told(monkeypatch, table, seeds):
+def told(monkeypatch, table, seeds, fold=0):
     """Have paths whose errors are told: one row per seed, one column per stage."""
 
     class Path(searching.Path):
@@ -378,6 +377,10 @@ def told(monkeypatch, table, seeds):
 
         def go_on(self, stage, *args, **options):
             return stage
+
+        def best_fold(self, stage, alpha, *args, **options):
+            assert alpha == self.alphas[stage - 1]
+            return fold
 
     walked: list = []
     monkeypatch.setattr(searching, "Path", Path)
@@ -526,6 +529,27 @@ def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
     np.testing.assert_array_equal(after[:5], before[:5])
     assert 4 < stage < 34
     assert after[stage] == min(after[4:]) < 0.9 * before[4]
+
+
+@pytest.mark.parametrize("best", [0, 1, 2])
+def test_the_fold_from_which_all_samples_are_fitted_best(short, best):
+    orders = compare_orders(scaled(*short), [1])
+    path = walk(orders)
+    options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
+    path.descend(ALPHAS[:6], Watch(), **options)
+    start, end = path.states[0], path.states[-1]
+    path.states.append([(end if i == best else start)[i] for i in range(3)])
+    options["max_iter"] = 1
+    assert path.best_fold(7, ALPHAS[5], Watch(), **options) == best
+
+
+def test_a_fold_has_all_samples(short):
+    (u, y), fold = scaled(*short)[0], compare_orders(scaled(*short), [1]).folds[1]
+    y = y.copy()
+    y[3] = np.nan
+    fold = replace(fold, fitted=[(u, np.where(np.isnan(y), y, fold.fitted[0][1]))])
+    np.testing.assert_array_equal(fold.whole[0][0], u)
+    np.testing.assert_array_equal(fold.whole[0][1], y)
 
 
 @pytest.mark.parametrize(
