@@ -15,11 +15,12 @@ through |r|, J'r and J'J, so it is handed an equivalent problem of n + 1 rows
 
     fun  = [|r|, 0, ..., 0],    jac = [a'; L'],    a = J'r / |r|,  L L' = J'J - a a'
 
-Same cost, same gradient, same Gauss-Newton matrix, hence the same iterates.  L is
-taken from the eigenvectors of the equilibrated matrix, not from Cholesky: the state
-basis is not unique, J'J is singular, and a rounded zero may be negative.  Such
-eigenvalues are raised to the level of rounding; left at zero, noise divided by noise
-would move the parameters along the directions that the cost does not see.
+Same cost, same gradient, same Gauss-Newton matrix, hence the same iterates.  The state
+basis is not unique, J'J is singular, and a rounded zero may be negative.  All
+eigenvalues of the equilibrated matrix are therefore raised by what rounding may do to
+them; left at zero, noise divided by noise would move the parameters along the
+directions that the cost does not see.  L is then its Cholesky factor; where rounding is
+larger, its eigenvectors are taken.
 
 The free vector is [theta; x0 of experiment 1; x0 of experiment 2; ...].  An
 experiment contributes sums over its samples (`contribution`), taken chunk by chunk from
@@ -32,7 +33,7 @@ from functools import partial
 from operator import add
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import LinAlgError, cholesky, eigh
 
 from .contribution import Arrow, Contribution
 from .mapping import Held
@@ -417,10 +418,16 @@ def compress(JJ, Jr, norm):
     still = size == 0  # a parameter without effect keeps an exact zero column
     size[still] = 1.0
     # equilibrated, so that the rounding of J'J is relative to each column
-    eigenvalues, Q = eigh((JJ - np.outer(a, a)) / np.outer(size, size))
-    # all of them are rounding, of either sign, where r is along the only column
-    floor = EIGENVALUE_FLOOR * max(eigenvalues[-1], 0.0)
-    L_t = np.sqrt(np.maximum(eigenvalues, floor))[:, None] * Q.T * size
+    rest = (JJ - np.outer(a, a)) / np.outer(size, size)
+    # the largest sum of a row is no less than the largest eigenvalue
+    floor = EIGENVALUE_FLOOR * np.abs(rest).sum(axis=1).max(initial=0.0)
+    try:
+        L_t = cholesky(rest + floor * np.eye(len(rest))) * size
+    except LinAlgError:
+        # all of it is rounding, of either sign, where r is along the only column
+        eigenvalues, Q = eigh(rest)
+        floor = EIGENVALUE_FLOOR * max(eigenvalues[-1], 0.0)
+        L_t = np.sqrt(np.maximum(eigenvalues, floor))[:, None] * Q.T * size
     L_t[:, still] = 0.0
     return np.vstack([a, L_t])
 

@@ -138,24 +138,27 @@ class Lure:
             other, unless it is one of `implicit`.
         """
         columns = np.arange(self.nw)
-        # the last that a neuron sees of itself and those behind it
-        last = np.where(np.triu(self.E), columns, -1).max(axis=1, initial=-1)
+        # the last that a neuron sees of those before it, and of itself and those behind
+        before, last = (
+            np.where(part, columns, -1).max(axis=1, initial=-1).tolist()
+            for part in (np.tril(self.E, -1), np.triu(self.E))
+        )
         layers, start = [], 0
         while start < self.nw:
             stop = start + 1
             if last[start] >= start:  # solved together with all that it sees
-                while last[start:stop].max() >= stop:
-                    stop = last[start:stop].max() + 1
+                while max(last[start:stop]) >= stop:
+                    stop = max(last[start:stop]) + 1
             else:
                 while (
                     stop < self.nw
                     and last[stop] < stop
                     and self.sigma[stop] is self.sigma[start]
-                    and not np.any(self.E[stop, start:stop])
+                    and before[stop] < start
                 ):
                     stop += 1
-            layers.append(slice(start, int(stop)))
-            start = int(stop)
+            layers.append(slice(start, stop))
+            start = stop
         return layers
 
     @cached_property
