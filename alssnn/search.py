@@ -123,7 +123,7 @@ class Found:
     structure : Structure
         Structure for simulation.
     theta : ndarray of shape (n_params,)
-        Parameters, fitted without the samples that the first fold hides.
+        Parameters, fitted without the samples that the fold hides.
     center : ndarray of shape (n_params,)
         Center of the decay: the random start, or zero.
     alpha : float
@@ -132,7 +132,7 @@ class Found:
         Trial steps that a fit to all samples may take: of a short record, many more
         than what was judged would be another, less regular model.
     fold : Fold
-        The first fold.
+        The fold whose parameters fit all samples best.
     x0 : ndarray of shape (n_experiments, n_x0)
         Initial states of its fit.
     errors : ndarray of shape (n_folds,)
