@@ -15,12 +15,8 @@ through |r|, J'r and J'J, so it is handed an equivalent problem of n + 1 rows
 
     fun  = [|r|, 0, ..., 0],    jac = [a'; L'],    a = J'r / |r|,  L L' = J'J - a a'
 
-Same cost, same gradient, same Gauss-Newton matrix, hence the same iterates.  The state
-basis is not unique, J'J is singular, and a rounded zero may be negative.  All
-eigenvalues of the equilibrated matrix are therefore raised by what rounding may do to
-them; left at zero, noise divided by noise would move the parameters along the
-directions that the cost does not see.  L is then its Cholesky factor; where rounding is
-larger, its eigenvectors are taken.
+Same cost, same gradient, same Gauss-Newton matrix, hence the same iterates
+(`compression`).
 
 The free vector is [theta; x0 of experiment 1; x0 of experiment 2; ...].  An
 experiment contributes sums over its samples (`contribution`), taken chunk by chunk from
@@ -33,14 +29,13 @@ from functools import partial
 from operator import add
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, eigh
 
+from .compression import compress
 from .contribution import Arrow, Contribution
 from .mapping import Held
 from .simulation import sensitivities
 from .steady import follows
 
-EIGENVALUE_FLOOR = 1e-12  # relative: below it, J'J is rounding times its conditioning
 DIVERGED_NORM = 1e100  # |r| of a diverged trial: finite, so that lm and trf reject it
 
 
@@ -394,42 +389,6 @@ def _by_channel(structure, weights):
         )
     sizes = structure.sizes
     return np.concatenate([np.broadcast_to(weights[c], sizes[c]) for c in channels])
-
-
-def compress(JJ, Jr, norm):
-    """Return the compressed Jacobian [a'; L'] of n + 1 rows (eq. compress).
-
-    Parameters
-    ----------
-    JJ : ndarray of shape (n, n)
-        Gauss-Newton matrix J'J.
-    Jr : ndarray of shape (n,)
-        J'r.
-    norm : float
-        Norm of r.
-
-    Returns
-    -------
-    jacobian : ndarray of shape (n + 1, n)
-        ``jacobian.T @ jacobian`` is J'J and ``jacobian[0] * norm`` is J'r.
-    """
-    a = Jr / norm if norm > 0 else np.zeros_like(Jr)
-    size = np.sqrt(np.diag(JJ))
-    still = size == 0  # a parameter without effect keeps an exact zero column
-    size[still] = 1.0
-    # equilibrated, so that the rounding of J'J is relative to each column
-    rest = (JJ - np.outer(a, a)) / np.outer(size, size)
-    # the largest sum of a row is no less than the largest eigenvalue
-    floor = EIGENVALUE_FLOOR * np.abs(rest).sum(axis=1).max(initial=0.0)
-    try:
-        L_t = cholesky(rest + floor * np.eye(len(rest))) * size
-    except LinAlgError:
-        # all of it is rounding, of either sign, where r is along the only column
-        eigenvalues, Q = eigh(rest)
-        floor = EIGENVALUE_FLOOR * max(eigenvalues[-1], 0.0)
-        L_t = np.sqrt(np.maximum(eigenvalues, floor))[:, None] * Q.T * size
-    L_t[:, still] = 0.0
-    return np.vstack([a, L_t])
 
 
 class Restricted(LeastSquares):

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 from scipy.linalg import pinv
 
-from .criterion import DIVERGED_NORM, Criterion, LeastSquares, compress
+from .compression import compress
+from .criterion import DIVERGED_NORM, Criterion, LeastSquares
 from .experiments import gap
 from .mapping import Held
 from .optimizers import minimize

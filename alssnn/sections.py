@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, eigh
 
-from .criterion import DIVERGED_NORM, EIGENVALUE_FLOOR, LeastSquares
+from .compression import EIGENVALUE_FLOOR
+from .criterion import DIVERGED_NORM, LeastSquares
 from .kernels import filter_sections
 from .mapping import Held
 

@@ -90,7 +90,7 @@ def _size(arrow):
 
 def measure_client(n_experiments):
     """Return the time in which the client solves for theta and all initial states."""
-    from alssnn.criterion import compress
+    from alssnn.compression import compress
 
     _, free = problem([make(0, 50)], 1)
     n = len(free) - NX + n_experiments * NX

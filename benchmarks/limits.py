@@ -22,7 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.optimize import least_squares
 
-from alssnn.criterion import Criterion, compress
+from alssnn.compression import compress
+from alssnn.criterion import Criterion
 from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.optimizers import single_threaded

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, least_squares
 
-from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted, compress
+from alssnn.compression import compress
+from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted
 from alssnn.models import state_space
 from alssnn.scaling import Scaling
 from alssnn.simulation import simulate

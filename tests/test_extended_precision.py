@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from structures import declare
 
-from alssnn.criterion import EIGENVALUE_FLOOR, Criterion
+from alssnn.compression import EIGENVALUE_FLOOR
+from alssnn.criterion import Criterion
 from helpers import random_theta
 
 EPS = np.finfo(float).eps
