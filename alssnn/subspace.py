@@ -430,7 +430,7 @@ def identify_linear(
     is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
     trial_tol = max(tol, TRIAL_TOLERANCE) if is_trial else tol
     options = {"watch": watch, "n_jobs": n_jobs}
-    if n_measured and any(np.isnan(y[:]).any() for _, y in trial):
+    if n_measured and any(np.isnan(y[:]).any() for _, y in pieces):
         # the regression is on bridged outputs, of which a simulation sees nothing
         kind = {"feedthrough": feedthrough, "max_iter": max_iter, "tol": trial_tol}
         plain = [(u[:, :-n_measured], y) for u, y in trial]
