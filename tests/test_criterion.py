@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, least_squares
 
-from alssnn.compression import compress
+from alssnn import compression
+from alssnn.compression import EIGENVALUE_FLOOR, compress
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted
 from alssnn.models import state_space
 from alssnn.scaling import Scaling
@@ -108,6 +109,19 @@ def test_compression_keeps_parameters_without_effect_still(rng):
     r = rng.standard_normal(20)
     jac = compress(J.T @ J, J.T @ r, np.linalg.norm(r))
     assert not np.any(jac[:, 2])
+
+
+@pytest.mark.parametrize("rank", [1, 5, 29])
+def test_compression_needs_no_eigenvectors_for_a_free_basis(monkeypatch, rng, rank):
+    """Directions without effect are raised to the level of rounding, and no further."""
+    basis = rng.standard_normal((rank, 30)) * 10.0 ** rng.uniform(-6, 6, 30)
+    J, r = rng.standard_normal((500, rank)) @ basis, rng.standard_normal(500)
+    monkeypatch.setattr(compression, "eigh", None)
+    jac = compress(J.T @ J, J.T @ r, np.linalg.norm(r))
+    size = np.linalg.norm(J, axis=0)
+    error = (jac.T @ jac - J.T @ J) / np.outer(size, size)
+    assert np.abs(error).max() < 30 * EIGENVALUE_FLOOR
+    assert np.linalg.svd(jac / size)[1][-1] > np.sqrt(EIGENVALUE_FLOOR) / 2
 
 
 def test_compression_of_a_residual_along_the_only_column_is_finite(rng):
