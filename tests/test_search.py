@@ -1110,14 +1110,14 @@ def _times(factor, refused):
 
 
 @pytest.mark.parametrize(
-    ("factor", "message", "words"),
+    ("factor", "is_searched", "words"),
     [
-        (3.9, "the model of the search", "made its simulation of this record"),
-        (4.1, "as many steps as hidden samples allow", "from other states of it worse"),
+        (3.9, True, "made its simulation of this record"),
+        (4.1, False, "from other states of it worse"),
     ],
 )
 def test_a_fourth_of_the_error_outweighs_what_happens_elsewhere(
-    monkeypatch, swinging, factor, message, words
+    monkeypatch, swinging, factor, is_searched, words
 ):
     """An arm that turns over ends elsewhere from other states, too."""
     trained, hangs = [], _judge._hangs
@@ -1133,15 +1133,12 @@ def test_a_fourth_of_the_error_outweighs_what_happens_elsewhere(
     model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
     with pytest.warns(ConvergenceWarning, match=words):
         model.fit(swinging.u, swinging.y)
-    assert model.message_.endswith(message)
+    assert ("the model of the search" in model.message_) == is_searched
 
 
-@pytest.mark.parametrize(
-    ("n_escapes", "message"),
-    [(1, "the model of the search"), (2, "as many steps as hidden samples allow")],
-)
+@pytest.mark.parametrize("n_escapes", [1, 2])
 def test_a_training_that_larger_inputs_lead_away_is_left_out(
-    monkeypatch, swinging, n_escapes, message
+    monkeypatch, swinging, n_escapes
 ):
     asked = []
 
@@ -1155,7 +1152,7 @@ def test_a_training_that_larger_inputs_lead_away_is_left_out(
         warnings.simplefilter("always")
         model.fit(swinging.u, swinging.y)
     # what the search found does so, too: it may be the plant
-    assert model.message_.endswith(message)
+    assert ("the model of the search" in model.message_) == (n_escapes == 1)
     told = any("a quarter larger" in str(w.message) for w in caught)
     assert told == (n_escapes == 1)
     assert asked == [1, 1]  # the training, and the model of the search
