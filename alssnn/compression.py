@@ -41,7 +41,7 @@ def compress(JJ, Jr, norm):
     try:
         L_t = cholesky(rest + floor * np.eye(len(rest))) * size
     except LinAlgError:
-        # all of it is rounding, of either sign, where r is along the only column
+        # as where r is along the only column: all of it is rounding, of either sign
         eigenvalues, Q = eigh(rest)
         floor = EIGENVALUE_FLOOR * max(eigenvalues[-1], 0.0)
         L_t = np.sqrt(np.maximum(eigenvalues, floor))[:, None] * Q.T * size
