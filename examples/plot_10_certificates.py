@@ -38,8 +38,9 @@ print(certificate)
 # -----------------
 # The margin of the inequality is recomputed from the numbers of the certificate, with
 # NumPy alone and without the solver.  There are two bounds on :math:`\omega`: the
-# largest value along the data, and one that no input can exceed.  The second one gives
-# a bound many times as large as the output, which says nothing.
+# largest value along the data, and one that no input can exceed.  The second one holds
+# for any input, but its bound on the deviation is larger than the output's own standard
+# deviation, so it says little here.
 
 print(f"margin recomputed: {certificate.verify():.2e}")
 everywhere = model.iss_certificate(eps="global")
@@ -49,7 +50,7 @@ print(f"std of the output, to compare: {np.std(train.y):.3g}")
 
 # sphinx_gallery_start_ignore
 assert certificate.holds and certificate.verify() > 0
-assert everywhere.output_bound > 3 * np.std(train.y)
+assert everywhere.output_bound > max(certificate.output_bound, np.std(train.y))
 # sphinx_gallery_end_ignore
 
 # %%
