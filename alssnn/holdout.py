@@ -17,8 +17,6 @@ from .simulation import outputs, simulate
 SHARE = 0.25  # of every experiment, hidden in one fold
 NUDGE, STARTS = 0.1, 2  # size of a change of the initial state, and how many
 ELSEWHERE = 4  # states along the record, from which a simulation begins anew
-LARGER = 1.25  # inputs over those of the record, with which a simulation has to stay
-NEAR = 3.0  # outputs over the largest of the record
 BLOCKS = 8  # of a fold, by which chance is told
 TINY = np.finfo(float).tiny
 FEW, MANY = 1_200, 4_000  # samples up to which three folds, two folds judge
@@ -166,41 +164,6 @@ def certainty(pairs):
         return 0.0
     error = np.std(blocks, ddof=1) / np.sqrt(len(blocks))
     return float(np.mean(blocks) / max(error, TINY))
-
-
-def escapes(structure, theta, x0, experiments):
-    """Tell whether larger inputs take a model far from its record (eq. escape).
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of the model, y its first channel.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    x0 : ndarray of shape (n_experiments, n_x0)
-        Initial states of the experiments.
-    experiments : sequence of tuple of array
-        Pairs (u, y) of scaled deviations; nan where an output was not measured.
-
-    Returns
-    -------
-    escapes : bool
-        Whether an output deviates from its mean by three times what it ever does in the
-        record, while inputs deviate by a quarter more.
-    """
-    lure, ny = structure.lure(theta), structure.sizes["y"]
-    u_mean = np.vstack([u[:] for u, _ in experiments]).mean(axis=0)
-    y = np.vstack([y[:] for _, y in experiments])
-    y_mean = np.nanmean(y, axis=0)
-    # a constant output may move by its unit
-    bound = NEAR * np.maximum(np.nanmax(np.abs(y - y_mean), axis=0), 1.0)
-    for (u, _), start in zip(experiments, x0, strict=True):
-        larger = u_mean + LARGER * (u[:] - u_mean)
-        with np.errstate(over="ignore", invalid="ignore"):
-            y_hat = outputs(lure, larger, structure.initial_state(start))[:, :ny]
-        if not np.all(np.abs(y_hat - y_mean) <= bound):
-            return True
-    return False
 
 
 def _shares(output_weight, ny):

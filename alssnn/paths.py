@@ -8,13 +8,13 @@ chosen here, too.
 import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
-from .holdout import escapes
+from .excursions import leaves, settling
 from .workers import finished
 
 WAIT = 3  # alphas without a gain, after which a path ends
 ENOUGH = 1e-4  # the largest alpha at which it may
-# Mean square error of what larger inputs take far from the record (eq. escape), as it
-# counts: the plant may do so, too, and is left to if all else has twice the error.
+# Mean square error of what other inputs take far from the record (eq. escape, latch),
+# as it counts: the plant may go there, too, where all else has twice the error.
 ESCAPED = 4.0
 
 
@@ -109,7 +109,7 @@ class Path:
     center : {"start", "zero"}, default="start"
         What the decay leads to.
     is_predictor : bool, default=False
-        Whether it is of predictors, of which nobody asks what larger inputs do.
+        Whether it is of predictors, of which nobody asks what other inputs do.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Path:
     errors : list of ndarray of shape (n_folds,)
         Mean square errors on the hidden samples, of the start and behind every alpha.
     scores : list of float
-        Their sums, multiplied where larger inputs take the model far from its record.
+        Their sums, multiplied where other inputs take the model far from its record.
     states : list of list of tuple of ndarray
         Parameters and initial states of the same, by fold.
 
@@ -142,6 +142,7 @@ class Path:
     ):
         self.folds, self.weight, self.bounds = folds, weight, bounds
         self.is_asked = not (is_predictor or folds[0].integrators)
+        self.held = [settling(model.A) for model in linears]
         self.problems, self.points = [], []
         for fold, model in zip(folds, linears, strict=True):
             linear, structure, penalized, weights = recipe.declare(model)
@@ -173,11 +174,11 @@ class Path:
         self.states.append(self.points)
 
     def _leaves(self):
-        """Tell whether larger inputs take a fold far from its record (eq. escape)."""
+        """Tell whether other inputs take a fold to where nothing was measured."""
         return self.is_asked and any(
-            escapes(structure, *point, fold.fitted)
-            for fold, (structure, *_), point in zip(
-                self.folds, self.problems, self.points, strict=True
+            leaves(structure, *point, fold.fitted, n_held)
+            for fold, (structure, *_), point, n_held in zip(
+                self.folds, self.problems, self.points, self.held, strict=True
             )
         )
 
@@ -207,7 +208,7 @@ class Path:
         Returns
         -------
         score : float
-            Sum of the mean square errors of the folds, larger where larger inputs take
+            Sum of the mean square errors of the folds, larger where other inputs take
             the model far from its record.
         """
         return min(self.scores[: n_stages + 1])

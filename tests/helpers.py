@@ -8,6 +8,7 @@ from alssnn.feedback import LinearizingController, Observer, lqi, lqr
 from alssnn.forms import of_structure
 from alssnn.kernels import differentiate
 from alssnn.lure import Lure
+from alssnn.models import state_space
 from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
@@ -196,3 +197,19 @@ def controlled(name, seed=0, *, integrates=True, limits=None, scale=1.0, size=0.
             "u_max": plant.v_offset + limits,
         }
     return LinearizingController(plant, scale * K, observer=observer, **bounds)
+
+
+def point(A, B, C):
+    """Return a linear structure and its parameters."""
+    structure = state_space(len(A), B.shape[1], len(C))
+    return structure, structure.join({"A": A, "B": B, "C": C})
+
+
+def bistable(w):
+    """Return x+ = 0.5 x + u + w tanh(x), y = x: for w > 0.5 it keeps its sign."""
+    structure = state_space(1, 1, 1, n_g=1, C=[[1.0]])
+    theta = dict.fromkeys(structure.shapes, 0.0)
+    theta |= {"A": 0.5, "B": 1.0, "W_x": 1.0, "W_g": w}
+    return structure, structure.join(
+        {n: np.full(structure.shapes[n], value) for n, value in theta.items()}
+    )

@@ -264,3 +264,22 @@ def test_our_curve_ends_with_the_fitted_model():
     assert float(rows[-1][3]) == pytest.approx(1e3 * rmse(y, y_hat), rel=1e-4)
     seconds = [float(row[1]) for row in rows]
     assert seconds == sorted(seconds)
+
+
+@pytest.mark.slow
+def test_a_motor_does_not_stay_where_a_long_step_has_taken_it():
+    """No FL-SSNN is this plant; one that fits its record keeps two places to rest."""
+    case = PLANTS["saturating motor"]
+    u, y = map(list, zip(*case.load().train, strict=True))
+    linear = runs.MODELS["lti"](dt=0.02).fit(u, y)
+    model = runs.MODELS["fl"](dt=0.02, random_state=2).fit(u, y)
+    (test,) = case.load().tests.values()
+    errors = [
+        runs.score(one.set_params(n_init_samples=case.n_init), test)["rmse"]
+        for one in (linear, model)
+    ]
+    assert errors[1] < 0.7 * errors[0]
+    highest = np.quantile(u[0], 0.98)
+    held = np.r_[np.full(1_000, highest), np.zeros(1_000)]
+    # it had stayed at twice the standard deviation of the output
+    assert abs(model.predict(held)[-1]) < 0.2 * np.std(y[0])

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from alssnn import holdout
-from alssnn.holdout import escapes, hold_out
-from alssnn.models import state_space
-from alssnn.simulation import outputs, simulate
-from helpers import simulate_linear
+from alssnn.holdout import hold_out
+from alssnn.simulation import simulate
+from helpers import bistable, point, simulate_linear
 
 
 def records(rng, lengths, ny=2):
@@ -76,12 +75,6 @@ def test_the_data_are_not_touched(rng):
 A, B, C = np.diag([0.9, 0.5]), np.ones((2, 1)), np.array([[1.0, 0.5], [0.0, 2.0]])
 
 
-def point(A, B, C):
-    """Return a linear structure and its parameters."""
-    structure = state_space(len(A), B.shape[1], len(C))
-    return structure, structure.join({"A": A, "B": B, "C": C})
-
-
 @pytest.mark.parametrize("weight", [None, [1.0, 3.0], [0.0, 2.0]])
 def test_the_error_is_that_of_a_simulation_through_the_gap(rng, weight, monkeypatch):
     monkeypatch.setattr(holdout, "NUDGE", 0.0)
@@ -145,16 +138,6 @@ def test_a_model_that_diverges_is_infinitely_bad(rng):
     assert hold_out(experiments)[0].error(structure, theta, np.ones((1, 2))) == np.inf
 
 
-def bistable(w):
-    """Return x+ = 0.5 x + u + w tanh(x), y = x: for w > 0.5 it keeps its sign."""
-    structure = state_space(1, 1, 1, n_g=1, C=[[1.0]])
-    theta = dict.fromkeys(structure.shapes, 0.0)
-    theta |= {"A": 0.5, "B": 1.0, "W_x": 1.0, "W_g": w}
-    return structure, structure.join(
-        {n: np.full(structure.shapes[n], value) for n, value in theta.items()}
-    )
-
-
 @pytest.mark.parametrize(("w", "forgets"), [(0.75, False), (0.3, True)])
 def test_a_model_that_ends_elsewhere_from_another_state_is_found_out(rng, w, forgets):
     """Small inputs leave it where it is, near 1.1 or near -1.1, if it has both."""
@@ -175,43 +158,6 @@ def test_a_simulation_that_diverges_does_so_from_everywhere(rng):
     fold = hold_out([(u, u)])[0]
     growing = point(np.diag([0.5, 1.5]), np.ones((2, 1)), np.ones((1, 2)))
     assert fold.error(*growing, np.zeros((1, 2)), elsewhere=True) == np.inf
-
-
-@pytest.mark.parametrize(
-    ("threshold", "offset", "found"),
-    [
-        (1.75, 0.0, True),  # beyond what the record reaches, 1.56, and below 1.95
-        (2.5, 0.0, False),
-        (1.75, 100.0, True),  # inputs deviate from their mean, not from zero
-        (2.5, 100.0, False),
-    ],
-)
-def test_a_second_attractor_beyond_the_record_is_found(threshold, offset, found):
-    structure, _ = bistable(0.0)
-    u = np.random.default_rng(0).uniform(-1, 1, (500, 1))
-    values = {"A": 0.5, "B": 1.0, "W_x": 40.0, "b_x": -40.0 * threshold, "W_g": 5.0}
-    theta = {n: np.full(structure.shapes[n], values.get(n, 0.0)) for n in values}
-    theta["W_u"] = np.zeros((1, 1))
-    if offset:  # x = 2 offset + what it is without
-        theta["b_x"] = theta["b_x"] - 40.0 * 2 * offset
-    u, x0 = u + offset, np.array([[2 * offset]])
-    theta = structure.join(theta)
-    y = outputs(structure.lure(theta), u, x0[0])
-    assert np.ptp(y) < 4
-    y[::7] = np.nan  # not measured
-    assert escapes(structure, theta, x0, [(u, y)]) == found
-
-
-def test_a_constant_output_escapes_nowhere(rng):
-    u = rng.standard_normal((300, 1))
-    model = point(np.array([[0.5]]), np.array([[1e-3]]), np.ones((1, 1)))
-    assert not escapes(*model, np.zeros((1, 1)), [(u, np.zeros((300, 1)))])
-
-
-def test_a_simulation_that_diverges_escapes(rng):
-    u = rng.standard_normal((3000, 1))
-    model = point(np.array([[3.0]]), np.ones((1, 1)), np.ones((1, 1)))
-    assert escapes(*model, np.zeros((1, 1)), [(u, u)])
 
 
 def test_what_integrates_begins_where_it_did(rng):

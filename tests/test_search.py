@@ -645,7 +645,7 @@ def test_what_larger_inputs_take_away_counts_with_twice_its_error(
     short, monkeypatch, escaped
 ):
     orders = compare_orders(scaled(*short), [1])
-    monkeypatch.setattr(walking, "escapes", lambda *point: escaped)
+    monkeypatch.setattr(walking, "leaves", lambda *point: escaped)
     path = walk(orders)
     assert path.scores == [pytest.approx(path.errors[0].sum() * (4 if escaped else 1))]
     assert path.least(5) == path.scores[0]
@@ -1137,16 +1137,17 @@ def test_a_fourth_of_the_error_outweighs_what_happens_elsewhere(
 
 
 @pytest.mark.parametrize("n_escapes", [1, 2])
-def test_a_training_that_larger_inputs_lead_away_is_left_out(
+def test_a_training_that_other_inputs_lead_away_is_left_out(
     monkeypatch, swinging, n_escapes
 ):
     asked = []
 
-    def escapes(structure, theta, x0, experiments):
+    def leaves(structure, theta, x0, experiments, n_held):
+        assert n_held > 0  # inputs are held, too
         asked.append(len(experiments))
         return len(asked) <= n_escapes
 
-    monkeypatch.setattr(_judge, "escapes", escapes)
+    monkeypatch.setattr(_judge, "leaves", leaves)
     model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
-from ..holdout import NEAR, escapes, hold_out
+from ..excursions import NEAR, leaves, settling
+from ..holdout import hold_out
 from ..horizon import ahead
 from ..initial_states import WINDOW, Prior, estimate_x0
 from ..linear_model import simulation_error
@@ -220,14 +221,14 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     result : OptimizeResult or None
         The outcome of the training. That of the search, with a warning, if the former
         simulates the record worse than the linear model, or if it goes far where
-        nothing was measured: from other states of the record, or with larger inputs
-        (eq. escape), as the outcome of the search does not. The plant may do so, too:
+        nothing was measured: from other states of the record, or under other inputs
+        (eq. escape, latch), as the outcome of the search does not. The plant may, too:
         a fourth of the error outweighs it. None if both outcomes are worse than the
         linear model, from here or from other states.
     """
     worse = partial(_worse, estimator, plain, linear=linear, experiments=experiments)
     hangs = partial(_hangs, estimator, plain, linear=linear, experiments=experiments)
-    leaves = partial(_leaves, estimator, plain, experiments=experiments)
+    leaves = partial(_leaves, estimator, plain, linear=linear, experiments=experiments)
     lost = worse(result)
     hung = lost or hangs(result)
     if not hung and not leaves(result):
@@ -267,8 +268,9 @@ def _warn_untrained(estimator, hung):
         f"made its {what} of this record, from initial states estimated as in `score` "
         "or from other states of the record, worse than that of the linear model"
         if hung
-        else "made it go far from its record under inputs that are a quarter larger: "
-        f"an output deviates {NEAR:.0f} times as much as any in the record"
+        else "made it go where nothing was measured. Under inputs that are a quarter "
+        f"larger, an output deviates {NEAR:.0f} times as much as any in the record, or "
+        "under inputs that are held, it rests in two places"
     )
     warn_of_training(
         f"Training {name} on all samples {reason}. The model that the search found is "
@@ -277,11 +279,12 @@ def _warn_untrained(estimator, hung):
     )
 
 
-def _leaves(estimator, plain, result, *, experiments):
-    """Tell whether larger inputs take a simulation far from its record (eq. escape)."""
+def _leaves(estimator, plain, result, *, linear, experiments):
+    """Tell whether other inputs take a simulation far from its record."""
     if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
         return False
-    return escapes(plain, result.theta, result.x0, experiments)
+    its = plain, result.theta, result.x0, experiments
+    return leaves(*its, settling(linear.A))
 
 
 def as_found(

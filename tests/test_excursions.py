@@ -1,0 +1,123 @@
+"""Excursions: what a model does under inputs that its record does not have."""
+
+import numpy as np
+import pytest
+
+from alssnn.excursions import LONGEST, escapes, latches, leaves, settling
+from alssnn.models import state_space
+from alssnn.simulation import outputs, simulate
+from helpers import bistable, point
+
+
+@pytest.mark.parametrize(
+    ("threshold", "offset", "found"),
+    [
+        (1.75, 0.0, True),  # beyond what the record reaches, 1.56, and below 1.95
+        (2.5, 0.0, False),
+        (1.75, 100.0, True),  # inputs deviate from their mean, not from zero
+        (2.5, 100.0, False),
+    ],
+)
+def test_a_second_attractor_beyond_the_record_is_found(threshold, offset, found):
+    structure, _ = bistable(0.0)
+    u = np.random.default_rng(0).uniform(-1, 1, (500, 1))
+    values = {"A": 0.5, "B": 1.0, "W_x": 40.0, "b_x": -40.0 * threshold, "W_g": 5.0}
+    theta = {n: np.full(structure.shapes[n], values.get(n, 0.0)) for n in values}
+    theta["W_u"] = np.zeros((1, 1))
+    if offset:  # x = 2 offset + what it is without
+        theta["b_x"] = theta["b_x"] - 40.0 * 2 * offset
+    u, x0 = u + offset, np.array([[2 * offset]])
+    theta = structure.join(theta)
+    y = outputs(structure.lure(theta), u, x0[0])
+    assert np.ptp(y) < 4
+    y[::7] = np.nan  # not measured
+    assert escapes(structure, theta, x0, [(u, y)]) == found
+
+
+def test_a_constant_output_escapes_nowhere(rng):
+    u = rng.standard_normal((300, 1))
+    model = point(np.array([[0.5]]), np.array([[1e-3]]), np.ones((1, 1)))
+    assert not escapes(*model, np.zeros((1, 1)), [(u, np.zeros((300, 1)))])
+
+
+def test_a_simulation_that_diverges_escapes(rng):
+    u = rng.standard_normal((3000, 1))
+    model = point(np.array([[3.0]]), np.ones((1, 1)), np.ones((1, 1)))
+    assert escapes(*model, np.zeros((1, 1)), [(u, u)])
+
+
+# -- inputs that are held --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3, 0.9, 0.99])
+def test_inputs_are_held_until_the_slowest_mode_has_settled(radius):
+    A = np.array([[radius, 5.0], [0.0, radius / 2]])  # not normal: poles decide
+    n_held = settling(A)
+    assert 1 <= n_held <= LONGEST
+    assert radius**n_held <= 0.01 and (n_held == 1 or radius ** (n_held - 1) > 0.01)
+
+
+@pytest.mark.parametrize("radius", [0.9999, 1.0, 1.2])
+def test_what_hardly_settles_is_not_asked(radius):
+    assert settling(np.array([[radius]])) == 0
+
+
+def record_of(structure, theta, rng, amplitude):
+    u = amplitude * rng.uniform(-1, 1, (400, 1))
+    x0 = np.ones((1, 1))
+    return x0, [(u, simulate(structure.lure(theta), u, x0[0])[:-1])]
+
+
+@pytest.mark.parametrize("amplitude", [0.02, 1.0])
+@pytest.mark.parametrize(("w", "keeps"), [(0.3, False), (0.75, True)])
+def test_a_model_that_rests_in_two_places_latches(rng, w, keeps, amplitude):
+    """Only inputs that are large enough to take it to the other place show it."""
+    structure, theta = bistable(w)
+    x0, experiments = record_of(structure, theta, rng, amplitude)
+    model = structure, theta, x0, experiments
+    found = keeps and amplitude == 1.0
+    assert latches(*model, 50) == found
+    assert leaves(*model, 50) == found
+    assert not leaves(*model)  # zero samples: nothing is held
+
+
+def test_no_input_hides_what_another_latches(rng):
+    """Of three inputs and two outputs, one pair has two places to rest."""
+    structure = state_space(2, 3, 2, n_g=1, C=np.eye(2))
+    zero = {name: np.zeros(shape) for name, shape in structure.shapes.items()}
+    values = zero | {
+        "A": 0.5 * np.eye(2),
+        "B": np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        "W_x": np.array([[0.0, 1.0]]),
+        "W_g": np.array([[0.0], [0.75]]),
+    }
+    x0, u = np.zeros((1, 2)), rng.uniform(-1, 1, (300, 3))
+    for shared, found in (([0.0, 0.75], True), ([0.75, 0.0], False)):
+        values["W_g"] = np.array(shared)[:, None]
+        theta = structure.join(values)
+        assert latches(structure, theta, x0, [(u, np.zeros((300, 2)))], 50) == found
+
+
+def test_a_linear_model_latches_nowhere(rng):
+    model = point(np.diag([0.9, 0.5]), np.ones((2, 1)), np.ones((1, 2)))
+    u = rng.standard_normal((300, 1))
+    its = *model, np.ones((1, 2)), [(u, u)]
+    assert not latches(*its, settling(np.diag([0.9, 0.5])))
+    assert latches(*its, 2)  # it has not settled
+
+
+def test_a_simulation_that_diverges_latches(rng):
+    model = point(np.array([[3.0]]), np.ones((1, 1)), np.ones((1, 1)))
+    u = rng.standard_normal((300, 1))
+    assert latches(*model, np.zeros((1, 1)), [(u, u)], 1_000)
+
+
+def test_experiments_are_held_as_one(rng):
+    """The largest and the least input may lie in different experiments."""
+    structure, theta = bistable(0.75)
+    up, down = rng.uniform(0.5, 1, (200, 1)), -rng.uniform(0.5, 1, (200, 1))
+    middle = 0.01 * rng.uniform(-1, 1, (600, 1))
+    x0 = np.ones((3, 1))
+    experiments = [(u, np.zeros((len(u), 1))) for u in (up, middle, down)]
+    assert latches(structure, theta, x0, experiments, 50)
+    assert not latches(structure, theta, x0[:2], experiments[:2], 50)
