@@ -1,6 +1,6 @@
 """Excursions: what a model does under inputs that its record does not have.
 
-A record tells little of larger inputs, and nothing of inputs that are held for longer.
+A record says nothing of larger inputs, and little of those that are held for longer.
 There, a network may have a second attractor that no hidden sample speaks against.
 """
 
@@ -116,21 +116,26 @@ def latches(structure, theta, x0, experiments, n_held):
     Returns
     -------
     latches : bool
-        Whether an output remembers whether the largest or the least value of an input
-        was held before, by more than its standard deviation.
+        Whether an output remembers, by more than its standard deviation, from where an
+        input came: down from the largest value of the record, or up from the least,
+        where its deviation from the mean was a quarter more.
     """
     lure, ny = structure.lure(theta), structure.sizes["y"]
+    start = structure.initial_state(x0[0])
     u = np.vstack([u[:] for u, _ in experiments])
-    rows = [_held(u, np.argsort(u[:, j], kind="stable")) for j in range(u.shape[1])]
-    held = np.repeat(np.vstack(rows), n_held, axis=0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        y_hat = outputs(lure, held, structure.initial_state(x0[0]))[:, :ny]
-        # four in a row: the largest, a level, the least, the same level again
-        rests = y_hat[n_held - 1 :: n_held].reshape(-1, 4, ny)
-        return not np.all(np.abs(rests[:, 1] - rests[:, 3]) <= APART)
+    mean = u.mean(axis=0)
 
+    def rests(first, levels):
+        held = np.repeat([mean + LARGER * (first - mean), *levels], n_held, axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return outputs(lure, held, start)[2 * n_held - 1 :: n_held, :ny]
 
-def _held(u, order):
-    """Return samples that are held one after the other, in an order of all."""
-    levels = [order[int(level * (len(order) - 1))] for level in LEVELS]
-    return u[np.ravel([[order[-1], row, order[0], row] for row in levels])]
+    for u_j in u.T:
+        order = np.argsort(u_j, kind="stable")
+        levels = u[order[[int(level * (len(order) - 1)) for level in LEVELS]]]
+        up = rests(u[order[0]], levels)
+        down = rests(u[order[-1]], levels[::-1])[::-1]
+        with np.errstate(invalid="ignore"):  # inf is what diverges
+            if not np.all(np.abs(up - down) <= APART):
+                return True
+    return False

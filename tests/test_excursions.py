@@ -98,6 +98,22 @@ def test_no_input_hides_what_another_latches(rng):
         assert latches(structure, theta, x0, [(u, np.zeros((300, 2)))], 50) == found
 
 
+@pytest.mark.parametrize(("threshold", "found"), [(2.2, True), (2.6, False)])
+def test_inputs_that_are_held_are_larger_than_those_of_the_record(threshold, found):
+    """Held at 1, x comes to 2, and held at 1.25 to 2.5: there it jumps to 8.5.
+
+    It then stays up for good, at the least input, too.
+    """
+    structure, _ = bistable(0.0)
+    values = {"A": 0.5, "B": 1.0, "W_x": 40.0, "b_x": -40.0 * threshold, "W_g": 1.5}
+    theta = {n: np.full(structure.shapes[n], values.get(n, 0.0)) for n in values}
+    theta["W_u"] = np.zeros((1, 1))
+    theta = structure.join(theta)
+    u = np.linspace(-1, 1, 300)[:, None]
+    model = structure, theta, np.zeros((1, 1)), [(u, u)]
+    assert latches(*model, 60) == found
+
+
 def test_a_linear_model_latches_nowhere(rng):
     model = point(np.diag([0.9, 0.5]), np.ones((2, 1)), np.ones((1, 2)))
     u = rng.standard_normal((300, 1))
