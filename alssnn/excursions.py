@@ -4,6 +4,9 @@ A record says nothing of larger inputs, and little of those that are held for lo
 There, a network may have a second attractor that no hidden sample speaks against.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from .simulation import outputs
@@ -27,39 +30,105 @@ def settling(A):
     Returns
     -------
     n_held : int
-        Until its slowest mode has come down to a hundredth; zero if that takes more
-        than a thousand samples, for then the inputs are not held at all.
+        Until its slowest mode has come down to a hundredth, a thousand at most.
     """
     radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
-    if radius >= 1.0:
-        return 0
-    n_held = int(np.ceil(np.log(SETTLED) / np.log(max(radius, SETTLED))))
-    return n_held if n_held <= LONGEST else 0
+    radius = np.clip(radius, SETTLED, SETTLED ** (1 / LONGEST))
+    return min(int(np.ceil(np.log(SETTLED) / np.log(radius))), LONGEST)
 
 
-def leaves(structure, theta, x0, experiments, n_held=0):
-    """Tell whether a model goes where nothing was measured, by one of two ways.
+@dataclass(frozen=True)
+class Excursion:
+    """Ask models of a record where inputs take them that it does not have.
 
     Parameters
     ----------
-    structure : Structure
-        Structure of the model, y its first channel.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    x0 : ndarray of shape (n_experiments, n_x0)
-        Initial states of the experiments.
     experiments : sequence of tuple of array
         Pairs (u, y) of scaled deviations; nan where an output was not measured.
-    n_held : int, default=0
-        Samples for which inputs are held; zero does not hold them.
+    n_held : int
+        Samples for which every input is held (`settling`).
+    apart : ndarray of shape (ny,)
+        Largest distance of two places where the linear model is (`apart`): a slow one
+        has not come to rest.
 
-    Returns
-    -------
-    leaves : bool
-        Whether it escapes or latches.
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from alssnn.excursions import Excursion
+    >>> from alssnn.linear_model import LinearModel
+    >>> u = np.sin(np.arange(100.0))[:, None]
+    >>> B, C, D = np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    >>> linear = LinearModel(np.array([[0.5]]), B, C, D, np.zeros((1, 1)))
+    >>> Excursion.beside(linear, [(u, u)]).n_held
+    7
     """
-    model = structure, theta, x0, experiments
-    return escapes(*model) or (n_held > 0 and latches(*model, n_held))
+
+    experiments: Sequence
+    n_held: int
+    apart: np.ndarray
+
+    @classmethod
+    def beside(cls, linear, experiments):
+        """Return the excursion of a record that a linear model explains.
+
+        Parameters
+        ----------
+        linear : LinearModel
+            The model.
+        experiments : sequence of tuple of array
+            Pairs (u, y) of scaled deviations.
+
+        Returns
+        -------
+        excursion : Excursion
+            The one.
+        """
+        structure, theta, fit = linear.as_fit()
+        n_held = settling(linear.A)
+        return cls(
+            experiments, n_held, apart(structure, theta, fit.x0, experiments, n_held)
+        )
+
+    def leads(self, structure, theta, x0):
+        """Tell whether a model goes where nothing was measured, by one of two ways.
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model, y its first channel.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+
+        Returns
+        -------
+        leads : bool
+            Whether it escapes (eq. escape) or latches (eq. latch).
+        """
+        its = structure, theta, x0
+        return escapes(*its, self.experiments) or self.latches(*its)
+
+    def latches(self, structure, theta, x0):
+        """Tell whether a model rests in two places under one held input (eq. latch).
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model, y its first channel.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+
+        Returns
+        -------
+        latches : bool
+            Whether an output remembers from where an input came, by more than its
+            standard deviation, and by more than the linear model does.
+        """
+        its = structure, theta, x0, self.experiments
+        return not np.all(apart(*its, self.n_held) <= APART + self.apart)
 
 
 def escapes(structure, theta, x0, experiments):
@@ -97,8 +166,8 @@ def escapes(structure, theta, x0, experiments):
     return False
 
 
-def latches(structure, theta, x0, experiments, n_held):
-    """Tell whether a model rests in two places under one held input (eq. latch).
+def apart(structure, theta, x0, experiments, n_held):
+    """Return how far apart two places are where a model comes to (eq. latch).
 
     Parameters
     ----------
@@ -111,14 +180,14 @@ def latches(structure, theta, x0, experiments, n_held):
     experiments : sequence of tuple of array
         Pairs (u, y) of scaled deviations.
     n_held : int
-        Samples for which every input is held (`settling`).
+        Samples for which every input is held.
 
     Returns
     -------
-    latches : bool
-        Whether an output remembers, by more than its standard deviation, from where an
-        input came: down from the largest value of the record, or up from the least,
-        where its deviation from the mean was a quarter more.
+    apart : ndarray of shape (ny,)
+        Largest difference of an output, while inputs are held at five values of the
+        record: down from the largest one, and up from the least, where the deviation
+        from the mean was a quarter more. inf where the simulation diverges.
     """
     lure, ny = structure.lure(theta), structure.sizes["y"]
     start = structure.initial_state(x0[0])
@@ -127,15 +196,15 @@ def latches(structure, theta, x0, experiments, n_held):
 
     def rests(first, levels):
         held = np.repeat([mean + LARGER * (first - mean), *levels], n_held, axis=0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return outputs(lure, held, start)[2 * n_held - 1 :: n_held, :ny]
+        return outputs(lure, held, start)[2 * n_held - 1 :: n_held, :ny]
 
+    largest = np.zeros(ny)
     for u_j in u.T:
         order = np.argsort(u_j, kind="stable")
         levels = u[order[[int(level * (len(order) - 1)) for level in LEVELS]]]
-        up = rests(u[order[0]], levels)
-        down = rests(u[order[-1]], levels[::-1])[::-1]
-        with np.errstate(invalid="ignore"):  # inf is what diverges
-            if not np.all(np.abs(up - down) <= APART):
-                return True
-    return False
+        with np.errstate(over="ignore", invalid="ignore"):
+            up = rests(u[order[0]], levels)
+            down = rests(u[order[-1]], levels[::-1])[::-1]
+            found = np.abs(up - down).max(axis=0)
+        largest = np.fmax(largest, np.where(np.isnan(found), np.inf, found))
+    return largest

@@ -8,7 +8,6 @@ chosen here, too.
 import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
-from .excursions import leaves, settling
 from .workers import finished
 
 WAIT = 3  # alphas without a gain, after which a path ends
@@ -108,8 +107,8 @@ class Path:
         By fold, the largest error from elsewhere in the record.
     center : {"start", "zero"}, default="start"
         What the decay leads to.
-    is_predictor : bool, default=False
-        Whether it is of predictors, of which nobody asks what other inputs do.
+    excursions : sequence of Excursion, default=()
+        By fold, what asks where other inputs take a model; empty asks nothing.
 
     Attributes
     ----------
@@ -138,11 +137,10 @@ class Path:
         weight,
         bounds,
         center="start",
-        is_predictor=False,
+        excursions=(),
     ):
         self.folds, self.weight, self.bounds = folds, weight, bounds
-        self.is_asked = not (is_predictor or folds[0].integrators)
-        self.held = [settling(model.A) for model in linears]
+        self.excursions = excursions
         self.problems, self.points = [], []
         for fold, model in zip(folds, linears, strict=True):
             linear, structure, penalized, weights = recipe.declare(model)
@@ -175,10 +173,10 @@ class Path:
 
     def _leaves(self):
         """Tell whether other inputs take a fold to where nothing was measured."""
-        return self.is_asked and any(
-            leaves(structure, *point, fold.fitted, n_held)
-            for fold, (structure, *_), point, n_held in zip(
-                self.folds, self.problems, self.points, self.held, strict=True
+        return any(
+            excursion.leads(structure, *point)
+            for excursion, (structure, *_), point in zip(
+                self.excursions, self.problems, self.points, strict=False
             )
         )
 

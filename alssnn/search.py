@@ -36,6 +36,7 @@ from itertools import product
 
 import numpy as np
 
+from .excursions import Excursion
 from .holdout import SHARE, Fold, certainty
 from .paths import ENOUGH, Path, Tally, choose, descended
 from .training import LEAST_MOVE
@@ -303,7 +304,8 @@ def search(
     scale = _scale(orders, is_predictor, descent)
     n_first = np.count_nonzero(np.asarray(descent.alphas) >= ENOUGH)
     alphas = scale * np.asarray(descent.alphas)
-    common = output_weight, _bounds(orders, output_weight), descent.center, is_predictor
+    limits = _bounds(orders, output_weight), descent.center
+    common = output_weight, *limits, _excursions(orders, is_predictor)
 
     def start(linears, seed):
         return Path(recipe, folds, linears, seed, *common)
@@ -386,6 +388,19 @@ def _bounds(orders, weight):
         error = fold.error(structure, theta, fit.x0, weight, elsewhere=True)
         bounds.append(FAR**2 * error)
     return bounds
+
+
+def _excursions(orders, is_predictor):
+    """Return by fold what asks where other inputs take a model, if it is asked.
+
+    It begins with the best linear models: those of another order may not come to rest.
+    """
+    pairs = zip(orders.folds, orders.models[orders.nx], strict=True)
+    return [
+        Excursion.beside(linear, fold.fitted)
+        for fold, linear in pairs
+        if not (is_predictor or fold.integrators)
+    ]
 
 
 def _beside(orders, walk, points, weight, is_predictor):

@@ -1,9 +1,12 @@
 """Excursions: what a model does under inputs that its record does not have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from alssnn.excursions import LONGEST, escapes, latches, leaves, settling
+from alssnn.excursions import APART, LONGEST, Excursion, apart, escapes, settling
+from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.simulation import outputs, simulate
 from helpers import bistable, point
@@ -58,8 +61,24 @@ def test_inputs_are_held_until_the_slowest_mode_has_settled(radius):
 
 
 @pytest.mark.parametrize("radius", [0.9999, 1.0, 1.2])
-def test_what_hardly_settles_is_not_asked(radius):
-    assert settling(np.array([[radius]])) == 0
+def test_no_input_is_held_for_ever(radius):
+    assert settling(np.array([[radius]])) == LONGEST
+
+
+def test_a_slow_plant_that_has_not_come_to_rest_is_no_latch():
+    """It is compared with its linear model, which has not either."""
+    slow = LinearModel(*(np.full((1, 1), z) for z in (0.9999, 1e-2, 1.0, 0.0, 0.0)))
+    u = np.linspace(-1, 1, 300)[:, None]
+    structure, theta, fit = slow.as_fit()
+    excursion = Excursion.beside(slow, [(u, u)])
+    assert excursion.apart > APART
+    assert not excursion.latches(structure, theta, fit.x0)
+    other = replace(excursion, apart=np.zeros(1))
+    assert other.latches(structure, theta, fit.x0)
+
+
+def latches(*model):
+    return not np.all(apart(*model) <= APART)
 
 
 def record_of(structure, theta, rng, amplitude):
@@ -77,8 +96,10 @@ def test_a_model_that_rests_in_two_places_latches(rng, w, keeps, amplitude):
     model = structure, theta, x0, experiments
     found = keeps and amplitude == 1.0
     assert latches(*model, 50) == found
-    assert leaves(*model, 50) == found
-    assert not leaves(*model)  # zero samples: nothing is held
+    linear = LinearModel(*(np.full((1, 1), z) for z in (0.5, 1.0, 1.0, 0.0, 0.0)))
+    excursion = Excursion.beside(linear, experiments)
+    assert excursion.latches(*model[:3]) == found
+    assert excursion.leads(*model[:3]) == found
 
 
 def test_no_input_hides_what_another_latches(rng):

@@ -17,6 +17,7 @@ from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
 from alssnn.estimators import _horizon, _judge, _ssnn
+from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
 from alssnn.limits import Limits
 from alssnn.models import state_space
@@ -187,9 +188,8 @@ def walk(orders, bounds=(np.inf,) * 3, center="start", is_predictor=False):
     """Return the start of a path of order 1."""
     folds, models = orders.folds, orders.models[1]
     bounds = bounds[: len(folds)]
-    return searching.Path(
-        recipe(), folds, models, 0, None, bounds, center, is_predictor
-    )
+    excursions = searching._excursions(orders, is_predictor)
+    return searching.Path(recipe(), folds, models, 0, None, bounds, center, excursions)
 
 
 @pytest.mark.parametrize(
@@ -647,7 +647,7 @@ def test_what_larger_inputs_take_away_counts_with_twice_its_error(
     short, monkeypatch, escaped
 ):
     orders = compare_orders(scaled(*short), [1])
-    monkeypatch.setattr(walking, "leaves", lambda *point: escaped)
+    monkeypatch.setattr(Excursion, "leads", lambda *point: escaped)
     path = walk(orders)
     assert path.scores == [pytest.approx(path.errors[0].sum() * (4 if escaped else 1))]
     assert path.least(5) == path.scores[0]
@@ -1144,12 +1144,13 @@ def test_a_training_that_other_inputs_lead_away_is_left_out(
 ):
     asked = []
 
-    def leaves(structure, theta, x0, experiments, n_held):
-        assert n_held > 0  # inputs are held, too
-        asked.append(len(experiments))
+    def leads(excursion, structure, theta, x0):
+        asked.append(len(excursion.experiments))
         return len(asked) <= n_escapes
 
-    monkeypatch.setattr(_judge, "leaves", leaves)
+    # along the paths of the search, nothing is led away
+    monkeypatch.setattr(walking.Path, "_leaves", lambda path: False)
+    monkeypatch.setattr(Excursion, "leads", leads)
     model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

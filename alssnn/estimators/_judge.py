@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
-from ..excursions import NEAR, leaves, settling
+from ..excursions import NEAR, Excursion
 from ..holdout import hold_out
 from ..horizon import ahead
 from ..initial_states import WINDOW, Prior, estimate_x0
@@ -223,12 +223,12 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
         simulates the record worse than the linear model, or if it goes far where
         nothing was measured: from other states of the record, or under other inputs
         (eq. escape, latch), as the outcome of the search does not. The plant may, too:
-        a fourth of the error outweighs it. None if both outcomes are worse than the
-        linear model, from here or from other states.
+        a fourth of the error outweighs all but a latch, with a warning. None if both
+        outcomes are worse than the linear model, from here or from other states.
     """
     worse = partial(_worse, estimator, plain, linear=linear, experiments=experiments)
     hangs = partial(_hangs, estimator, plain, linear=linear, experiments=experiments)
-    leaves = partial(_leaves, estimator, plain, linear=linear, experiments=experiments)
+    leaves, latches = _excursions(estimator, plain, linear, experiments)
     lost = worse(result)
     hung = lost or hangs(result)
     if not hung and not leaves(result):
@@ -240,23 +240,28 @@ def not_worse(estimator, plain, result, theta, linear, experiments, watch):
     found = OptimizeResult({**result, **untrained})
     if worse(found) or hangs(found):
         return None if hung else result
-    outweighs = not lost and ESCAPED * result.cost < found.cost
-    if outweighs or (not hung and leaves(found)):
-        if hung:
-            _warn_elsewhere(estimator)
+    is_plant = not hung and leaves(found)
+    # folds of a plant that rests in two places would do so, too
+    known = not lost and not latches(result)
+    outweighs = known and ESCAPED * result.cost < found.cost
+    if outweighs or is_plant:
+        if not is_plant:
+            _warn_elsewhere(estimator, hung)
         return result
     if watch.reason is None:  # else the training might have come out of it
         _warn_untrained(estimator, hung)
     return found
 
 
-def _warn_elsewhere(estimator):
-    """Warn of a model that goes far from other states, and fits well otherwise."""
+def _warn_elsewhere(estimator, hung):
+    """Warn of a model that goes far elsewhere, and fits well otherwise."""
+    where = "from other states of it worse than the linear model"
+    if not hung:
+        where = "goes far from it under inputs that are a quarter larger"
     warn_of_training(
-        f"{type(estimator).__name__} simulates this record well, and from other states "
-        "of it worse than the linear model. That is right for a plant that ends "
-        "elsewhere from there, as a pendulum that turns over. For another one, try a "
-        "smaller `nx`, a longer record, or another `random_state`."
+        f"{type(estimator).__name__} simulates this record well, and {where}. That is "
+        "right for a plant that does so, as a pendulum that turns over. For another "
+        "one, try a smaller `nx`, a longer record, or another `random_state`."
     )
 
 
@@ -279,12 +284,18 @@ def _warn_untrained(estimator, hung):
     )
 
 
-def _leaves(estimator, plain, result, *, linear, experiments):
-    """Tell whether other inputs take a simulation far from its record."""
+def _excursions(estimator, plain, linear, experiments):
+    """Return what tells whether other inputs take a simulation far from its record.
+
+    The second function tells whether it rests in two places.
+    """
     if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
-        return False
-    its = plain, result.theta, result.x0, experiments
-    return leaves(*its, settling(linear.A))
+        return (lambda result: False,) * 2
+    asks = Excursion.beside(linear, experiments)
+    return (
+        lambda result: asks.leads(plain, result.theta, result.x0),
+        lambda result: asks.latches(plain, result.theta, result.x0),
+    )
 
 
 def as_found(
