@@ -3,7 +3,7 @@
     python -m benchmarks.linearizability [--models ...] [--seed 0]
 
 Paper split, nx=6, n_h=n_g=10.  Prints, per model, the RMSE of the test record, the
-linearization error rms(e)/rms(y) along the record and in the closed loop with the
+linearization error rms(e)/std(y) along the record and in the closed loop with the
 recorded input as v, the paper's ratio, the spectral radius and norm of A,
 the fall of the cost over the last fifth of the last stage, and the time; then the cost
 of a pass of (J'J, J'r) with penalty="output" over that with penalty="state".  Needs the

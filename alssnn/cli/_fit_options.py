@@ -116,7 +116,7 @@ def add_weights(model):
         "--gamma",
         type=weight,
         metavar="WEIGHT",
-        help="weight of the nonlinear rest in AL-SSNN, outputs scaled to unit "
+        help="weight of the residual g in AL-SSNN, outputs scaled to unit "
         "variance; larger is more linear and less accurate (default: 0.01, and 1 for "
         "al-paper)",
     )

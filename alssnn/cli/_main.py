@@ -49,8 +49,8 @@ COMMANDS = (
 READER_GONE = 141  # what a shell gives for a program that a closed pipe ended
 
 DESCRIPTION = """\
-Identify nonlinear plants as models made for control: x+ = A x + B (u + h(y)) + g(x, u),
-y = C x. The feedback u = v - h(y) cancels h; what is left from v to y is nearly linear.
+Identify nonlinear plants as models made for control: x+ = A x + B (u + h(x)) + g(x, u),
+y = C x. The feedback u = v - h(x) cancels h; what is left from v to y is nearly linear.
 """
 
 EPILOG = """\

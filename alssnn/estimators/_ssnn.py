@@ -62,14 +62,15 @@ class Ssnn(StateSpaceModel):
         Number of states. "auto" compares linear models of order 1, 2, ... on hidden
         samples until three larger orders bring no gain; a range or a list compares the
         orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
-        among the same orders, with "auto" up to one more than the best linear one, and
-        beyond as long as each is clearly better. See `orders_`.
+        among the same orders, with "auto" up to one more than the best linear one and
+        in any case up to three, and beyond as long as each is clearly better. See
+        `orders_`.
     max_iter : int, default=300
         Largest number of trial steps of the training of one start: of `n_iter_`, but
         for `continuation`, where every weight may take as many, and for the stages that
         follow on a record longer than `coarse_samples` (`polish_iter`). Not counted is
-        the search of ``alpha="auto"``, of which a stage, one alpha of one start, takes
-        a 25th of it.
+        the search of ``alpha="auto"``: a stage, one alpha of one start, takes a 25th of
+        it, a sixth for `GrSsnn`, three 25ths with ``input_map="monotone"``.
     tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     bounds : dict of str to tuple or None, default=None
@@ -105,7 +106,8 @@ class Ssnn(StateSpaceModel):
         Accepted steps without a new least validation error after which a stage ends.
     coarse_samples : int or None, default=8000
         On longer records the search and the first stages of the training take so many
-        samples, the liveliest stretch; None takes all samples at once.
+        samples, the stretch in which u and y deviate most from the operating point;
+        None takes all samples at once.
     polish_iter : int, default=15
         Largest number of trial steps on all samples after the coarse stages, of which
         a long record has a second one, on three times the samples.
@@ -138,7 +140,8 @@ class Ssnn(StateSpaceModel):
         Whether the training ended by itself: a tolerance was reached, validation or
         the number of steps that hidden samples allow ended the last stage, or the
         linear model, or that of the search, was returned (see `alpha`); false where
-        the fit was ended from outside. It does not say that the cost has settled.
+        `max_iter`, `max_time`, a callback or the user ended the fit. It does not say
+        that the cost has settled.
     """
 
     max_iter: int = option(300, [POSITIVE])

@@ -99,7 +99,7 @@ def validate(
         which finds a plant that has changed since the training.
     baseline : estimator or None, default=None
         Linear model fitted to the same data, with the same `n_init_samples` and
-        `noise`: the free run must not be worse than that of this model. None compares
+        `noise`: the free run may miss at most 10 % more than this model. None compares
         with the mean.
     noise_floor : float, array_like of shape (ny,), or object or None, default=None
         Root mean squares, in the units of the outputs, that no model goes below; what

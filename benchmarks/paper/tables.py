@@ -64,7 +64,7 @@ def accuracy(study, fits):
         f"{number(float(y.std()))}. Training: from the initial state of the fit. Test: "
         f"the initial state is estimated from the first "
         f"{fits[LTI].model.n_init_samples} samples, which are not scored.",
-        "Linearization error: rms(e) / rms(y), where e is what g (or f) adds to the "
+        "Linearization error: rms(e) / std(y), where e is what g (or f) adds to the "
         "output; it does not depend on the state basis, and the paper does not show "
         "it. 0 where the structure has no g. It counts the transient of e, which "
         f"starts at zero; settled: without the first {SETTLING} samples.",
