@@ -8,6 +8,24 @@ import numpy as np
 FINISHED = 1.1  # error over that of the noise from which nothing is left to learn
 
 
+def unmasked(values):
+    """Return a masked array with nan where it is masked.
+
+    Parameters
+    ----------
+    values : object
+        Anything.
+
+    Returns
+    -------
+    values : object
+        An array without a mask in place of a masked one; anything else as it came.
+    """
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    return np.ma.filled(values.astype(float), np.nan)
+
+
 def is_count(value, smallest=1):
     """Tell whether something is an integer that is not too small.
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from .checks import unmasked
+
 
 @dataclass(frozen=True)
 class Container:
@@ -99,7 +101,7 @@ def as_columns(u):
         return u.to_frame()
     is_plain = hasattr(u, "shape") or (isinstance(u, list | tuple) and np.ndim(u[:1]))
     flat = is_plain and np.ndim(u if hasattr(u, "shape") else u[:1]) == 1
-    return np.asarray(u)[:, None] if flat else u
+    return np.asarray(unmasked(u))[:, None] if flat else u
 
 
 def index_of(u):

@@ -14,6 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from .checks import unmasked
+
 WINDOW_GRID = 32  # candidate places of a stretch in every experiment
 CHUNK = 100_000  # samples treated at a time
 
@@ -334,7 +336,7 @@ def _stack(records, name):
     if _names(first):  # DataFrames and Series keep their names
         library = importlib.import_module(type(first).__module__.split(".")[0])
         return library.concat(records)
-    arrays = [np.asarray(record) for record in records]
+    arrays = [np.asarray(unmasked(record)) for record in records]
     shapes = {array.shape[1:] for array in arrays}
     if len(shapes) > 1:
         raise ValueError(f"`{name}` must have equal columns, got {sorted(shapes)}.")

@@ -7,6 +7,7 @@ import pytest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
+from alssnn.feedback import DisturbanceObserver
 from models import al_ssnn, fl_ssnn
 
 OPTIONS = {"max_iter": 8, "tol": 1e-2, "random_state": 0}
@@ -174,3 +175,17 @@ def test_predictions_have_the_form_of_the_outputs(fitted):
     series = one.predict_ahead(u, frame["level"])
     np.testing.assert_array_equal(series, one.predict_ahead(u, y[:, 0]))
     assert series.name == "level" and series.index.equals(times)
+
+
+def test_an_observer_of_disturbances(fitted):
+    """It begins without a disturbance, and takes off what is constant."""
+    u, y = record()
+    model = next(iter(fitted.values()))
+    observer = DisturbanceObserver(model)
+    y_hat = model.predict_ahead(u, y + y.std(axis=0), 1, observer=observer)
+    plain = model.predict_ahead(u, y + y.std(axis=0), 1)
+    late = slice(len(y) // 2, None)
+    errors = [np.std(z[late] - y[late] - y.std(axis=0)) for z in (y_hat, plain)]
+    assert np.isfinite(y_hat).all() and not np.array_equal(y_hat, plain)
+    biases = [abs(np.mean(z[late] - y[late] - y.std(axis=0))) for z in (y_hat, plain)]
+    assert biases[0] < 0.5 * biases[1], (biases, errors)

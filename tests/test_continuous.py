@@ -645,3 +645,29 @@ def test_tables_of_other_studies_stay(tmp_path):
     text = path.read_text()
     assert text.index("## rates") < text.index("## step")
     assert "| 2 |" in text and "| 3 |" in text and "| 1 |" not in text
+
+
+def test_refits_are_not_held_to_the_contraction_of_the_discrete_model(rng):
+    """A per second may have any norm, where that of the discrete model is below 1."""
+    u, x, y = np.repeat(rng.standard_normal(120), 5), np.zeros(2), np.zeros(600)
+    for k in range(600):
+        y[k] = x.sum() + 0.005 * rng.standard_normal()
+        moved = u[k] - 0.3 * np.sin(x.sum())
+        x = np.array([0.2, 0.8]) * x + np.array([0.4, 0.2]) * moved
+    model = alssnn.FlSsnn(
+        nx=2, n_h=3, n_init=1, time="continuous", dt=0.1, gamma_h=1e-4, random_state=0
+    ).fit(u, y)
+    covariance = model.parameter_covariance(u, y)
+    (drawn,) = model.sample_models(covariance, 1, random_state=0, data=(u, y))
+    assert np.linalg.norm(drawn.A_ * model.dt, 2) > 1
+    assert 0 < np.std(drawn.predict(u) - model.predict(u)) < 0.05 * np.std(y)
+
+
+def test_a_sampling_time_of_one_second_is_one_that_was_given(rng):
+    u = rng.standard_normal(100)
+    y = np.convolve(u, 0.5 ** np.arange(20))[:100]
+    options = {"nx": 1, "time": "continuous"}
+    given = alssnn.LinearStateSpace(dt=np.float64(1.0), **options).fit(u, y)
+    assert given.A_ == alssnn.LinearStateSpace(dt=1, **options).fit(u, y).A_
+    with pytest.raises(ValueError, match="write dt=1"):
+        alssnn.LinearStateSpace(**options).fit(u, y)

@@ -349,7 +349,7 @@ def test_networks_with_a_load_that_drifts(tmp_path):
         error_matrix(model._structure, model._structure.split(model._theta))
     )
     assert np.abs(poles).max() < 1
-    assert model.x0_.shape == (1, 2) and model.fitted_.region is not None
+    assert model.x0_.shape == (1, 1) and model.fitted_.region is not None
     assert model.validate(*fresh)["whiteness"].passed
     # files keep it
     model.save(tmp_path / "model")
@@ -418,3 +418,19 @@ def test_refused_options(options, match):
 def test_parameters_survive_a_clone():
     model = alssnn.AlSsnn(noise="innovations", drift="input")
     assert clone(model).get_params() == model.get_params()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_networks_that_do_not_help_leave_the_linear_model(kind, rng):
+    """Its initial states are those of the plant and of the walk."""
+    u, load = rng.standard_normal(400), 0.02 * np.cumsum(rng.standard_normal(400))
+    y, x = np.zeros(400), 0.0
+    for k in range(400):
+        y[k] = x + load[k] + 0.02 * rng.standard_normal()
+        x = 0.8 * x + 0.2 * u[k]
+    model = alssnn.FlSsnn(
+        nx=1, n_h=3, n_init=1, noise="innovations", drift=kind, random_state=0
+    ).fit(u, y)
+    assert model.alpha_ == np.inf and "linear" in model.message_
+    assert model.x0_.shape == (1, 1)
+    assert np.std(model.predict_ahead(u, y) - y) < 0.06

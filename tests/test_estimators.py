@@ -753,3 +753,30 @@ def test_a_warm_start_of_another_order_begins_anew(mimo):
     cold = clone(model).set_params(warm_start=False).fit(u, y)
     assert model.nx_ == 3
     np.testing.assert_array_equal(model.A_, cold.A_)
+
+
+def test_outputs_of_another_order_are_refused(mimo):
+    u, y = mimo
+    y = pd.DataFrame(y, columns=["level", "flow"])
+    model = LinearStateSpace(nx=2).fit(u, y)
+    with pytest.raises(ValueError, match="in this order"):
+        model.score(u, y[["flow", "level"]])
+    with pytest.raises(ValueError, match="in this order"):
+        model.estimate_x0([u, u], [y[["flow", "level"]]] * 2)
+    assert model.score(u, y) == model.score(u, y.to_numpy())
+
+
+def test_what_is_masked_was_not_measured(mimo):
+    u, y = mimo
+    mask = np.zeros(y.shape, dtype=bool)
+    mask[::7, 0] = True
+    hidden = np.ma.array(np.where(mask, -9999.0, y), mask=mask)
+    bare = LinearStateSpace(nx=2).fit(u, np.where(mask, np.nan, y))
+    masked = LinearStateSpace(nx=2).fit(u, hidden)
+    np.testing.assert_array_equal(masked.A_, bare.A_)
+    assert masked.score(u, hidden) == bare.score(u, np.where(mask, np.nan, y))
+    several = LinearStateSpace(nx=2).fit([u, u], [hidden, hidden])
+    np.testing.assert_array_less(np.abs(several.y_offset_), 100.0)
+    gaps = np.ma.array(u, mask=np.arange(u.size).reshape(u.shape) == 5)
+    with pytest.raises(ValueError, match="`u`"):
+        LinearStateSpace(nx=2).fit(gaps, y)

@@ -744,3 +744,11 @@ def test_a_loaded_predictor_goes_on_where_it_was(loop_record, tmp_path):
     # a fit for the output keeps nothing of it
     model.set_params(noise="output").fit(*loop_record)
     assert not {"_forgets", "_linear_cost", "h_sees_"} & set(vars(model))
+
+
+def test_late_inputs_are_validated_too(loop_record):
+    u, y = loop_record
+    late = np.roll(u, -2, axis=0)[:-2]
+    model = alssnn.LinearStateSpace(nx=2, input_delay=2, noise="innovations")
+    check = model.fit(late, y[:-2]).validate(late, y[:-2])["free run"]
+    assert "one sample ahead the model misses" in check.sentence

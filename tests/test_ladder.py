@@ -335,6 +335,15 @@ def test_explanation_counts_the_loop():
     assert "Design on" not in text and "Design on" in explain(lti, make_row(rest=0.1))
 
 
+def test_explanation_has_the_means_of_the_table():
+    """The worst output of the record is not said to be the loop."""
+    lti = make_row("LTI", missed=20.0, rest=0.0)
+    open_loop, loop = np.array([0.0828, 0.0641]), np.array([0.0814, 0.0571])
+    row = replace(make_row(), linearization_error=open_loop)
+    text = explain(lti, replace(row, closed_linearization_error=loop))
+    assert "7.3 % of the output" in text and "in the loop itself" not in text
+
+
 def test_explanation_does_not_praise_what_misses_the_mean():
     lti = make_row("LTI", missed=20.0, rest=0.0)
     text = explain(lti, make_row(missed=130.0, rest=0.0))

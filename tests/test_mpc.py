@@ -414,6 +414,12 @@ def test_disturbances_that_the_outputs_do_not_show_are_refused(linear):
         DisturbanceObserver(linear_plant(np.diag([1.0, 0.5]), np.eye(2)))
 
 
+def test_what_integrates_has_disturbances_of_the_input():
+    model = linear_plant(np.diag([1.0, 0.5]), np.eye(2))
+    mpc = LinearizingMPC(model, 5)
+    assert mpc.observer.disturbance == "input"
+
+
 # -- states of rest of one linearization -----------------------------------------------
 
 

@@ -497,3 +497,12 @@ def test_the_steps_of_the_page_compute_the_model(name):
         measured = s + (plant.y_offset if plant.feedback == "output" else 0)
         v = u + plant.cancelled(measured, at)
         np.testing.assert_allclose(values["v - u_e"], v, atol=1e-13)
+
+
+def test_settings_that_are_pairs_of_unequal_length(tmp_path, rng):
+    u = rng.standard_normal((200, 2))
+    y = np.convolve(u.sum(axis=1), 0.5 ** np.arange(20))[:200]
+    model = LinearStateSpace(nx=1, operating_point=([0, 0], [0])).fit(u, y)
+    path = tmp_path / "report.html"
+    model.report(path, u, y)
+    assert "operating_point" not in path.read_text()

@@ -100,7 +100,7 @@ class LoopCertificate:
 
     @property
     def output_bound(self):
-        """Return the proved supremum of ``|y - y_design|``, in the units of y."""
+        """Return the proved supremum of ``|y - y_design|``, noise acting on both."""
         return self.local.output_bound
 
     def verify(self):
@@ -144,6 +144,7 @@ class LoopCertificate:
                     self.u_low, self.u_high, self.reaches_limits, strict=True
                 )
             )
+            lines.append("  y_lin is the design under the same inputs, noise included")
             lines += [f"  u stays within {u}", f"  {self._of_gain()}"]
             if self.rate.holds:
                 lines.append(f"  {self._of_rate()}")

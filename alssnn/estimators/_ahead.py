@@ -77,7 +77,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
     u, y, parts, labels = labeled_data(model, u, y, experiment)
     predicts = observer is None and has_innovations(model._structure)
     observer = Observer(model) if observer is None else observer
-    n_late = observer.plant.n_late
+    n_more = observer.plant.nx - len(model.A_)  # late inputs, and disturbances
     y_hat = np.empty((len(u), len(model.C_)))
     for part, start in zip(parts, start_states(model, x0, labels), strict=True):
         u_i = np.asarray(u[part], dtype=float)
@@ -91,7 +91,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
                 plant = plant.with_disturbance(plant.drift)
             y_hat[part][n - 1 :] = run_on(plant, X_hat[: len(u_i) - n + 1], u_i, n - 1)
         elif n < len(u_i):
-            X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_late)))
+            X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_more)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
     y_hat = y_hat[:, 0] if y.ndim == 1 else y_hat
     if as_list:

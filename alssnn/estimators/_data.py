@@ -10,6 +10,9 @@ from contextlib import contextmanager
 import numpy as np
 from sklearn.utils.validation import check_array, validate_data
 
+from ..checks import unmasked
+from ..containers import Container
+
 # Single precision stays what it is, chunks are converted; nan are left to our checks.
 DATA = {"dtype": [np.float64, np.float32], "ensure_all_finite": "allow-nan"}
 SHAPES = {"u": "(N, nu) or (N,)", "y": "(N,) or (N, ny)"}
@@ -44,6 +47,7 @@ def check_u(model, u, *, reset, least=1):
         If they are no real numbers, or of the wrong shape.
     """
     with _named("u", u):
+        u = unmasked(u)
         return validate_data(model, u, reset=reset, ensure_min_samples=least, **DATA)
 
 
@@ -75,10 +79,34 @@ def check_y(model, y):
                 f"This {type(model).__name__} estimator requires y to be passed, but "
                 "the target y is None."
             )
+        y = unmasked(y)
         y = check_array(y, ensure_2d=False, input_name="y", estimator=model, **DATA)
         if y.ndim == 0:
             raise ValueError("A number is no record.")
         return y
+
+
+def check_outputs(model, y):
+    """Refuse outputs whose columns have other names than those of the fit.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    y : array_like of shape (N,) or (N, ny)
+        Outputs, as they came.
+
+    Raises
+    ------
+    ValueError
+        If several outputs have names, here and there, and these differ.
+    """
+    known, names = model.output_names_, Container.of(y).output_names
+    if known and names and len(known) == len(names) > 1 and known != names:
+        raise ValueError(
+            f"`y` must have the columns {known}, in this order, as in the fit, got "
+            f"{names}. Take y[{known}]."
+        )
 
 
 def check_rows(u, y):

@@ -23,7 +23,7 @@ from ..initial_states import estimate_x0 as least_squares_x0
 from ..innovations import has_innovations, recording
 from ..records import PreparedRecord
 from ..simulation import outputs
-from ._data import check_u
+from ._data import check_outputs, check_u
 
 
 def predict(model, u, experiment=None, x0="rest"):
@@ -266,6 +266,7 @@ def labeled_data(model, u, y, experiment):
     """
     u = as_columns(u) if model.n_features_in_ == 1 else u
     u, y, experiment = join_records(u, y, experiment)
+    check_outputs(model, y)
     u, y = model._validate(u, y, reset=False)
     ny, found = len(model._scaling.y_offset), 1 if y.ndim == 1 else y.shape[1]
     if found != ny:  # one column would be broadcast

@@ -463,7 +463,8 @@ class Ssnn(StateSpaceModel):
         if self._shapes_linear():
             return self._shaped(plain, theta, experiments, watch)
         # of a stretch elsewhere, then estimated: free, as in a fit
-        own = {"x0": linear.x0 if experiments.is_here else None, "noise": 0.0}
+        x0 = linear.starts(plain.given) if experiments.is_here else None
+        own = {"x0": x0, "noise": 0.0}
         result = as_found(self, plain, theta, experiments, watch, LEFT_LINEAR, **own)
         # of the search for this model, for the networks took none
         result.nfev = linear.result.nfev if linear.result is not None else 1

@@ -78,9 +78,9 @@ def check_time(estimator):
                     "Take time='continuous'."
                 )
         return
-    if isinstance(estimator.dt, float) and estimator.dt == 1.0:
+    if type(estimator.dt) is float and estimator.dt == 1.0:  # no int, nor NumPy's
         raise ValueError(
-            "`dt` must be given for time='continuous', got its default. Give the "
+            "`dt` must be given for time='continuous', got 1.0, its default. Give the "
             "sampling time in seconds; if it is one second, write dt=1."
         )
     if is_predicting(estimator):
@@ -327,7 +327,6 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
     theta = _finite(structure, theta, experiments)
     if x0 is not None and not np.isfinite(_misses(structure, theta, x0, experiments)):
         x0 = None
-    bounds = _bounds(estimator, structure, theta)
     decay = dict(getattr(estimator, "_decay", None) or {})
     if not np.isfinite(decay.get("alpha", 0.0)):  # the networks did not help
         decay = {}
@@ -340,8 +339,7 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
         [theta],
         **terms,
         **decay,
-        radius=_radius(structure, theta),
-        bounds=bounds,
+        **within_derivatives(estimator, structure, theta),
         at_rest=estimator._at_rest,
         max_iter=estimator.max_iter,
         tol=estimator.tol,
@@ -367,6 +365,30 @@ def stages(estimator):
     """
     names = ("coarse_samples", "polish_iter", "n_jobs", "method")
     return {k: getattr(estimator, k) for k in names if hasattr(estimator, k)}
+
+
+def within_derivatives(estimator, structure, theta, held=()):
+    """Return the options that keep parameters of derivatives within their limits.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator of continuous time.
+    structure : Structure
+        Structure of its derivatives, with their sampling.
+    theta : ndarray of shape (n_params,)
+        Parameters, from which a training starts.
+    held : mapping, default=()
+        Further bounds, by the name of the parameter.
+
+    Returns
+    -------
+    options : dict
+        ``phi``, ``radius`` and ``bounds`` of `training.train`: the contraction of the
+        discrete model is none of A in continuous time.
+    """
+    bounds = _bounds(estimator, structure, theta) | dict(held)
+    return {"phi": None, "radius": _radius(structure, theta), "bounds": bounds}
 
 
 def _bounds(estimator, structure, theta):

@@ -28,6 +28,7 @@ from ._fitted import as_fitted, free_entries, publish_parameters
 from ._input_map import idle_g
 from ._plant import sampling_time
 from ._simulation import expected_states, labeled_data, simulated_experiments
+from ._time import is_continuous, within_derivatives
 
 
 def parameter_covariance(model, u, y, experiment=None):
@@ -287,7 +288,10 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     noise = covariance.noise.rescale(1 / scale)
     structure, terms = model._criterion_terms(predictor(model._structure))
     held = idle_g(model, structure, model._theta)
-    options = {**model._training(structure, held), "periodic": False, **options}
+    own = model._training(structure, held)
+    if is_continuous(model):
+        own |= within_derivatives(model, structure, model._theta, held)
+    options = {**own, "periodic": False, **options}
     random_state = check_random_state(random_state)
     for _ in range(n_models):
         noisy = []

@@ -106,8 +106,11 @@ def _about_accuracy(al, lti):
 def _about_linearity(al, lti):
     if al.no_law:
         return f"Linearity: there is no linearized loop. {al.no_law}"
-    rest, loop = 100 * float(al.linearization_error.mean()), 100 * worst_error(al)
-    if not np.isfinite(loop):
+    # means over the outputs, as the table has them
+    rest = 100 * float(np.mean(al.linearization_error))
+    loop = 100 * float(np.mean(al.closed_linearization_error))
+    loop = rest if np.isnan(loop) else loop
+    if not np.isfinite(worst_error(al)):
         return (
             "Linearity: what is left of the nonlinearity grows without bound, because "
             "the simulation or A is unstable."

@@ -61,7 +61,7 @@ def summary(model, data, test, validation, reason=""):
     settings = [
         (name, "not set" if value is None else str(value))
         for name, value in sorted(model.get_params(deep=False).items())
-        if np.ndim(value) == 0
+        if not isinstance(value, list | tuple | np.ndarray)  # signals, and matrices
     ]
     return (
         _verdict(model, outputs, test, validation, reason)

@@ -417,7 +417,8 @@ def _floor(experiments, outputs, floor):
 
 def _noisy_run(model, check, missed):
     """Return the check of a free run that is not told the noise of the process."""
-    radius = np.abs(np.linalg.eigvals(as_plant(model).linear()[0])).max(initial=0.0)
+    A = as_plant(model).late().linear()[0]
+    radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
     worst = percent(np.max(missed))
     sentence = (
         f"{check.sentence} A free run does not know the noise of the process: one "
