@@ -749,8 +749,9 @@ def test_the_five_commands_of_the_readme(tmp_path, monkeypatch, capsys):
     out, _ = capsys.readouterr()
     assert verdict == (0 if "AlSsnn passes." in out else 1)
     assert re.search(r"^pass  independence", out, re.M)
-    for command in rest:
-        assert run(*command[1:]) == 0, command
+    for command in rest:  # so short a fit may fail, and nothing is designed for it
+        force = ["--force"] if verdict and command[1] == "control" else []
+        assert run(*command[1:], *force) == 0, command
     step = np.genfromtxt("design/step.csv", delimiter=",", skip_header=1)
     assert np.isfinite(step).all()
     for name in ("report.html", "design/gain.csv", "firmware/plant.c"):

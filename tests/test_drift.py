@@ -349,7 +349,7 @@ def test_networks_with_a_load_that_drifts(tmp_path):
         error_matrix(model._structure, model._structure.split(model._theta))
     )
     assert np.abs(poles).max() < 1
-    assert model.x0_.shape == (1, 1) and model.fitted_.region is not None
+    assert model.x0_.shape == (1, 2) and model.fitted_.region is not None
     assert model.validate(*fresh)["whiteness"].passed
     # files keep it
     model.save(tmp_path / "model")
