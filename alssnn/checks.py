@@ -112,7 +112,7 @@ def as_numbers(name, value):
         If they are none.
     """
     try:
-        given = np.asarray(value)
+        given = np.asarray(unmasked(value))
         if given.dtype.kind in "biufO":  # text is no number, even if it reads as one
             return given.astype(float)
     except (TypeError, ValueError, OverflowError):  # ragged, or other objects

@@ -16,6 +16,8 @@ import reprlib
 import numpy as np
 from sklearn.utils import check_array
 
+from .checks import unmasked
+
 __all__ = ["fit_percent", "nrmse", "rmse"]
 
 
@@ -185,7 +187,7 @@ def _check_outputs(y_true, y_pred):
         finite = "allow-nan" if name == "y_true" else True
         try:
             y = check_array(
-                y,
+                unmasked(y),
                 ensure_2d=False,
                 dtype=np.float64,
                 ensure_all_finite=finite,

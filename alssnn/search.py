@@ -313,9 +313,9 @@ def search(
     options["enough"] = scale * ENOUGH
     curve, screened = {}, (alphas[slice(*descent.screen)], alphas[descent.screen[1] :])
     more = max_iter // options["max_iter"]
-    n_stages = len(seeds) * len(alphas) + more * (len(folds) > 1)
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages += len(ways[1:] and ways) * len(seeds[:TRIED]) * sum(map(len, screened))
+    n_stages = _expected(len(ways), len(seeds), alphas, screened)
+    n_stages += more * (len(folds) > 1)
     tally = Tally(watch, orders.errors[orders.nx], n_stages)
     linears, tried = ways[0], []
     if len(ways) > 1:
@@ -329,14 +329,13 @@ def search(
     alpha = walk.alphas[stage - 1]
     # what goes on from here is chosen by the same samples
     judged, chosen = walk.errors[stage], walk.states[stage]
+    options.pop("enough")
     if len(folds) > 1:  # else the fit that follows goes on, without a break
-        options.pop("enough")
         tell = tally.plan(more)
         stage = walk.go_on(stage, alpha, more, quiet, tell=tell, **options)
     reached = float(np.sqrt(np.mean(walk.errors[stage])))
     curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
     linear, sure, by_output = _beside(orders, walk, chosen, output_weight, is_predictor)
-    options.pop("enough", None)
     i = walk.best_fold(stage, alpha, quiet, **options)
     theta, x0 = walk.states[stage][i]
     return Found(
@@ -354,6 +353,12 @@ def search(
         curve,
         gain,
     )
+
+
+def _expected(n_ways, n_seeds, alphas, screened):
+    """Return the largest number of stages of all paths to the choice of one."""
+    tried = min(n_seeds, TRIED) * sum(map(len, screened)) if n_ways > 1 else 0
+    return n_seeds * len(alphas) + n_ways * tried
 
 
 def _begun(start, linears, seeds, tried, alphas):

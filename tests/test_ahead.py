@@ -184,8 +184,6 @@ def test_an_observer_of_disturbances(fitted):
     observer = DisturbanceObserver(model)
     y_hat = model.predict_ahead(u, y + y.std(axis=0), 1, observer=observer)
     plain = model.predict_ahead(u, y + y.std(axis=0), 1)
-    late = slice(len(y) // 2, None)
-    errors = [np.std(z[late] - y[late] - y.std(axis=0)) for z in (y_hat, plain)]
-    assert np.isfinite(y_hat).all() and not np.array_equal(y_hat, plain)
-    biases = [abs(np.mean(z[late] - y[late] - y.std(axis=0))) for z in (y_hat, plain)]
-    assert biases[0] < 0.5 * biases[1], (biases, errors)
+    late, shifted = slice(len(y) // 2, None), y + y.std(axis=0)
+    biases = [abs(np.mean(z[late] - shifted[late])) for z in (y_hat, plain)]
+    assert biases[0] < 0.5 * biases[1]

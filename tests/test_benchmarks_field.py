@@ -4,6 +4,7 @@ import csv
 import os
 from collections import Counter
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -236,6 +237,30 @@ def test_published_errors_name_tests_of_their_case():
     for name, found in tests.items():
         for errors in RECORDS[name].published.values():
             assert set(errors) <= found
+
+
+def test_the_page_and_the_readme_say_what_the_runs_say():
+    """The table is that of the runs beside it, and the counts are those of the rows."""
+    folder = Path(__file__).parents[1]
+    rows = runs.read(folder / "doc" / "benchmarks" / "field_runs.csv")
+    lines = (folder / "doc" / "benchmarks" / "field.inc").read_text().splitlines()
+    shown = {line.split(",")[0].strip(): line.split(",")[2:5] for line in lines[7:]}
+    medians = {}
+    for model, column in (("fl", 0), ("al", 1), ("gr", 2)):
+        relative = {
+            r["case"]: float(r["relative"]) for r in rows if r["model"] == model
+        }
+        assert relative.keys() == shown.keys() == PLANTS.keys()
+        for name, value in relative.items():
+            assert shown[name][column].strip() == f"{value:.2f}"
+            assert value <= 1.02
+        medians[model] = f"{np.median(list(relative.values())):.2f}"
+    text = " ".join((folder / "README.md").read_text().split())
+    assert f"{3 * len(PLANTS)} fits" in text
+    assert (
+        f"is {medians['fl']} for `FlSsnn`, {medians['al']} for `AlSsnn` and "
+        f"{medians['gr']} for `GrSsnn`, in the median" in text
+    )
 
 
 @pytest.mark.skipif("ALSSNN_DATA_HOME" not in os.environ, reason="no records")

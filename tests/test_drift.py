@@ -422,7 +422,7 @@ def test_parameters_survive_a_clone():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_networks_that_do_not_help_leave_the_linear_model(kind, rng):
-    """Its initial states are those of the plant and of the walk."""
+    """The fit raised: the walk has initial states, too."""
     u, load = rng.standard_normal(400), 0.02 * np.cumsum(rng.standard_normal(400))
     y, x = np.zeros(400), 0.0
     for k in range(400):

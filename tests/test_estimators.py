@@ -7,8 +7,9 @@ import pytest
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
-from alssnn import LinearStateSpace
+from alssnn import LinearStateSpace, datasets, nonparametric
 from alssnn.datasets import make_wiener_hammerstein
+from alssnn.metrics import rmse
 from alssnn.models import state_space
 from alssnn.simulation import simulate
 from helpers import simulate_linear
@@ -780,3 +781,22 @@ def test_what_is_masked_was_not_measured(mimo):
     gaps = np.ma.array(u, mask=np.arange(u.size).reshape(u.shape) == 5)
     with pytest.raises(ValueError, match="`u`"):
         LinearStateSpace(nx=2).fit(gaps, y)
+
+
+def test_masks_are_gaps_for_all_that_takes_outputs(mimo):
+    u, y = mimo
+    mask = np.zeros(y.shape, dtype=bool)
+    mask[[3, 200], 0] = True
+    hidden = np.ma.array(np.where(mask, -9999.0, y), mask=mask)
+    gaps = np.where(mask, np.nan, y)
+    model = LinearStateSpace(nx=2).fit(u, y)
+    y_hat, observer = model.predict(u), model.observer()
+    for take in (
+        lambda y: rmse(y, y_hat, multioutput="raw_values"),
+        lambda y: datasets.Record(u, y, dt=1.0).y,
+        lambda y: observer.filter(u, y),
+        lambda y: nonparametric.local_polynomial(u, y, dt=1.0).total_rms,
+        lambda y: model.estimate_x0(u, y),
+    ):
+        np.testing.assert_array_equal(take(hidden), take(gaps))
+        assert hidden.data[3, 0] == -9999.0  # left as it was

@@ -411,13 +411,19 @@ def test_disturbances_that_the_outputs_do_not_show_are_refused(linear):
     with pytest.raises(ValueError, match="Q_d"):
         DisturbanceObserver(linear, Q_d=np.zeros((2, 2)))
     with pytest.raises(ValueError, match="integrates"):
-        DisturbanceObserver(linear_plant(np.diag([1.0, 0.5]), np.eye(2)))
+        model = linear_plant(np.diag([1.0, 0.5]), np.eye(2))
+        DisturbanceObserver(model, disturbance="output")
 
 
 def test_what_integrates_has_disturbances_of_the_input():
-    model = linear_plant(np.diag([1.0, 0.5]), np.eye(2))
+    """Under a constant load it comes to its reference, by the default observer."""
+    model, x = linear_plant(np.diag([1.0, 0.5]), np.eye(2)), np.zeros(2)
     mpc = LinearizingMPC(model, 5)
     assert mpc.observer.disturbance == "input"
+    for _ in range(60):
+        u = mpc.step([0.4, 0.3], y=x)
+        x = np.array([1.0, 0.5]) * x + u + np.array([0.2, -0.1])
+    np.testing.assert_allclose(x, [0.4, 0.3], atol=1e-4)
 
 
 # -- states of rest of one linearization -----------------------------------------------

@@ -100,7 +100,7 @@ class LoopCertificate:
 
     @property
     def output_bound(self):
-        """Return the proved supremum of ``|y - y_design|``, noise acting on both."""
+        """Return the proved supremum of ``|y - y_design|``, in the units of y."""
         return self.local.output_bound
 
     def verify(self):

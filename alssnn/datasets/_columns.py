@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..checks import unmasked
+
 
 def as_list(names):
     """Return one name or several as a list.
@@ -55,7 +57,7 @@ def as_names(names, letter, size):
 
 def _as_real_array(values, name, gaps=False):
     """Convert to a finite float array of any shape; with gaps, nan are left."""
-    array = np.asarray(values)
+    array = np.asarray(unmasked(values))
     if array.dtype.kind not in "biuf":  # text and complex would convert silently
         raise ValueError(
             f"`{name}` must be an array of real numbers, got dtype {array.dtype}. "

@@ -70,7 +70,8 @@ class Ssnn(StateSpaceModel):
         for `continuation`, where every weight may take as many, and for the stages that
         follow on a record longer than `coarse_samples` (`polish_iter`). Not counted is
         the search of ``alpha="auto"``: a stage, one alpha of one start, takes a 25th of
-        it, a sixth for `GrSsnn`, three 25ths with ``input_map="monotone"``.
+        it, three 25ths with ``input_map="monotone"``, and a sixth for `GrSsnn` with
+        ``noise="output"``.
     tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     bounds : dict of str to tuple or None, default=None

@@ -33,7 +33,8 @@ class DisturbanceObserver(Observer):
         Covariance of the measurement noise, as for `Observer`.
     disturbance : {"output", "input"} or None, default=None
         Whether d is added to y or to u. None means the `drift` that the model was
-        fitted with, "output" for one without. A model that integrates needs "input".
+        fitted with. Without one it is "output", and "input" where the outputs do not
+        tell that from the state, as in a model that integrates.
     Q_d : array_like of shape (nd, nd) or None, default=None
         Covariance of the change of d per sample, in the units of y or u squared. None
         means that d drifts by a hundredth of the standard deviation of the training
@@ -73,7 +74,7 @@ class DisturbanceObserver(Observer):
         super().__init__(model, Q, R, gate=gate)
         is_free = Q is None and R is None and Q_d is None
         if disturbance is None:
-            disturbance = self.plant.drift or "output"
+            disturbance = self.plant.drift or _told_kind(self.plant)
         if not isinstance(disturbance, str) or disturbance not in ("output", "input"):
             raise ValueError(
                 f"`disturbance` must be 'output' or 'input', got {disturbance!r}. "
@@ -91,8 +92,12 @@ class DisturbanceObserver(Observer):
         self.Q = block_diag(self.Q, Q_d)
         self._start = block_diag(self._start, np.diag(scale**2))
         A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
-        size = plant.x_scale
-        _check_detectable(A * size / size[:, None], C * size / plant.y_scale[:, None])
+        if not _tells(plant):
+            raise ValueError(
+                "`disturbance` must be visible at rest in the outputs, got a model "
+                "that does not tell it from the state. If the model integrates, use "
+                "'input'; if it has more inputs than outputs, use 'output'."
+            )
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self._set_gain(C)
         if plant.K is not None and is_free:
@@ -100,13 +105,15 @@ class DisturbanceObserver(Observer):
         self.reset()
 
 
-def _check_detectable(A, C):
-    """Refuse disturbances that the outputs do not show: the test of Hautus at 1."""
-    pencil = np.vstack([A - np.eye(len(A)), C])
-    values = np.linalg.svd(pencil, compute_uv=False)
-    if len(values) < len(A) or values[-1] < RANK * values[0]:
-        raise ValueError(
-            "`disturbance` must be visible at rest in the outputs, got a model that "
-            "does not tell it from the state. If the model integrates, use 'input'; "
-            "if it has more inputs than outputs, use 'output'."
-        )
+def _told_kind(plant):
+    """Return the kind of disturbance that the outputs tell from the state."""
+    return "output" if _tells(plant.with_disturbance("output")) else "input"
+
+
+def _tells(plant):
+    """Tell whether outputs show all states at rest: the test of Hautus at 1."""
+    A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
+    size = plant.x_scale
+    A, C = A * size / size[:, None], C * size / plant.y_scale[:, None]
+    values = np.linalg.svd(np.vstack([A - np.eye(len(A)), C]), compute_uv=False)
+    return len(values) == len(A) and values[-1] >= RANK * values[0]

@@ -120,8 +120,12 @@ def _about_linearity(al, lti):
             "Linearity: a model that does not follow the test data says nothing on "
             "how linear the plant becomes."
         )
+    which = "the output"
+    if len(al.linearization_error) > 1:
+        worst = percent(100 * np.max(al.linearization_error))
+        which = f"the outputs (mean; {worst} of one of them)"
     facts = (
-        f"Linearity: with u = v - h, {percent(rest)} of the output of AL-SSNN is "
+        f"Linearity: with u = v - h, {percent(rest)} of {which} of AL-SSNN is "
         "still not the response of its linear part (A, B, C)"
     )
     outside = al.closed_outside

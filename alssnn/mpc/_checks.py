@@ -53,7 +53,6 @@ def check_ahead(name, value, horizon, n, last):
     return np.take_along_axis(r, np.maximum.accumulate(source), axis=0)[1:]
 
 
-INTEGRATES = 1e-6  # distance of a pole from 1, below which it integrates
 GATE = 100.0  # standard deviations: far beyond what a sound loop shows
 SPREAD = 2.0  # standard deviations of y, which a gate lets pass where y drifts
 
@@ -85,9 +84,6 @@ def check_observer(observer, plant):
         if plant.drift is not None:  # at the start nobody knows where the walk is
             spread = plant.y_scale / np.sqrt(np.diag(plant.noise_covariance))
             gate = max(gate, SPREAD * float(spread.max()))
-        if plant.drift is None and _integrates(plant):
-            # constant disturbances of the output are not told from what adds up
-            return DisturbanceObserver(plant, disturbance="input", gate=gate)
         return DisturbanceObserver(plant, gate=gate)
     if not isinstance(observer, Observer):
         raise TypeError(
@@ -104,12 +100,6 @@ def check_observer(observer, plant):
             "`model`."
         )
     return observer
-
-
-def _integrates(plant):
-    """Tell whether A has a pole at 1."""
-    poles = np.linalg.eigvals(plant.late().linear()[0])
-    return bool(np.any(np.abs(poles - 1.0) < INTEGRATES))
 
 
 def check_rate(du_max, nu):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..checks import unmasked
 from ..excitation import Excitation
 from ..experiments import join_records, split_experiments
 from ..names import signal_names
@@ -108,7 +109,7 @@ def _names(z):
 def _signal(z, name):
     """Return a signal as columns of floats."""
     try:
-        array = np.asarray(z)
+        array = np.asarray(unmasked(z))
         real = array.dtype.kind in "biuf"
     except ValueError:  # ragged
         array, real = np.empty(0), False

@@ -1,5 +1,8 @@
 """Sections that say what a model is, and what a record says about it."""
 
+import reprlib
+from numbers import Number
+
 import numpy as np
 
 from ..metrics import fit_percent, missed_percent, nrmse, rmse
@@ -59,15 +62,19 @@ def summary(model, data, test, validation, reason=""):
         words = ", ".join(f"{name} {percent(share, 3)}" for name, share in shares)
         rows.append(("not measured", words))
     settings = [
-        (name, "not set" if value is None else str(value))
+        (name, "not set" if value is None else _in_words(value))
         for name, value in sorted(model.get_params(deep=False).items())
-        if not isinstance(value, list | tuple | np.ndarray)  # signals, and matrices
     ]
     return (
         _verdict(model, outputs, test, validation, reason)
         + table((), rows)
         + f"<details><summary>Settings</summary>{table((), settings)}</details>"
     )
+
+
+def _in_words(value):
+    """Return the value of a setting: whole, if it is short."""
+    return str(value) if isinstance(value, str | Number) else reprlib.repr(value)
 
 
 def _verdict(model, outputs, test, validation, reason):
