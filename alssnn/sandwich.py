@@ -11,7 +11,6 @@ from .noise import Moments
 from .simulation import runs, sensitivities
 
 RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
-WEIGHTING_LEVEL = 0.05  # of refusing sound fits; 0.01 shows bands of more biased ones
 LOSS = 0.1  # relative excess of a variance that is worth a test
 
 
@@ -97,10 +96,8 @@ def _measured(parts, y):
         yield J
 
 
-def weighting_p_value(
-    structure, theta, x0, experiments, output_weight, noise, score, free
-):
-    """Return how likely weighing the noise moves a sound fit as far (eq. weighting).
+def weighted_step(structure, theta, x0, experiments, output_weight, noise, score, free):
+    """Return how weighing the noise moves a fit, and how likely (eq. weighting).
 
     Parameters
     ----------
@@ -123,9 +120,11 @@ def weighting_p_value(
 
     Returns
     -------
+    force : ndarray of shape (n,)
+        Gauss-Newton matrix of the simulation error times the step from its least
+        squares to those of the whitened one; zero where something holds.
     p : float
-        Probability of a step as large as that from the least squares of the
-        simulation error to those of the whitened one; 1 for white noise.
+        Probability of a step as large if the fit is sound; 1 for white noise.
     """
     n_params, n_x0 = structure.n_params, structure.n_x0
     n = n_params + n_x0 * len(experiments)
@@ -155,12 +154,14 @@ def weighting_p_value(
     values, Q = eigh(H[1] / np.outer(size, size))
     seen = values > RANK_FLOOR * max(values[-1], 0.0)
     root = size[:, None] * Q[:, seen] * np.sqrt(values[seen])  # root root' = H[1]
-    step = (Q[:, seen] / size[:, None] / np.sqrt(values[seen])).T @ g[1]
-    step -= root.T @ plain @ g[0]
+    back = Q[:, seen] / size[:, None] / np.sqrt(values[seen])  # root' back = 1
+    step = back.T @ g[1] - root.T @ plain @ g[0]
+    force = np.zeros(n)
+    force[free] = H[0] @ back @ step
     loss, U = eigh(root.T @ P @ root)  # variance over the least possible one
     told = loss - 1 > LOSS
     square = np.sum((U[:, told].T @ step) ** 2 / (loss[told] - 1))
-    return float(chi2.sf(square, told.sum())) if told.any() else 1.0
+    return force, float(chi2.sf(square, told.sum())) if told.any() else 1.0
 
 
 def _rows(structure, theta, x0, u, y):

@@ -25,8 +25,9 @@ Gauss-Newton matrix where nothing is penalized.
 
 It takes the noise for added to the output and independent of u, the model structure for
 right and the deviation for small.  Noise that is correlated over time and reaches u by
-feedback biases the simulation error: no interval around the fit covers the truth then.
-That is tested (`weighting_p_value`, eq. weighting), and said.
+feedback biases the simulation error: P tells nothing of that.  It is tested (eq.
+weighting) and said, and the covariance is P + b b' with the bias b that shows.  If b is
+too large for noise by far, no interval around the fit is shown.
 """
 
 from dataclasses import dataclass
@@ -248,6 +249,9 @@ class ParameterCovariance:
     p_weighting : float
         How likely the fit moves as it does when the noise is weighed by its color, if
         the model is right and u does not depend on the noise (eq. weighting).
+    bias : ndarray of shape (n_params,)
+        How far the fit moves then, where noise is unlikely to explain it: `covariance`
+        has its square, too (eq. bias). Zero elsewhere.
     reason : str
         Why no interval around the fit covers the truth; "" if one does.
 
@@ -274,6 +278,7 @@ class ParameterCovariance:
     input_delay: np.ndarray
     noise: Noise
     p_weighting: float
+    bias: np.ndarray
     reason: str
 
     def __repr__(self):

@@ -15,11 +15,10 @@ from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
 from ..predictions import bridged, first_states, told
 from ..sandwich import (
-    WEIGHTING_LEVEL,
     pseudo_inverse,
     residual_moments,
     score_covariance,
-    weighting_p_value,
+    weighted_step,
 )
 from ..training import train
 from ..uncertainty import ParameterCovariance
@@ -29,6 +28,13 @@ from ._input_map import idle_g
 from ._plant import sampling_time
 from ._simulation import expected_states, labeled_data, simulated_experiments
 from ._time import is_continuous, within_derivatives
+
+BIASED = 0.05  # level below which the step counts as a bias
+REFUSED = 1e-3  # and below which a model is more likely too small than worth a band
+MOVES = (
+    "The fit moves more than noise allows when its color is weighed (p = {:.1g}): "
+    "noise reached `u` by feedback, or the model is too small."
+)
 
 
 def parameter_covariance(model, u, y, experiment=None):
@@ -61,8 +67,10 @@ def parameter_covariance(model, u, y, experiment=None):
     UserWarning
         If the fit moves more than the noise allows when its color is weighed
         (eq. weighting): the record of a closed loop, or a model that is too small. The
-        simulation error is biased then, no interval covers the truth, and the result
-        has `holds` False and no bands. ``noise="innovations"`` takes such records.
+        simulation error is biased then, and the bands are wider by the bias that
+        shows (eq. bias). If noise explains it with a probability below 0.001, the
+        result has `holds` False and no bands. ``noise="innovations"`` takes records of
+        a closed loop without a bias.
 
     Notes
     -----
@@ -92,15 +100,24 @@ def parameter_covariance(model, u, y, experiment=None):
         # what the parameters took out of the residuals (eq. effective)
         noise = noise.rescale(np.sqrt(np.diag(count) / np.diag(freedom)))
         F = score_covariance(*simulated, weight, noise)
-        p = weighting_p_value(*simulated, weight, noise, F, fit.free)
+        force, p = weighted_step(*simulated, weight, noise, F, fit.free)
     P = fit.inverse @ F @ fit.inverse  # (eq. sandwich)
+    bias = np.zeros(len(P))
     reason = _doubt(model, P, p)
     if reason:
         warnings.warn(f"No confidence band holds. {reason}", UserWarning, stacklevel=2)
+    elif p < BIASED:
+        bias = fit.inverse @ force  # (eq. bias)
+        warnings.warn(
+            f"The confidence bands are wider by a bias. {MOVES.format(p)} Fit with "
+            "noise='innovations' if it was feedback.",
+            UserWarning,
+            stacklevel=2,
+        )
     scale = model._scaling.y_scale
     return ParameterCovariance(
         theta=model._theta.copy(),
-        covariance=P[:n_params, :n_params],
+        covariance=(P + np.outer(bias, bias))[:n_params, :n_params],
         noise_covariance=Lambda * np.outer(scale, scale),
         n_effective=fit.n_effective,
         rank=fit.rank,
@@ -111,6 +128,7 @@ def parameter_covariance(model, u, y, experiment=None):
         input_delay=model.input_delay_,
         noise=noise.rescale(scale),
         p_weighting=p,
+        bias=bias[:n_params],
         reason=reason,
     )
 
@@ -124,12 +142,7 @@ def _doubt(model, P, p):
         )
     if not np.isfinite(P).all():
         return "The covariance has entries that are not finite. Fit a smaller model."
-    if not p >= WEIGHTING_LEVEL:  # nan is no likelihood
-        return (
-            "The fit moves more than noise allows when its color is weighed "
-            f"(p = {p:.1g}): noise reached `u` by feedback, or the model is too small."
-        )
-    return ""
+    return "" if p >= REFUSED else MOVES.format(p)  # nan is no likelihood
 
 
 def aic(model, u, y, experiment=None):
@@ -227,7 +240,8 @@ def sample_models(
     Warns
     -----
     UserWarning
-        If the covariance does not hold: neither do the draws.
+        If the covariance does not hold: neither do the draws. With `data` also if it
+        has a bias (eq. bias), which those draws do not have.
 
     Notes
     -----
@@ -242,10 +256,13 @@ def sample_models(
             "`covariance` must be that of this model, got that of another one. "
             "Call `parameter_covariance` again after a fit."
         )
-    if not covariance.holds:
+    reason = covariance.reason
+    if data is not None and covariance.bias.any():
+        reason = MOVES.format(covariance.p_weighting)
+    if reason:
         warnings.warn(
             "The models that are drawn are no sample of what is possible: "
-            f"{covariance.reason} They are too close to each other.",
+            f"{reason} They are too close to each other.",
             UserWarning,
             stacklevel=2,
         )
