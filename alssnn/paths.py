@@ -366,47 +366,23 @@ def descended(paths, alphas, watch, options, tally, n_jobs=None):
     return [walked[i] for i in range(len(calls))]
 
 
-def choose(paths, nearly, other=None):
+def choose(paths, nearly):
     """Return the path that goes on, and the stage from which it does.
 
     Parameters
     ----------
     paths : list of Path
-        Paths along the same alphas.
+        Paths of several starts, also along different alphas.
     nearly : float
         Mean square error over the least one that is as good.
-    other : Path or None, default=None
-        One along other alphas, which is taken if it comes lower.
 
     Returns
     -------
     path : Path
-        The one.
+        The one that comes lowest behind its start.
     stage : int
-        Of the stages that do nearly as well as the best, averaged over the better
-        paths (of a long record, along the best one), the one of the largest alpha.
+        Of its stages that do nearly as well as the best, the one of the largest alpha.
     """
-    length = max(len(walk.scores) for walk in paths)
-    table = np.full((len(paths), length), np.inf)
-    for row, walk in zip(table, paths, strict=True):
-        row[: len(walk.scores)] = walk.scores
-    # The average keeps few hidden samples from choosing by luck. Along the best start
-    # alone, as of a long record, 9 of 65 fits to two or three folds (FL and AL, 12
-    # plants of `benchmarks.field`) had test errors lower by more than 5 %, 8 higher; of
-    # the 5 whose best start ended below half the average, one lower and one higher.
-    typical = np.sort(table, axis=0)[: (len(paths) + 1) // 2].mean(axis=0)
-    if len(paths[0].folds) == 1:  # a long record: enough is hidden to trust one start
-        typical = table[np.argmin(table.min(axis=1))]
-    stage = _first(typical, nearly)
-    best = int(np.argmin(table[:, stage]))
-    if other is not None:
-        scores = np.array(other.scores)
-        its = _first(scores, nearly)
-        if scores[its] < table[best, stage]:
-            return other, its
-    return paths[best], stage
-
-
-def _first(scores, nearly):
-    """Return the first stage behind the start that does nearly as well as the best."""
-    return 1 + int(np.argmax(scores[1:] <= nearly * scores[1:].min()))
+    path = min(paths, key=lambda path: min(path.scores[1:]))
+    scores = np.array(path.scores[1:])
+    return path, 1 + int(np.argmax(scores <= nearly * scores.min()))

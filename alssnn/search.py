@@ -13,11 +13,10 @@ weights first, and with them every gradient: the linear model is a saddle.  Only
 that begins small may lead there, as that of GR-SSNN, whose network nothing else holds:
 it is then smooth where the record says little.)
 
-Of the alphas that do nearly as well as the best, averaged over the better starts (of a
-long record, along the best one), the largest is taken; of the starts, the best at this
-alpha.  The path by which an order was chosen is taken if it comes lower.  From there it
-goes on at this alpha as long as the error on the hidden samples falls; of a long
-record, the fit to all its samples does that in one go.
+The path that comes lowest is taken, which may be that by which an order was chosen, and
+of its alphas that do nearly as well as the best the largest.  From there it goes on at
+this alpha as long as the error on the hidden samples falls; of a long record, the fit
+to all its samples does that in one go.
 
 The networks are kept if they beat the best linear model on the hidden samples: in the
 sum over the folds, by more than chance makes of it (eq. certainty), with outputs that
@@ -323,9 +322,9 @@ def search(
         curve, tried = _compared(start, *among, quiet, tally, options)
         linears = tried[0].linears
     nx = len(linears[0].A)
-    paths, screen = _begun(start, linears, seeds, tried, alphas)
+    paths, others = _begun(start, linears, seeds, tried, alphas)
     paths = _walked(paths, alphas, n_first, quiet, options, tally, n_jobs)
-    walk, stage = choose(paths, nearly, screen)
+    walk, stage = choose([*paths, *others], nearly)
     alpha = walk.alphas[stage - 1]
     # what goes on from here is chosen by the same samples
     judged, chosen = walk.errors[stage], walk.states[stage]
@@ -362,7 +361,7 @@ def _expected(n_ways, n_seeds, alphas, screened):
 
 
 def _begun(start, linears, seeds, tried, alphas):
-    """Return the paths of all seeds, and the best one along other alphas, if any.
+    """Return the paths of all seeds, and those along other alphas.
 
     They begin in this process, for the recipe is of the estimator, whose callbacks and
     streams may not leave it. Of what was tried, paths along the same alphas are those
@@ -370,7 +369,7 @@ def _begun(start, linears, seeds, tried, alphas):
     """
     walked = {w.seed: w.path for w in reversed(tried) if w.path.is_along(alphas)}
     paths = [walked.get(seed) or start(linears, seed) for seed in seeds]
-    return paths, next((w.path for w in tried if w.path not in paths), None)
+    return paths, [way.path for way in tried if way.path not in paths]
 
 
 def _walked(paths, alphas, n_first, watch, options, tally, n_jobs):
