@@ -91,6 +91,30 @@ def identify(experiments, nx, *, drift=None, given=(), **options):
     return decorrelate(model, experiments)
 
 
+def count_walks(experiments, n_measured=0, drift=None, given=()):
+    """Return how many random walks a predictor of some records has.
+
+    Parameters
+    ----------
+    experiments : sequence of tuple of array
+        Pairs ([u, y_m], y).
+    n_measured : int, default=0
+        Number of columns of y_m.
+    drift : {"output", "input"} or None, default=None
+        What the walks are added to.
+    given : sequence of int, default=()
+        Columns of u that are measured disturbances, which no walk is added to.
+
+    Returns
+    -------
+    count : int
+        One per output, or per input that is moved.
+    """
+    u, y = experiments[0]
+    moved = u.shape[1] - n_measured - len(given)
+    return {None: 0, "output": y.shape[1], "input": moved}[drift]
+
+
 def filtered(experiments, rate):
     """Return records without what is slow.
 

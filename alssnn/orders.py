@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from .drift import identify
+from .drift import count_walks, identify
 from .holdout import hold_out
 from .initial_states import WINDOW, estimate_x0
 from .subspace import largest_order
@@ -125,7 +125,8 @@ def compare_orders(
     ValueError
         If the longest experiment is too short for the least order.
     """
-    folds = hold_out(experiments, integrators=integrators)
+    walks = count_walks(experiments, n_measured, **kind)
+    folds = hold_out(experiments, integrators=integrators + walks)
     quiet = None if watch is None else watch.quiet()
     options = {
         "feedthrough": feedthrough,
