@@ -3,11 +3,10 @@
 import numpy as np
 
 from .criterion import Restricted
+from .following import Following, following
 from .innovations import drift_of
 from .optimizers import FAINT, minimize
-from .stability import Contractive, Schur, follows
-
-HALVINGS = 20  # of the gain of a random walk, until its predictor follows
+from .stability import Contractive, Schur
 
 
 class Limits:
@@ -60,16 +59,7 @@ class Limits:
         theta = np.clip(theta, self.low, self.high)
         if drift_of(self.structure) is None:
             return theta
-        p = {
-            name: np.array(value) for name, value in self.structure.split(theta).items()
-        }
-        for _ in range(HALVINGS):
-            if follows(self.structure, p):
-                break
-            p["K_b"] = p["K_b"] / 2
-        else:
-            p["K_b"] = 0.0 * p["K_b"]
-        return self.structure.join(p)
+        return following(self.structure, theta)[0]
 
     def minimize(self, criterion, free, *, method="lm", **options):
         """Minimize a criterion within the limits.
@@ -91,14 +81,13 @@ class Limits:
             Its outcome, with the whole free vector in ``x``.
         """
         problem, start = criterion, free
+        drifts = drift_of(self.structure) is not None
+        if drifts:
+            problem = criterion = Following(criterion)
         if self.phi is not None:
             problem = Contractive(criterion, self.phi, self.n_integrators)
             start = problem.from_free(free)
-        elif (
-            self.radius is not None
-            or drift_of(self.structure) is not None
-            or self.structure.sampling is not None
-        ):
+        elif self.radius is not None or self.structure.sampling is not None:
             radius = np.inf if self.radius is None else self.radius
             problem = Schur(criterion, radius, self.n_integrators)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
@@ -112,7 +101,8 @@ class Limits:
 
         def whole(x):
             x = part.complete(x) if part else x
-            return problem.to_free(x) if self.phi is not None else x
+            x = problem.to_free(x) if self.phi is not None else x
+            return criterion.to_free(x) if drifts else x
 
         if np.isfinite(bounds).any():
             method, options["bounds"] = "trf", bounds

@@ -39,7 +39,7 @@ from scipy.optimize import OptimizeResult
 
 from .continuous import can_be_stepped
 from .criterion import DIVERGED_NORM, LeastSquares
-from .innovations import drift_of, error_matrix, state_matrix
+from .innovations import state_matrix
 from .linear_model import decorrelate, simulation_error, stabilize
 from .subspace import fit_input
 
@@ -254,33 +254,6 @@ def hold_off(model, experiments, error):
     return replace(best, singular_values=model.singular_values, result=result)
 
 
-def follows(structure, p):
-    """Tell whether the error of a predictor decays, that of a random walk included.
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of a model.
-    p : dict of str to ndarray
-        Its parameters.
-
-    Returns
-    -------
-    follows : bool
-        Whether no pole of [x; b] is outside the unit circle (eq. drift); True for a
-        model without drift.
-    """
-    if drift_of(structure) is None:
-        return True
-    A = error_matrix(structure, p)
-    return bool(np.isfinite(A).all() and _radius(A) <= 1.0 + ROUNDING)
-
-
-def _radius(A):
-    """Return the spectral radius."""
-    return np.abs(np.linalg.eigvals(A)).max(initial=0.0)
-
-
 class Contractive(LeastSquares):
     """Replace A, or A - K C, by Q in the free vector of a criterion.
 
@@ -361,10 +334,7 @@ class Contractive(LeastSquares):
         norm : float
             Norm of the residual.
         """
-        free, structure = self.to_free(free), self.criterion.structure
-        if not follows(structure, structure.split(free[: structure.n_params])):
-            return DIVERGED_NORM
-        return self.criterion.norm(free)
+        return self.criterion.norm(self.to_free(free))
 
     def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
         """Return errors of outputs, (ny,), all of weight one."""
@@ -444,8 +414,7 @@ class Schur(LeastSquares):
             if not can_be_stepped(A, sampling.substeps):
                 return DIVERGED_NORM
             poles = np.exp(np.minimum(poles.real, 1.0))  # of samples
-        is_outside = np.abs(poles).max(initial=0.0) > self.radius
-        if is_outside or not follows(self.structure, p):
+        if np.abs(poles).max(initial=0.0) > self.radius:
             return DIVERGED_NORM
         return self.criterion.norm(free)
 

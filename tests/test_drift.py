@@ -8,6 +8,7 @@ import alssnn
 from alssnn.criterion import Criterion
 from alssnn.drift import count_walks, filtered
 from alssnn.feedback import DisturbanceObserver
+from alssnn.following import Following, follows
 from alssnn.innovations import (
     drift_of,
     error_matrix,
@@ -21,7 +22,7 @@ from alssnn.limits import Limits
 from alssnn.linear_model import LinearModel, simulation_error
 from alssnn.models import state_space
 from alssnn.simulation import outputs, simulate
-from alssnn.stability import Contractive, Schur, follows
+from alssnn.stability import Contractive, Schur
 from helpers import assert_direct
 
 pytestmark = pytest.mark.filterwarnings(
@@ -167,7 +168,7 @@ def test_error_of_states_and_walk(name, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_does_not_follow_is_rejected(kind):
+def test_a_walk_that_does_not_follow_has_a_smaller_gain(kind):
     structure, theta, C_m = declared("FL, measured", kind)
     seen = predictor(structure)
     rng = np.random.default_rng(0)
@@ -179,19 +180,29 @@ def test_what_does_not_follow_is_rejected(kind):
     assert follows(seen, good) and not follows(seen, bad)
     start = np.zeros((1, seen.n_x0))
     inside, outside = (criterion.join(seen.join(q), start) for q in (good, bad))
-    assert criterion.norm(outside) < 1e6  # a short record does not show it
-    contractive = Contractive(criterion, 1e-5)
+    still = criterion.join(seen.join({**p, "K_b": np.zeros((2, 2))}), start)
+    inner = Following(criterion)
+    contractive = Contractive(inner, 1e-5)
     for problem, to_free in (
-        (Schur(criterion, 1.0), np.array),
+        (Schur(inner, 1.0), np.array),
         (contractive, contractive.from_free),
     ):
         assert problem.norm(to_free(inside)) == pytest.approx(criterion.norm(inside))
-        assert problem.norm(to_free(outside)) > 1e6
+        assert problem.norm(to_free(outside)) == pytest.approx(criterion.norm(still))
     # a start is moved inside, by the gain of the walk alone
     far = seen.join({**p, "K_b": 9.0 * np.eye(2)})
     moved = seen.split(Limits(seen).clip(far))
     assert follows(seen, moved) and 0 < moved["K_b"][0, 0] < 9
     np.testing.assert_array_equal(moved["A"], p["A"])
+    # by the share of the gain that is left, derivatives are those of the norm
+    free = criterion.join(far, start)
+    JJ, Jr, norm = inner.normal_equations(free)
+    assert norm == pytest.approx(inner.norm(free))
+    for i in range(len(free)):
+        step = 1e-6 * np.eye(len(free))[i]
+        squares = [inner.norm(free + s * step) ** 2 for s in (1, -1)]
+        assert Jr[i] == pytest.approx((squares[0] - squares[1]) / 4e-6, abs=1e-6)
+    assert np.linalg.eigvalsh(JJ)[0] > -1e-9 * np.linalg.eigvalsh(JJ)[-1]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -439,7 +450,7 @@ def test_networks_that_do_not_help_leave_the_linear_model(kind, rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_walk_that_is_declared_and_not_there_costs_little(kind):
-    """Hidden samples were judged from changed walks, which keep a change: 4 times."""
+    """It was 4 times: steps that made its gain negative were rejected as a whole."""
     rng = np.random.default_rng(1)
     u, y, x = np.repeat(rng.uniform(-1, 1, 200), 5), np.empty(1000), 0.0
     for k in range(1000):
@@ -453,7 +464,7 @@ def test_a_walk_that_is_declared_and_not_there_costs_little(kind):
         .cost_
         for drift in (None, kind)
     ]
-    assert costs[1] < 2 * costs[0]
+    assert costs[1] < 1.1 * costs[0]
 
 
 def test_one_walk_per_output_or_input_that_is_moved():
