@@ -766,6 +766,7 @@ def test_wrong_bounds(data, options, message):
 
 
 @pytest.mark.filterwarnings("ignore:No confidence band holds")  # it does not start so
+@pytest.mark.filterwarnings("ignore:The confidence bands are wider")
 @pytest.mark.parametrize("cls", [LinearStateSpace, FlSsnn, AlSsnn, GrSsnn])
 def test_initial_states_at_rest(data, cls):
     """Held on whole records, after a coarse stretch as well."""
