@@ -91,8 +91,8 @@ def identify(experiments, nx, *, drift=None, given=(), **options):
     return decorrelate(model, experiments)
 
 
-def count_walks(experiments, n_measured=0, drift=None, given=()):
-    """Return how many random walks a predictor of some records has.
+def count_walks(experiments, n_measured=0, drift=None):
+    """Return how many random walks a linear predictor of some records has, at most.
 
     Parameters
     ----------
@@ -102,17 +102,14 @@ def count_walks(experiments, n_measured=0, drift=None, given=()):
         Number of columns of y_m.
     drift : {"output", "input"} or None, default=None
         What the walks are added to.
-    given : sequence of int, default=()
-        Columns of u that are measured disturbances, which no walk is added to.
 
     Returns
     -------
     count : int
-        One per output, or per input that is moved.
+        One per output, or per input: those of measured disturbances do not move.
     """
     u, y = experiments[0]
-    moved = u.shape[1] - n_measured - len(given)
-    return {None: 0, "output": y.shape[1], "input": moved}[drift]
+    return {None: 0, "output": y.shape[1], "input": u.shape[1] - n_measured}[drift]
 
 
 def filtered(experiments, rate):

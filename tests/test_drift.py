@@ -6,7 +6,7 @@ from sklearn.base import clone
 
 import alssnn
 from alssnn.criterion import Criterion
-from alssnn.drift import count_walks, filtered
+from alssnn.drift import filtered
 from alssnn.feedback import DisturbanceObserver
 from alssnn.following import Following, follows
 from alssnn.innovations import (
@@ -21,6 +21,7 @@ from alssnn.innovations import (
 from alssnn.limits import Limits
 from alssnn.linear_model import LinearModel, simulation_error
 from alssnn.models import state_space
+from alssnn.orders import compare_orders
 from alssnn.simulation import outputs, simulate
 from alssnn.stability import Contractive, Schur
 from helpers import assert_direct
@@ -467,9 +468,20 @@ def test_a_walk_that_is_declared_and_not_there_costs_little(kind):
     assert costs[1] < 1.1 * costs[0]
 
 
-def test_one_walk_per_output_or_input_that_is_moved():
-    experiments = [(np.zeros((9, 5)), np.zeros((9, 2)))]  # three inputs, y measured
-    assert count_walks(experiments) == 0
-    assert count_walks(experiments, 2, "output", (0,)) == 2
-    assert count_walks(experiments, 2, "input", (0,)) == 2
-    assert count_walks(experiments, 2, "input") == 3
+@pytest.mark.parametrize(
+    ("kind", "given"), [("output", ()), ("input", ()), ("input", (1,))]
+)
+def test_walks_begin_where_they_are(kind, given):
+    """Of hidden samples, only the states of the plant begin elsewhere, too."""
+    rng = np.random.default_rng(0)
+    u, y = rng.standard_normal((80, 2)), rng.standard_normal((80, 2))
+    orders = compare_orders(
+        with_outputs([(u, y)]), [1], n_measured=2, drift=kind, given=given
+    )
+    fold, (model, *_) = orders.folds[0], orders.models[1]
+    start = model.starts()
+    assert start.shape == (1, 3)
+    x0, *others = fold._nudged(start)
+    for other in others:
+        assert other[0, 0] != x0[0, 0]
+        np.testing.assert_array_equal(other[0, 1:], x0[0, 1:])

@@ -369,7 +369,7 @@ def _hangs(estimator, plain, result, *, linear, experiments):
     if not here or estimator.horizon > 1:
         return False
     structure, theta, fit = linear.as_fit()
-    walks = plain.n_x0 - plain.sizes["x"]  # they keep what differs, as integrators do
+    walks = 0 if linear.drift is None else len(linear.K_b)  # as in `compare_orders`
     return any(
         fold.error(plain, result.theta, result.x0, elsewhere=True)
         > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)

@@ -30,7 +30,7 @@ from ._simulation import expected_states, labeled_data, simulated_experiments
 from ._time import is_continuous, within_derivatives
 
 BIASED = 0.05  # level below which the step counts as a bias
-REFUSED = 1e-3  # and below which a model is more likely too small than worth a band
+REFUSED = 1e-3  # and below which there are no bands: the model may be too small
 MOVES = (
     "The fit moves more than noise allows when its color is weighed (p = {:.1g}): "
     "noise reached `u` by feedback, or the model is too small."
