@@ -391,7 +391,42 @@ def _by_channel(structure, weights):
     return np.concatenate([np.broadcast_to(weights[c], sizes[c]) for c in channels])
 
 
-class Restricted(LeastSquares):
+class Mapped(LeastSquares):
+    """Evaluate a criterion at what a free vector stands for.
+
+    Attributes
+    ----------
+    criterion : LeastSquares
+        Criterion.
+    """
+
+    criterion: LeastSquares
+
+    @abstractmethod
+    def to_free(self, free):
+        """Return the free vector of the criterion.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector of this one.
+
+        Returns
+        -------
+        free : ndarray of shape (n_whole,)
+            Free vector of the criterion.
+        """
+
+    def norm(self, free):  # numpydoc ignore=PR01,RT01
+        """Return |r|."""
+        return self.criterion.norm(self.to_free(free))
+
+    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
+        """Return errors of outputs, (ny,), all of weight one."""
+        return self.criterion.mean_squares(self.to_free(free))
+
+
+class Restricted(Mapped):
     """Restrict a criterion to some entries of the free vector.
 
     Parameters
@@ -409,7 +444,7 @@ class Restricted(LeastSquares):
         self.held = np.array(free, dtype=float)
         self.mask = mask
 
-    def complete(self, part):
+    def to_free(self, part):
         """Return the whole free vector.
 
         Parameters
@@ -425,25 +460,6 @@ class Restricted(LeastSquares):
         free = self.held.copy()
         free[self.mask] = part
         return free
-
-    def norm(self, part):
-        """Return |r| at the free entries.
-
-        Parameters
-        ----------
-        part : ndarray of shape (n_free,)
-            Entries that are free.
-
-        Returns
-        -------
-        norm : float
-            Root of the cost.
-        """
-        return self.criterion.norm(self.complete(part))
-
-    def mean_squares(self, part):  # numpydoc ignore=PR01,RT01
-        """Return errors of outputs, (ny,), all of weight one."""
-        return self.criterion.mean_squares(self.complete(part))
 
     def normal_equations(self, part):
         """Return J'J, J'r and |r| of the free entries.
@@ -462,5 +478,5 @@ class Restricted(LeastSquares):
         norm : float
             Norm of the residual.
         """
-        JJ, Jr, norm = self.criterion.normal_equations(self.complete(part))
+        JJ, Jr, norm = self.criterion.normal_equations(self.to_free(part))
         return JJ[np.ix_(self.mask, self.mask)], Jr[self.mask], norm

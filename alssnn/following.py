@@ -6,7 +6,7 @@ enough and of the right sign.  A training shrinks it as far as that takes.
 
 import numpy as np
 
-from .criterion import LeastSquares
+from .criterion import Mapped
 from .innovations import drift_of, error_matrix
 
 ROUNDING = 1e-9  # a modulus of a pole so close to one is taken for one
@@ -63,7 +63,7 @@ def following(structure, theta):
     return structure.join(p), share
 
 
-class Following(LeastSquares):
+class Following(Mapped):
     """Shrink the gain of a random walk until its predictor follows (eq. drift).
 
     A step that would make it negative is not rejected for that: where nothing drifts,
@@ -98,25 +98,6 @@ class Following(LeastSquares):
         n = self.structure.n_params
         theta, share = following(self.structure, free[:n])
         return np.concatenate([theta, free[n:]]), share
-
-    def norm(self, free):
-        """Return |r|.
-
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            Free vector.
-
-        Returns
-        -------
-        norm : float
-            Norm of the residual.
-        """
-        return self.criterion.norm(self.to_free(free))
-
-    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
-        """Return errors of outputs, (ny,), all of weight one."""
-        return self.criterion.mean_squares(self.to_free(free))
 
     def normal_equations(self, free):
         """Return J'J, J'r and |r|.

@@ -352,7 +352,7 @@ def _solve(pairs, model, offset):
     # the initial state of an experiment that was never measured moves nothing
     size = np.sqrt(np.where(np.diag(JJ) > 0, np.diag(JJ), 1.0))
     step = lstsq(JJ / np.outer(size, size), -Jr / size)[0] / size
-    theta, x0 = criterion.split(restricted.complete(free[mask] + step))
+    theta, x0 = criterion.split(restricted.to_free(free[mask] + step))
     return replace(model, **criterion.structure.split(theta), x0=x0)
 
 
@@ -362,8 +362,8 @@ def _refine(pairs, model, *, n, offset, max_iter=100, tol=1e-8, watch=None):
     mask = _free(criterion, ~integrator_entries(len(model.A), n), True, offset)
     part = Restricted(criterion, free, mask)
     options = {"max_iter": max_iter, "tol": tol, "watch": watch, "label": LABEL}
-    result = minimize(part, free[mask], to_point=part.complete, **options)
-    theta, x0 = criterion.split(part.complete(result.x))
+    result = minimize(part, free[mask], to_point=part.to_free, **options)
+    theta, x0 = criterion.split(part.to_free(result.x))
     refined = replace(model, **criterion.structure.split(theta), x0=x0, result=result)
     n_r = len(model.A) - n
     A_r = refined.A[:n_r, :n_r]

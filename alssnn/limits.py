@@ -100,7 +100,7 @@ class Limits:
         bounds = low[~held], high[~held]
 
         def whole(x):
-            x = part.complete(x) if part else x
+            x = part.to_free(x) if part else x
             x = problem.to_free(x) if self.phi is not None else x
             return criterion.to_free(x) if drifts else x
 

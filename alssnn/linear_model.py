@@ -295,7 +295,7 @@ class AllEntries(Criterion):
             JJ, Jr, _ = part.normal_equations(self.start[is_linear])
         except FloatingPointError:  # they overflow: the start is left as it is
             return self.matrices(self.start)
-        return self.matrices(part.complete(self.start[is_linear] - lstsq(JJ, Jr)[0]))
+        return self.matrices(part.to_free(self.start[is_linear] - lstsq(JJ, Jr)[0]))
 
 
 def stabilize(A, limit=RADIUS_LIMIT):

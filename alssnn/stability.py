@@ -38,7 +38,7 @@ from scipy.linalg import (
 from scipy.optimize import OptimizeResult
 
 from .continuous import can_be_stepped
-from .criterion import DIVERGED_NORM, LeastSquares
+from .criterion import DIVERGED_NORM, LeastSquares, Mapped
 from .innovations import state_matrix
 from .linear_model import decorrelate, simulation_error, stabilize
 from .subspace import fit_input
@@ -254,7 +254,7 @@ def hold_off(model, experiments, error):
     return replace(best, singular_values=model.singular_values, result=result)
 
 
-class Contractive(LeastSquares):
+class Contractive(Mapped):
     """Replace A, or A - K C, by Q in the free vector of a criterion.
 
     Parameters
@@ -320,25 +320,6 @@ class Contractive(LeastSquares):
         if self.C is None:
             return 0.0
         return (free[self.K].reshape(self.C.T.shape) @ self.C).ravel()
-
-    def norm(self, free):
-        """Return |r|.
-
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            Free vector with Q.
-
-        Returns
-        -------
-        norm : float
-            Norm of the residual.
-        """
-        return self.criterion.norm(self.to_free(free))
-
-    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
-        """Return errors of outputs, (ny,), all of weight one."""
-        return self.criterion.mean_squares(self.to_free(free))
 
     def normal_equations(self, free):
         """Return J'J, J'r and |r|.

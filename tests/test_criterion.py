@@ -312,7 +312,7 @@ def test_what_the_cost_does_not_see_is_raised_to_rounding(rng):
 def test_restricted_is_a_part_of_the_whole(criterion, free, rng):
     mask = rng.random(criterion.n) > 0.5
     part = Restricted(criterion, free, mask)
-    np.testing.assert_array_equal(part.complete(free[mask]), free)
+    np.testing.assert_array_equal(part.to_free(free[mask]), free)
     JJ, Jr, norm = criterion.normal_equations(free)
     JJ_p, Jr_p, norm_p = part.normal_equations(free[mask])
     np.testing.assert_array_equal(JJ_p, JJ[np.ix_(mask, mask)])
