@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from .checks import unmasked
+from .containers import index_of
 
 WINDOW_GRID = 32  # candidate places of a stretch in every experiment
 CHUNK = 100_000  # samples treated at a time
@@ -304,9 +305,11 @@ def join_records(u, y, experiment):
     Raises
     ------
     ValueError
-        If a list comes with labels, or its parts do not fit.
+        If a list comes with labels, or its parts do not fit, or data frames have rows
+        of other times.
     """
     if not is_list_of_records(u):
+        _check_rows_meet(u, y)
         return u, y, experiment
     if experiment is not None:
         raise ValueError(
@@ -318,11 +321,36 @@ def join_records(u, y, experiment):
             "`y` must be a list of records, as `u` is, got "
             f"{type(y).__name__}. Give one record of outputs per experiment."
         )
+    for pair in zip(u, y, strict=False):  # what follows refuses other lengths
+        _check_rows_meet(*pair)
     try:
         return stack_experiments(u, y)
     except ValueError as error:  # of arguments of another name
         words = str(error).replace("`us", "`u").replace("`ys", "`y")
         raise ValueError(words) from error
+
+
+def _check_rows_meet(u, y):
+    """Refuse data frames whose rows say that they are other samples.
+
+    Rows are paired by position, as in scikit-learn. Numbers that differ are usual, as
+    one of two frames may have been numbered anew; dates, or another order, are not.
+    """
+    rows, others = index_of(u), index_of(y)
+    if rows is None or others is None or rows.equals(others):
+        return
+    if len(rows) != len(others):
+        return  # the lengths say more
+    if not len(rows.symmetric_difference(others, sort=False)):
+        raise ValueError(
+            "`u` and `y` must have their rows in the same order, got an index in "
+            "another order. Take y.loc[u.index]."
+        )
+    if rows.dtype.kind + others.dtype.kind == "MM":
+        raise ValueError(
+            "`u` and `y` must have the same times in their index, got other ones. Use "
+            "`alssnn.datasets.on_grid` for signals with time stamps of their own."
+        )
 
 
 def _stack(records, name):
@@ -351,7 +379,26 @@ def _names(record):
     return () if name is None else (str(name),)
 
 
-class Filled:
+class Sliced:
+    """An array of floats that makes its samples as they are sliced."""
+
+    dtype = np.dtype(float)
+    shape: tuple[int, ...]
+
+    def __getitem__(self, part):
+        """Return the samples of a slice."""
+        raise NotImplementedError
+
+    def __len__(self):
+        """Return the number of samples."""
+        return self.shape[0]
+
+    def __array__(self, dtype=None, copy=None):
+        """Return all samples."""
+        return self[:] if dtype is None else self[:].astype(dtype)
+
+
+class Filled(Sliced):
     """Fill outputs that were not measured: a start, which a fit corrects.
 
     Gaps are bridged by straight lines within the slice that is asked for.
@@ -365,10 +412,6 @@ class Filled:
     def __init__(self, y):
         self.y, self.shape = y, y.shape
 
-    def __len__(self):
-        """Return the number of samples."""
-        return len(self.y)
-
     def __getitem__(self, part):
         """Return the samples of a slice, shape (L, ny)."""
         y = np.array(self.y[part])
@@ -381,7 +424,7 @@ class Filled:
         return y
 
 
-class Tail:
+class Tail(Sliced):
     """Leave out the first samples of what is sliced.
 
     Parameters
@@ -392,24 +435,14 @@ class Tail:
         How many of them are left out.
     """
 
-    dtype = np.dtype(float)
-
     def __init__(self, values, start):
         self.values, self.start = values, start
         self.shape = (len(values) - start, *values.shape[1:])
-
-    def __len__(self):
-        """Return the number of samples."""
-        return self.shape[0]
 
     def __getitem__(self, part):
         """Return the samples of a slice, shape (L, n)."""
         first, stop, step = part.indices(len(self))
         return self.values[self.start + first : self.start + stop : step]
-
-    def __array__(self, dtype=None, copy=None):
-        """Return all samples."""
-        return self[:] if dtype is None else self[:].astype(dtype)
 
 
 def from_measured(u, y):

@@ -27,7 +27,7 @@ from alssnn.plotting import (
     SingularValuesDisplay,
     plot_model,
 )
-from alssnn.validation import frequency_response
+from alssnn.validation import frequency_response, judged_experiments, residual_tests
 from models import al_ssnn
 
 pandas = pytest.importorskip("pandas")
@@ -246,6 +246,11 @@ def test_residuals(model, data):
         "whitened residual\nof temperature [K] with heater [V]"
     )
     assert display.axes_[2, 1].get_xlabel() == "lag, samples of 100 ms"
+    u, y, _ = (part[:200] for part in data)  # too short for errors of the parameters
+    judged, options = judged_experiments(model, u, y)
+    with pytest.raises(ValueError, match="longer record"):
+        residual_tests(judged, **options)
+    assert ResidualDisplay.from_estimator(model, u, y).tests.lags[-1] == 4
 
 
 def test_titles_of_residuals_count_what_is_drawn():

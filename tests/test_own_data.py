@@ -256,3 +256,22 @@ def test_a_sampling_time_that_was_forgotten_is_named(plain, table):
         warnings.simplefilter("error")
         LinearStateSpace(nx=2, dt=plain.dt).fit(u, y)
         LinearStateSpace(nx=2).fit(u.reset_index(drop=True), y.reset_index(drop=True))
+
+
+def test_rows_of_other_times_are_not_paired(plain, table):
+    """By position, as in scikit-learn, unless the rows say that they do not meet."""
+    frame = table.set_index(pd.date_range("2024-05-01", periods=N, freq="50ms"))
+    u, y = frame[["torque [Nm]"]], frame["angle"]
+    model = LinearStateSpace(nx=2, dt=plain.dt).fit(u, y)
+    score = model.score(u, y)
+    assert model.score(u.reset_index(drop=True), y) == score
+    numbered = y.reset_index(drop=True)
+    numbered.index += 7
+    assert model.score(u.reset_index(drop=True), numbered) == score
+    late = y.set_axis(y.index + pd.Timedelta("50ms"))
+    for seen, words in ((late, "same times.*on_grid"), (y[::-1], "order.*y.loc")):
+        with pytest.raises(ValueError, match=words):
+            model.fit(u, seen)
+        with pytest.raises(ValueError, match=words):
+            model.score([u, u], [y, seen])
+    assert model.score(u, y[::-1].loc[u.index]) == score

@@ -60,6 +60,9 @@ class ResidualDisplay(Display):
     ):
         """Draw the correlations of the residuals of a fitted model.
 
+        The p-values of its tests take the parameters as exact: those of
+        ``model.validate`` do not.
+
         Parameters
         ----------
         model : estimator
@@ -90,7 +93,8 @@ class ResidualDisplay(Display):
             If simulation or predictor diverge, the record is too short or an option is
             out of range.
         """
-        experiments, options = judged_experiments(model, u, y, experiment)
+        # what is drawn does not depend on the errors of the parameters
+        experiments, options = judged_experiments(model, u, y, experiment, exact=True)
         inputs, outputs = column_names(model)
         tests = residual_tests(
             experiments,
