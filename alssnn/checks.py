@@ -123,6 +123,58 @@ def as_numbers(name, value):
     )
 
 
+def check_option(name, value, options, remedy=""):
+    """Refuse a value that is none of some strings.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : object
+        Its value.
+    options : iterable of str
+        What it may be.
+    remedy : str, default=""
+        What to do instead.
+
+    Raises
+    ------
+    ValueError
+        If it is none of them.
+    """
+    *others, last = map(repr, options)
+    if not isinstance(value, str) or value not in list(options):
+        words = f"`{name}` must be {', '.join(others)} or {last}, got {value!r}."
+        raise ValueError(f"{words} {remedy}".rstrip())
+
+
+def check_type(name, value, kind, remedy):
+    """Refuse a value of another class.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : object
+        Its value.
+    kind : type
+        What it must be.
+    remedy : str
+        What to do instead.
+
+    Raises
+    ------
+    TypeError
+        If it is of another class.
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise TypeError(
+            f"`{name}` must be {article} {kind.__name__}, got {type(value).__name__}. "
+            f"{remedy}"
+        )
+
+
 def sampling_time(dt):
     """Return a sampling time.
 

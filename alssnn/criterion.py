@@ -33,8 +33,6 @@ import numpy as np
 from .compression import compress
 from .contribution import Arrow, Contribution
 from .mapping import Held
-from .simulation import sensitivities
-from .steady import follows
 
 DIVERGED_NORM = 1e100  # |r| of a diverged trial: finite, so that lm and trf reject it
 
@@ -319,63 +317,6 @@ class Criterion(LeastSquares):
             JJ[own, own] += rows[:, n_params:]
             Jr[own] += rows_r
         return JJ, Jr, float(np.sqrt(square + arrow.square))
-
-    # -- the uncompressed problem: for tests and small records ---------------------
-
-    def residuals(self, free):
-        """Return the full residual r; for tests and small problems.
-
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            The free vector.
-
-        Returns
-        -------
-        r : ndarray of shape (n_samples * nz + n,)
-            Weighted residuals, those of the weight decay last.
-        """
-        theta, x0 = self.split(free)
-        residuals = self.experiments.map(
-            lambda *one: list(self.one.residuals(theta, *one)), x0
-        )
-        parts = [r.ravel() for rs in residuals for r in rs]
-        return np.concatenate([*parts, self.decay * (free - self.center)])
-
-    def jacobian(self, free):
-        """Return the full Jacobian of `residuals`; for tests and small problems.
-
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            The free vector.
-
-        Returns
-        -------
-        J : ndarray of shape (n_samples * nz + n, n)
-            Derivative of the residuals.
-        """
-        theta, x0 = self.split(free)
-        n_params, n_x0 = self.structure.n_params, self.structure.n_x0
-        parts = []
-        x0 = self.initial_states(theta, x0)
-        end = np.empty((self.structure.nx, n_params + n_x0))
-        for i, ((u, y), start) in enumerate(zip(self.experiments, x0, strict=True)):
-            where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
-            blocks = []
-            how = start, u, self.one.weight, self.one.chunk
-            for part, _, J in sensitivities(self.structure, theta, *how, end=end):
-                J[:, : y.shape[1]][np.isnan(y[part])] = 0.0
-                block = np.zeros((J.shape[0] * J.shape[1], self.n))
-                block[:, where] = J.reshape(len(block), -1)
-                blocks.append(block)
-            if self.periodic:
-                own = where[n_params:]
-                for block in blocks:
-                    block[:, :n_params] += block[:, own] @ follows(end, n_params)
-                    block[:, own] = 0.0
-            parts += blocks
-        return np.vstack([*parts, np.diag(self.decay)])
 
 
 def _by_channel(structure, weights):

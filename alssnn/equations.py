@@ -28,6 +28,7 @@ from numbers import Integral
 import numpy as np
 
 from .activations import as_activation
+from .checks import check_option
 from .structures import ONE, AtRest, Factor, Matrix, Signal, Structure, Term, diagonal
 
 LEAST_GAIN = 0.01  # of a monotone network: its inverse amplifies a hundredfold at most
@@ -234,10 +235,7 @@ class Equations:
         value : Signal
             The value; zero for a network left out.
         """
-        if biases not in ("free", "tied", "none"):
-            raise ValueError(
-                f"`biases` must be 'free', 'tied' or 'none', got {biases!r}."
-            )
+        check_option("biases", biases, ("free", "tied", "none"))
         sizes, sigma = hidden_sizes(sizes), as_activation(activation)
         if not sizes:
             return Signal((axis,), (self._size(axis),))

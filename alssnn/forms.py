@@ -9,6 +9,7 @@ disturbance).
 
 import numpy as np
 
+from .checks import check_option
 from .innovations import LEVEL, MEASURED, drift_of, has_innovations, predictor
 from .inputs import split_inputs
 from .lure import Lure
@@ -174,11 +175,8 @@ def disturbed(form, kind, moved):
     ValueError
         If `kind` is unknown.
     """
-    if kind not in ("output", "input"):
-        raise ValueError(
-            f"`kind` must be 'output' or 'input', got {kind!r}. Use 'input' if the "
-            "model integrates."
-        )
+    remedy = "Use 'input' if the model integrates."
+    check_option("kind", kind, ("output", "input"), remedy)
     nx, nu, v = form.nx, form.nu, virtual(form, moved)
     if kind == "input":
         by_d = form.Theta[:, nx + moved]

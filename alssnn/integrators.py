@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import block_diag, lstsq, schur, solve_sylvester
 
 from .criterion import Criterion, Restricted
-from .experiments import Filled, stretch
+from .experiments import Filled, Sliced, stretch
 from .linear_model import LinearModel, normalize, stabilize
 from .optimizers import minimize, single_threaded
 from .subspace import (
@@ -156,7 +156,7 @@ def count_integrators(experiments, model):
 
 def _gain(trial, model, j, longest):
     """Return the gains (nu,) of the integrator of one output, zero without one."""
-    alone = [(u, _Column(y, j)) for u, y in trial]
+    alone = [(u, _View(y, lambda z: z[:, j : j + 1], 1)) for u, y in trial]
     none = np.zeros(trial[0][0].shape[1])
     if len(model.A) > 2 or len(model.C) > 1:
         try:
@@ -284,39 +284,21 @@ def _blank(experiments, A, C, feedthrough):
 # -- search -------------------------------------------------------------------------
 
 
-class _Column:
-    """One column of a signal; only sliced."""
+class _View(Sliced):
+    """A signal that is changed as it is sliced."""
 
-    dtype = np.dtype(float)
-
-    def __init__(self, y, j):
-        self.y, self.j, self.shape = y, j, (len(y), 1)
-
-    def __len__(self):
-        return len(self.y)
+    def __init__(self, values, change, width):
+        self.values, self.change, self.shape = values, change, (len(values), width)
 
     def __getitem__(self, part):
-        return self.y[part][:, self.j : self.j + 1]
-
-
-class _WithOne:
-    """Append a constant one to the inputs; only sliced."""
-
-    dtype = np.dtype(float)
-
-    def __init__(self, u):
-        self.u, self.shape = u, (u.shape[0], u.shape[1] + 1)
-
-    def __len__(self):
-        return len(self.u)
-
-    def __getitem__(self, part):
-        u = self.u[part]
-        return np.column_stack([u, np.ones(len(u))])
+        return self.change(self.values[part])
 
 
 def _with_one(experiments):
-    return [(_WithOne(u), y) for u, y in experiments]
+    return [
+        (_View(u, lambda z: np.column_stack([z, np.ones(len(z))]), u.shape[1] + 1), y)
+        for u, y in experiments
+    ]
 
 
 def _criterion(pairs, model):
@@ -391,21 +373,6 @@ def _about_rest(found, experiments, model, n):
     start = lstsq(found.C[:, i], shift)[0]
     x0[:, i] += start
     still = replace(found, B=B, D=D, x0=x0, singular_values=model.singular_values)
-    shifted = [(_Shifted(u, d), y) for u, y in experiments]
+    shifted = [(_View(u, lambda z: z + d, len(d)), y) for u, y in experiments]
     scaled, _ = normalize(still, shifted)
     return Integrating(scaled, d, shift - found.C[:, i] @ start)
-
-
-class _Shifted:
-    """Add a constant to a signal; only sliced."""
-
-    dtype = np.dtype(float)
-
-    def __init__(self, u, shift):
-        self.u, self.shape, self.shift = u, u.shape, shift
-
-    def __len__(self):
-        return len(self.u)
-
-    def __getitem__(self, part):
-        return self.u[part] + self.shift

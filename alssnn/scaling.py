@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .experiments import chunks
+from .experiments import Sliced, chunks
 
 EXTREME = 1e30  # size of signals from which products of some of them overflow
 
@@ -166,7 +166,7 @@ class Scaling:
         return Signal(y, self.y_offset, self.y_scale)
 
 
-class Signal:
+class Signal(Sliced):
     """Scale, and delay, what is sliced from an array of samples.
 
     Parameters
@@ -179,16 +179,10 @@ class Signal:
         Samples by which each column arrives late; zeros fill the beginning.
     """
 
-    dtype = np.dtype(float)
-
     def __init__(self, values, offset, scale, delay=None):
         self.values, self.offset, self.scale = values, offset, scale
         self.delay = None if delay is None or not np.any(delay) else delay
         self.shape = values.shape
-
-    def __len__(self):
-        """Return the number of samples."""
-        return self.shape[0]
 
     def __getitem__(self, part):
         """Return the samples of a slice, shape (L, n)."""
@@ -201,10 +195,6 @@ class Signal:
             late = self.values[first : max(stop - d, 0), i]
             out[len(out) - len(late) :, i] = (late - self.offset[i]) / self.scale[i]
         return out
-
-    def __array__(self, dtype=None, copy=None):
-        """Return all samples."""
-        return self[:] if dtype is None else self[:].astype(dtype)
 
 
 def moments(values):

@@ -25,7 +25,7 @@ import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
 
 from . import metrics
-from .checks import is_count
+from .checks import check_option, is_count
 
 __all__ = [
     "Scorer",
@@ -205,10 +205,7 @@ def k_step(steps, *, metric="nrmse"):
             "`neg_nrmse` scores the free run."
         )
     signs = {"rmse": -1, "nrmse": -1, "fit_percent": 1}
-    if not isinstance(metric, str) or metric not in signs:
-        raise ValueError(
-            f"`metric` must be 'rmse', 'nrmse' or 'fit_percent', got {metric!r}."
-        )
+    check_option("metric", metric, signs)
     name = f"k_step({steps}, metric={metric!r})"
     return Scorer(name, _k_step, steps=int(steps), metric=metric, sign=signs[metric])
 

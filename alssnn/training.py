@@ -16,6 +16,7 @@ from scipy.optimize import OptimizeResult
 
 from .continuous import damped
 from .criterion import DIVERGED_NORM, Criterion
+from .experiments import Sliced
 from .initial_states import WINDOW, estimate_x0, window_of
 from .limits import Limits
 from .linear_model import stabilize
@@ -306,7 +307,7 @@ def _start_of_stage(criterion, theta, limits, x0):
     return free
 
 
-class Behind:
+class Behind(Sliced):
     """Outputs without the first samples of an experiment; only sliced.
 
     Parameters
@@ -319,10 +320,6 @@ class Behind:
 
     def __init__(self, y, start):
         self.y, self.start, self.shape = y, start, y.shape
-
-    def __len__(self):
-        """Return the number of samples."""
-        return len(self.y)
 
     def __getitem__(self, part):
         """Return the samples of a slice, shape (L, ny)."""

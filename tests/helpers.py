@@ -12,7 +12,8 @@ from alssnn.models import state_space
 from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
-from alssnn.simulation import neuron_gains, regressors
+from alssnn.simulation import neuron_gains, regressors, sensitivities
+from alssnn.steady import follows
 from alssnn.watch import Silent
 
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
@@ -213,3 +214,60 @@ def bistable(w):
     return structure, structure.join(
         {n: np.full(structure.shapes[n], value) for n, value in theta.items()}
     )
+
+
+def dense_residuals(criterion, free):
+    """Return the full residual r; for tests and small problems.
+
+    Parameters
+    ----------
+    free : ndarray of shape (n,)
+        The free vector.
+
+    Returns
+    -------
+    r : ndarray of shape (n_samples * nz + n,)
+        Weighted residuals, those of the weight decay last.
+    """
+    theta, x0 = criterion.split(free)
+    residuals = criterion.experiments.map(
+        lambda *one: list(criterion.one.residuals(theta, *one)), x0
+    )
+    parts = [r.ravel() for rs in residuals for r in rs]
+    return np.concatenate([*parts, criterion.decay * (free - criterion.center)])
+
+
+def dense_jacobian(criterion, free):
+    """Return the full Jacobian of `residuals`; for tests and small problems.
+
+    Parameters
+    ----------
+    free : ndarray of shape (n,)
+        The free vector.
+
+    Returns
+    -------
+    J : ndarray of shape (n_samples * nz + n, n)
+        Derivative of the residuals.
+    """
+    theta, x0 = criterion.split(free)
+    n_params, n_x0 = criterion.structure.n_params, criterion.structure.n_x0
+    parts = []
+    x0 = criterion.initial_states(theta, x0)
+    end = np.empty((criterion.structure.nx, n_params + n_x0))
+    for i, ((u, y), start) in enumerate(zip(criterion.experiments, x0, strict=True)):
+        where = np.r_[:n_params, n_params + i * n_x0 : n_params + (i + 1) * n_x0]
+        blocks = []
+        how = start, u, criterion.one.weight, criterion.one.chunk
+        for part, _, J in sensitivities(criterion.structure, theta, *how, end=end):
+            J[:, : y.shape[1]][np.isnan(y[part])] = 0.0
+            block = np.zeros((J.shape[0] * J.shape[1], criterion.n))
+            block[:, where] = J.reshape(len(block), -1)
+            blocks.append(block)
+        if criterion.periodic:
+            own = where[n_params:]
+            for block in blocks:
+                block[:, :n_params] += block[:, own] @ follows(end, n_params)
+                block[:, own] = 0.0
+        parts += blocks
+    return np.vstack([*parts, np.diag(criterion.decay)])

@@ -17,7 +17,7 @@ from alssnn.stability import (
     contractive_basis,
     hold_off,
 )
-from helpers import random_theta, simulate_linear
+from helpers import dense_residuals, random_theta, simulate_linear
 
 
 @pytest.mark.parametrize("size", [0.1, 1.0, 1e3])
@@ -181,8 +181,8 @@ def test_normal_equations_by_Q(rng):
     J = np.array(
         [
             (
-                criterion.residuals(problem.to_free(free + d))
-                - criterion.residuals(problem.to_free(free - d))
+                dense_residuals(criterion, problem.to_free(free + d))
+                - dense_residuals(criterion, problem.to_free(free - d))
             )
             / 2e-5
             for d in 1e-5 * np.eye(len(free))

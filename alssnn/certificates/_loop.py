@@ -89,24 +89,29 @@ def certify_iss(model, records=None, *, K=None, eps="data", **options):
 
 
 def certify_gain(model, K=None):
-    """Certify the incremental l2 gain of a model under its law (eq. slopes).
+    """Certify the incremental l2 gain of the linearized loop (eq. slopes).
+
+    The loop is u = v - h, with v = r - K x if `K` is given; the gain is that from
+    v, or r, to y.
 
     Parameters
     ----------
     model : estimator or Plant
-        Fitted model.
+        Fitted model, or its `plant_`.
     K : array_like of shape (nu, nx) or None, default=None
-        State feedback v = r - K x, see `full_gain`.
+        State feedback, in the basis of `A_` and the units of u; with late inputs
+        also of shape (nu, nx + n_late), else it does not act on past inputs.
 
     Returns
     -------
     certificate : GainCertificate
-        The gain from v, or r, to y; one that does not hold says why.
+        The smallest gain that slope multipliers prove, in units of y per unit of
+        u; one that does not hold says why.
 
     Raises
     ------
     ValueError
-        If `K` has the wrong shape, or the plant has no law.
+        If `K` has the wrong shape, or u = v - h is no law of this model.
     """
     plant = as_plant(model).late()
     loop = linearized_loop(plant, K)
@@ -118,31 +123,38 @@ def certify_gain(model, K=None):
 
 
 def certify_local(model, amplitude=None, *, K=None, **options):
-    """Bound the distance of a model under its law from its linear design (eq. local).
+    """Bound the distance from the linear design for all bounded inputs (eq. local).
+
+    The loop is u = v - h, with v = r - K x if `K` is given, from rest at the operating
+    point. Nothing is assumed of g: its weights bound it.
 
     Parameters
     ----------
     model : estimator or Plant
-        Fitted model.
+        Fitted model, or its `plant_`.
     amplitude : float, array_like of shape (nv,) or None, default=None
         Largest modulus of every input v, or r, around the operating point, in the
         units of u. None takes that of the training record, or as much of it as keeps
         the worst linear response within the outputs of the record.
     K : array_like of shape (nu, nx) or None, default=None
-        State feedback v = r - K x, see `full_gain`.
+        State feedback, in the basis of `A_` and the units of u; with late inputs
+        also of shape (nu, nx + n_late), else it does not act on past inputs.
     **options : dict
-        `search` and `cells` of `local_certificate`.
+        `search`, whether the worst input is looked for, a lower bound of any bound
+        (default True), and `cells`, of the grid that bounds loops of up to 3 states
+        and 2 inputs more closely (default 300,000; 0 for none).
 
     Returns
     -------
     certificate : LocalCertificate
-        The certificate; one that does not hold says why. Measured disturbances are
-        inputs, too, with the range of the training record.
+        Proved bound and worst input found; one that does not hold says why. Measured
+        disturbances are inputs, too, with the range of the training record.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape or is not positive, or the plant has no law.
+        If an argument has the wrong shape or is not positive, or u = v - h is no law
+        of this model (`plant_.no_law`).
     """
     plant = as_plant(model).late()
     loop = linearized_loop(plant, K)

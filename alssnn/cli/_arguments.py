@@ -313,7 +313,29 @@ def figure_name(text):
     return path
 
 
-def add_output(parser, metavar, what, default=None):
+def add_figure(parser, what="write a figure", default=None):
+    """Add the option that names a figure.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command.
+    what : str, default="write a figure"
+        What it does, for the help.
+    default : Path or None, default=None
+        Its default.
+    """
+    note = "" if default is None else " (default: %(default)s)"
+    parser.add_argument(
+        "--figure",
+        type=figure_name,
+        default=default,
+        metavar="FILE",
+        help=f"{what}: .png, .pdf or .svg{note}",
+    )
+
+
+def add_output(parser, metavar, what, default=None, kind=Path):
     """Add the option that names what is written.
 
     Parameters
@@ -326,6 +348,8 @@ def add_output(parser, metavar, what, default=None):
         What it is, in a few words.
     default : Path or None, default=None
         File if none is named.
+    kind : callable, default=Path
+        Makes the path of its text.
     """
     note = "" if default is None else " (default: %(default)s)"
     if metavar.startswith("FILE"):
@@ -333,7 +357,7 @@ def add_output(parser, metavar, what, default=None):
     parser.add_argument(
         "-o",
         dest="output_file",
-        type=Path,
+        type=kind,
         default=default,
         metavar=metavar,
         help=what + note,

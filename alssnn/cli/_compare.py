@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, figure_name
+from ._arguments import add_command, add_figure
 from ._comparison import prepare_figure, report, row_numbers
 from ._record import add_data, read_record
 
@@ -39,12 +39,7 @@ def add(commands):
         "models", nargs="+", type=Path, metavar="MODEL.npz", help="saved models"
     )
     add_data(parser)
-    parser.add_argument(
-        "--figure",
-        type=figure_name,
-        metavar="FILE",
-        help="write a figure: .png, .pdf or .svg",
-    )
+    add_figure(parser)
     parser.set_defaults(output_dir=Path())
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from ..shown import percent
 from ._arguments import (
     add_command,
+    add_figure,
     add_limits,
     add_output,
     count,
-    figure_name,
     finite,
     scalar,
     weight,
@@ -100,13 +100,7 @@ def add(commands):
         metavar="N",
         help="length of the step response (default: until the design has settled)",
     )
-    parser.add_argument(
-        "--figure",
-        type=figure_name,
-        default=Path("step.png"),
-        metavar="FILE",
-        help="name of the figure: .png, .pdf or .svg (default: %(default)s)",
-    )
+    add_figure(parser, "name of the figure", Path("step.png"))
     add_output(parser, "DIR", "folder to write to, made if missing", Path("design"))
 
 

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from ._arguments import add_command, add_common, count, figure_name, weight
+from ._arguments import add_command, add_common, add_figure, count, weight
 
 # By plant: samples to simulate and largest number of trial steps; the same, if quick;
 # noise over std(y), small enough to tell the models apart.
@@ -76,13 +76,7 @@ def add(commands):
         metavar="DIR",
         help="folder of the figure, made if missing (default: the current one)",
     )
-    demo.add_argument(
-        "--figure",
-        type=figure_name,
-        default=Path(DEMO_FIGURE),
-        metavar="FILE",
-        help="name of the figure in it: .png, .pdf or .svg (default: %(default)s)",
-    )
+    add_figure(demo, "name of the figure in it", Path(DEMO_FIGURE))
     demo.add_argument(
         "--noise",
         type=weight,

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from ._arguments import (
     add_command,
+    add_figure,
     add_output,
     count,
     count_or_zero,
-    figure_name,
     finite,
     positive,
     refuse_existing,
@@ -106,9 +106,7 @@ def add(commands):
         "--seed", type=count_or_zero, default=0, metavar="N", help="seed (default: 0)"
     )
     add_output(parser, "FILE.csv", "file to write", Path("excitation.csv"))
-    parser.add_argument(
-        "--figure", type=figure_name, metavar="FILE", help="draw it: .png, .pdf or .svg"
-    )
+    add_figure(parser, "draw it")
 
 
 def run(args):

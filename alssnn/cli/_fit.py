@@ -10,8 +10,8 @@ import numpy as np
 from ._arguments import (
     add_command,
     add_common,
+    add_figure,
     add_overwrite,
-    figure_name,
     refuse_existing,
 )
 from ._comparison import prepare_figure, report, row_numbers, run_ladder
@@ -27,6 +27,10 @@ from ._fit_options import (
 from ._record import TIME_TOL, report_gaps, sampling_time, source_of
 
 TEXT_WIDTH = 79  # columns
+AS_GIVEN = (  # options of the ladder
+    "nx n_h n_g n_f gamma gamma_h alpha feedback input_map drift horizon max_iter "
+    "n_init"
+).split()
 FIT_EPILOG = """\
 The file has one header line with the names of the columns and one line per sample, in
 time order, sampled at a fixed rate; columns are separated by comma, semicolon or tab.
@@ -89,12 +93,7 @@ def add(commands):
         metavar="MODEL.npz",
         help="save the fitted model, with the names of its columns; needs one model",
     )
-    fit.add_argument(
-        "--figure",
-        type=figure_name,
-        metavar="FILE",
-        help="write a figure: .png, .pdf or .svg",
-    )
+    add_figure(fit)
     fit.add_argument(
         "--force",
         action="store_true",
@@ -221,26 +220,14 @@ def _inputs(args):
 
 def _options(args):
     """Return what the ladder hands to the models."""
-    options = {
+    options = {name: getattr(args, name) for name in AS_GIVEN}
+    options |= {
         "test_size": 0.5 if args.test_size is None else args.test_size,
-        "nx": args.nx,
-        "n_h": args.n_h,
-        "n_g": args.n_g,
-        "n_f": args.n_f,
-        "gamma": args.gamma,
-        "gamma_h": args.gamma_h,
-        "alpha": args.alpha,
         "stability": None if args.stability == "none" else args.stability,
-        "feedback": args.feedback,
-        "input_map": args.input_map,
         "disturbances": list(range(len(args.input), len(_inputs(args)))) or None,
         "noise": "innovations" if args.innovations else "output",
-        "drift": args.drift,
-        "horizon": args.horizon,
         "time": "continuous" if args.continuous else "discrete",
         "hold": args.hold or "zoh",
-        "max_iter": args.max_iter,
-        "n_init": args.n_init,
     }
     late = args.input_delay
     choices = {

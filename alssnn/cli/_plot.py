@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, add_overwrite, figure_name, refuse_existing
+from ._arguments import add_command, add_output, figure_name, refuse_existing
 from ._comparison import FIGURE_DPI
 from ._record import add_data, add_model, read_record
 
@@ -42,15 +42,8 @@ def add(commands):
         choices=PARTS,
         help="parts to draw, below each other (default: all that the model has)",
     )
-    add_overwrite(parser)
-    parser.add_argument(
-        "-o",
-        dest="output_file",
-        type=figure_name,
-        default=Path("plot.png"),
-        metavar="FILE",
-        help="figure to write: .png, .pdf or .svg (default: %(default)s)",
-    )
+    what = "figure to write: .png, .pdf or .svg"
+    add_output(parser, "FILE", what, Path("plot.png"), figure_name)
 
 
 def run(args):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ._arguments import add_command, add_output, figure_name, refuse_existing
+from ._arguments import add_command, add_figure, add_output, refuse_existing
 from ._comparison import FIGURE_DPI
 from ._record import add_data, add_model, read_inputs, read_record, write_csv
 
@@ -49,13 +49,7 @@ def add(commands):
         help="initial states: at the operating point, or estimated from the first "
         "outputs of every experiment (default: %(default)s)",
     )
-    parser.add_argument(
-        "--figure",
-        type=figure_name,
-        metavar="FILE",
-        help="draw measured and simulated outputs, with --x0 estimate: .png, .pdf or "
-        ".svg",
-    )
+    add_figure(parser, "draw measured and simulated outputs, with --x0 estimate")
     add_output(parser, "FILE.csv", "table to write (default: the standard output)")
 
 

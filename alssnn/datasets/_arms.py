@@ -13,8 +13,7 @@ from sklearn.utils import check_random_state
 
 from ._checks import _check_numbers, _check_positive, _check_samples
 from ._excitation import _check_hold, _check_range, _levels
-from ._plants import _add_noise, _runge_kutta, _sampled_plant, _simulate
-from ._record import Record
+from ._plants import _recorded, _runge_kutta, _simulate
 
 FAN_DT = 0.05  # s, 40 samples per period of small swings
 FAN_STEPS = 2  # Runge-Kutta steps per sample: 1e-6 rad from the exact solution
@@ -145,11 +144,8 @@ def make_fan_arm(
             f"`command` must keep the arm below the top, got {command} with an angle "
             f"of {highest:.1f} rad. Lower the commands or `thrust`."
         )
-    u, X = u[FAN_WARMUP:], X[FAN_WARMUP:]
-    y = _add_noise(X[:, 0], noise, rng)
-    names = (["u"], ["theta"], ["theta", "omega"])
-    plant = _sampled_plant(step, [0], FAN_DT, names, "fan_arm")
-    return Record(u, y, FAN_DT, "simulated arm with a fan", plant, X[0])
+    names = "fan_arm", "simulated arm with a fan", ["u"], ["theta"], ["theta", "omega"]
+    return _recorded(step, u, X, FAN_WARMUP, [0], FAN_DT, noise, rng, names)
 
 
 def make_two_input_arm(
@@ -287,11 +283,9 @@ def make_two_input_arm(
             f"`amplitude` must keep the arm slow for its sampling time of {ARM_DT} s, "
             f"got {amplitude}. Lower it, `stiffness` or `damping`."
         )
-    u, X = u[ARM_WARMUP:], X[ARM_WARMUP:]
-    y = _add_noise(X[:, :2], noise, rng)  # (N, 2)
-    names = (["tau1", "tau2"], ["q1", "q2"], ["q1", "q2", "omega1", "omega2"])
-    plant = _sampled_plant(step, [0, 1], ARM_DT, names, "two_input_arm")
-    return Record(u, y, ARM_DT, "simulated arm of two links", plant, X[0])
+    signals = ["tau1", "tau2"], ["q1", "q2"], ["q1", "q2", "omega1", "omega2"]
+    names = "two_input_arm", "simulated arm of two links", *signals
+    return _recorded(step, u, X, ARM_WARMUP, [0, 1], ARM_DT, noise, rng, names)
 
 
 def _check_joints(name, pair):

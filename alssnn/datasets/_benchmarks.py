@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..checks import check_option
 from ._files import WEBSITE, _check_length, _find_file, _read_columns
 from ._record import Record
 
@@ -88,11 +89,7 @@ def fetch_coupled_drives(data_home=None, excitation="uniform"):
     >>> train[0]  # doctest: +SKIP
     Record('coupled drives, uniform 1[:400]', N=400, nu=1, ny=1, dt=0.02 s)
     """
-    if excitation not in list(DRIVES):  # `excitation` may be unhashable
-        raise ValueError(
-            f"`excitation` must be 'uniform' or 'prbs', got {excitation!r}. "
-            "The benchmark is 'uniform'."
-        )
+    check_option("excitation", excitation, DRIVES, "The benchmark is 'uniform'.")
     filename, names, pairs = DRIVES[excitation]
     path = _find_file(data_home, "coupled_electric_drives", filename)
     values = _read_columns(path, names, length=DRIVES_LENGTH)

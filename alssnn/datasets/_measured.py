@@ -1,5 +1,6 @@
 """The measured Wiener-Hammerstein circuit, the record of the paper."""
 
+from ..checks import check_option
 from ._files import WEBSITE, _find_file, _read_columns
 from ._record import Record
 
@@ -77,11 +78,8 @@ def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=
     >>> train  # doctest: +SKIP
     Record('Wiener-Hammerstein, paper train', N=100000, nu=1, ny=1, dt=1.95313e-05 s)
     """
-    if split not in list(WIENER_HAMMERSTEIN_SPLITS):  # `split` may be unhashable
-        raise ValueError(
-            f"`split` must be 'paper' or 'official', got {split!r}. "
-            "For other rows, slice the signals of the 'paper' records."
-        )
+    remedy = "For other rows, slice the signals of the 'paper' records."
+    check_option("split", split, WIENER_HAMMERSTEIN_SPLITS, remedy)
     try:
         path = _find_file(
             data_home, "wiener_hammerstein", WIENER_HAMMERSTEIN_FILE, hint=DOWNLOAD

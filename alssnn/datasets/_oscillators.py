@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 from sklearn.utils import check_random_state
 
+from ..checks import check_option
 from ._checks import _check_positive, _check_samples
 from ._excitation import _check_hold, _stairs
-from ._plants import _add_noise, _runge_kutta, _sampled_plant, _simulate
-from ._record import Record
+from ._plants import _recorded, _runge_kutta, _simulate
 
 PENDULUM_DT = 0.05  # s, 40 samples per period of small swings
 PENDULUM_STEPS = 2  # Runge-Kutta steps per sample: 1e-6 rad from the exact solution
@@ -135,11 +135,8 @@ def make_pendulum(
             f"angle of {highest:.1f} rad. Lower `amplitude`, raise `damping`, or set "
             "`full_turns`."
         )
-    u, X = u[N_WARMUP:], X[N_WARMUP:]
-    y = _add_noise(X[:, 0], noise, rng)
-    names = (["tau"], ["theta"], ["theta", "omega"])
-    plant = _sampled_plant(step, [0], PENDULUM_DT, names, "pendulum")
-    return Record(u, y, PENDULUM_DT, "simulated pendulum", plant, X[0])
+    names = "pendulum", "simulated pendulum", ["tau"], ["theta"], ["theta", "omega"]
+    return _recorded(step, u, X, N_WARMUP, [0], PENDULUM_DT, noise, rng, names)
 
 
 def make_duffing(
@@ -240,11 +237,8 @@ def make_duffing(
     _check_positive("k1", k1, "Give the linear stiffness over mass in 1/s^2.")
     _check_positive("k3", k3, "Give the cubic stiffness over mass in 1/(s m)^2.")
     _check_positive("amplitude", amplitude, "Give the standard deviation in m/s^2.")
-    if excitation not in ("multisine", "stairs"):
-        raise ValueError(
-            f"`excitation` must be 'multisine' or 'stairs', got {excitation!r}. "
-            "Use the default, 'multisine'."
-        )
+    remedy = "Use the default, 'multisine'."
+    check_option("excitation", excitation, ("multisine", "stairs"), remedy)
     rng = check_random_state(random_state)
 
     def derivative(x, u):
@@ -265,11 +259,9 @@ def make_duffing(
             f"`amplitude` must keep the oscillator slow for its sampling time of "
             f"{DUFFING_DT} s, got {amplitude}. Lower `amplitude`, `k1` or `k3`."
         )
-    u, X = u[N_WARMUP:], X[N_WARMUP:]
-    y = _add_noise(X[:, 0], noise, rng)
-    names = (["u"], ["y"], ["position", "velocity"])
-    plant = _sampled_plant(step, [0], DUFFING_DT, names, "duffing")
-    return Record(u, y, DUFFING_DT, "simulated Duffing oscillator", plant, X[0])
+    signals = ["u"], ["y"], ["position", "velocity"]
+    names = "duffing", "simulated Duffing oscillator", *signals
+    return _recorded(step, u, X, N_WARMUP, [0], DUFFING_DT, noise, rng, names)
 
 
 def _multisine(n_samples, share, rng):

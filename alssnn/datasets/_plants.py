@@ -20,6 +20,8 @@ import math
 
 import numpy as np
 
+from ._record import Record
+
 
 def _runge_kutta(derivative, dt, n_steps, x, u):
     """Integrate x' = derivative(x, u) over `dt` with constant u; lists, not arrays."""
@@ -75,3 +77,12 @@ def _sampled_plant(step, measured, dt, names, name):
         dt=dt,
         name=name,
     )
+
+
+def _recorded(step, u, X, warmup, measured, dt, noise, rng, names):
+    """Return the record of a run behind its first samples; outputs are neighbours."""
+    name, title, *signals = names
+    u, X = u[warmup:], X[warmup:]
+    y = _add_noise(X[:, measured[0] : measured[-1] + 1], noise, rng)
+    plant = _sampled_plant(step, measured, dt, signals, name)
+    return Record(u, y, dt, title, plant, X[0])

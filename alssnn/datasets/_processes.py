@@ -13,8 +13,7 @@ from sklearn.utils import check_random_state
 
 from ._checks import _check_positive, _check_samples
 from ._excitation import _check_hold, _check_range, _levels
-from ._plants import _add_noise, _runge_kutta, _sampled_plant, _simulate
-from ._record import Record
+from ._plants import _recorded, _runge_kutta, _simulate
 
 EXCHANGER_DT = 2.0  # s, a fifth of the shortest time constant
 EXCHANGER_STEPS = 2  # Runge-Kutta steps per sample
@@ -155,11 +154,9 @@ def make_heat_exchanger(
             f"`flow` must be small for a sampling time of {EXCHANGER_DT} s, got {flow}."
             " Exchange the vessel less than once per second."
         )
-    u, X = u[N_WARMUP:], X[N_WARMUP:]
-    y = _add_noise(X[:, 1], noise, rng)
-    names = (["flow", "inlet"][: u.shape[1]], ["cold"], ["hot", "cold"])
-    plant = _sampled_plant(step, [1], EXCHANGER_DT, names, "heat_exchanger")
-    return Record(u, y, EXCHANGER_DT, "simulated heat exchanger", plant, X[0])
+    signals = ["flow", "inlet"][: u.shape[1]], ["cold"], ["hot", "cold"]
+    names = "heat_exchanger", "simulated heat exchanger", *signals
+    return _recorded(step, u, X, N_WARMUP, [1], EXCHANGER_DT, noise, rng, names)
 
 
 def make_valve_tank(
@@ -291,11 +288,9 @@ def make_valve_tank(
             f"`lift` must keep the level below {TANK_HEIGHT} m, got {lift!r} with a "
             f"level of {X.max():.2f} m. Lower it or shorten `hold`."
         )
-    u, X = u[N_WARMUP:], X[N_WARMUP:]
-    y = _add_noise(X[:, 0], noise, rng)
-    names = (["lift", "inflow"][: u.shape[1]], ["level"], ["level"])
-    plant = _sampled_plant(step, [0], TANK_DT, names, "valve_tank")
-    return Record(u, y, TANK_DT, "simulated tank behind a valve", plant, X[0])
+    signals = ["lift", "inflow"][: u.shape[1]], ["level"], ["level"]
+    names = "valve_tank", "simulated tank behind a valve", *signals
+    return _recorded(step, u, X, N_WARMUP, [0], TANK_DT, noise, rng, names)
 
 
 def _with_disturbance(n_samples, limits, disturbed, holds, rng):

@@ -1,14 +1,12 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
-from typing import Any
-
 from ._networks import Networks
-from ._options import estimator, take
+from ._options import estimator
 from ._ssnn import Ssnn
 
 
 @estimator
-class AlSsnn(Ssnn):
+class AlSsnn(Networks, Ssnn):
     r"""Approximately feedback-linearizable state-space neural network.
 
     .. math::
@@ -55,23 +53,6 @@ class AlSsnn(Ssnn):
     >>> bool(model.score(record.u, record.y) > 0.99)
     True
     """
-
-    n_h: Any = take(Networks, "n_h", kw_only=False)
-    n_g: Any = take(Networks, "n_g", kw_only=False)
-    gamma: float = take(Networks, "gamma", kw_only=False)
-    n_k: Any = take(Networks, "n_k")
-    gamma_k: float = take(Networks, "gamma_k")
-    gamma_h: Any = take(Networks, "gamma_h")
-    feedback: str = take(Networks, "feedback")
-    h_sees: str = take(Networks, "h_sees")
-    penalty: str = take(Networks, "penalty")
-    input_map: str = take(Networks, "input_map")
-    feedthrough: bool = take(Networks, "feedthrough")
-    h_inputs: Any = take(Networks, "h_inputs")
-    g_inputs: Any = take(Networks, "g_inputs")
-    activation: Any = take(Networks, "activation")
-    odd: bool = take(Networks, "odd")
-    continuation: int = take(Networks, "continuation")
 
     def _networks(self):
         return {

@@ -2,7 +2,7 @@
 
 from abc import ABCMeta, abstractmethod
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
@@ -31,7 +31,7 @@ from ._floor import floor_of, least_cost
 from ._integrators import find_integrators, note, with_integrators
 from ._judge import training_score, warn_if_unsettled, warn_if_unstable
 from ._noise import check_noise, is_predicting, noise_covariance
-from ._options import estimator, take
+from ._options import estimator
 from ._periodic import came_round, check_periodic, is_periodic, settled
 from ._plant import make_plant
 from ._progress import Bar, Progress
@@ -44,7 +44,7 @@ from ._time import check_time, trained
 
 @estimator
 class StateSpaceModel(
-    CallbackSupportMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
+    Records, CallbackSupportMixin, RegressorMixin, BaseEstimator, metaclass=ABCMeta
 ):
     """Share what a fit does in all models, and what follows from it.
 
@@ -110,30 +110,6 @@ class StateSpaceModel(
     _phi = _radius = property(lambda _: None)  # A is free
     _for_control = True  # whether (A, B, C) is meant for the design of a controller
 
-    nx: Any = take(Records, "nx", kw_only=False)
-    input_delay: Any = take(Records, "input_delay")
-    output_weight: Any = take(Records, "output_weight")
-    linear_start: Any = take(Records, "linear_start")
-    bounds: Any = take(Records, "bounds")
-    integrators: Any = take(Records, "integrators")
-    operating_point: Any = take(Records, "operating_point")
-    initial_state: str = take(Records, "initial_state")
-    period: int | None = take(Records, "period")
-    disturbances: Any = take(Records, "disturbances")
-    noise: str = take(Records, "noise")
-    horizon: int = take(Records, "horizon")
-    time: str = take(Records, "time")
-    hold: str = take(Records, "hold")
-    substeps: int = take(Records, "substeps")
-    drift: Any = take(Records, "drift")
-    dt: float = take(Records, "dt")
-    max_iter: int = take(Records, "max_iter")
-    tol: float = take(Records, "tol")
-    max_time: float | None = take(Records, "max_time")
-    noise_floor: Any = take(Records, "noise_floor")
-    n_init_samples: int = take(Records, "n_init_samples")
-    verbose: Any = take(Records, "verbose")
-
     # labels go where records go, without set_fit_request by the user
     __metadata_request__fit: ClassVar[dict] = {"u": UNUSED, "experiment": True}
     __metadata_request__predict: ClassVar[dict] = {"u": UNUSED, "experiment": True}
@@ -164,8 +140,8 @@ class StateSpaceModel(
     linearizability = deferred("estimators._plant", "linearizability")
     to_statespace = deferred("estimators._control", "to_statespace")
     iss_certificate = deferred("estimators._control", "iss_certificate")
-    gain_certificate = deferred("estimators._control", "gain_certificate")
-    local_certificate = deferred("estimators._control", "local_certificate")
+    gain_certificate = deferred("certificates", "certify_gain")
+    local_certificate = deferred("certificates", "certify_local")
     tube = deferred("certificates", "tube")
     to_nlsys = deferred("feedback", "to_nlsys")
     linearizing_law = deferred("feedback", "LinearizingLaw")

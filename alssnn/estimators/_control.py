@@ -3,6 +3,8 @@
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from ..checks import check_option
+
 
 def to_statespace(
     model, which="linear", x=None, u=None, *, disturbances=False, dt=None
@@ -48,8 +50,7 @@ def to_statespace(
     from ..feedback import linearize, to_statespace
 
     check_is_fitted(model)
-    if which not in ("linear", "local"):
-        raise ValueError(f"`which` must be 'linear' or 'local', got {which!r}.")
+    check_option("which", which, ("linear", "local"))
     plant = model.plant_ if dt is None else model.plant_.at(dt)
     if which == "local":
         return linearize(plant, x, u)
@@ -149,71 +150,3 @@ def iss_certificate(
         records = model.prepare_records(u, y, experiment)
     options = {"phi": phi, "objective": objective, "method": method}
     return certify_iss(model.plant_, records, K=K, eps=eps, **options)
-
-
-def gain_certificate(model, K=None):
-    """Certify the incremental l2 gain of the linearized loop (eq. slopes).
-
-    The loop is u = v - h, with v = r - K x if `K` is given; the gain is that from
-    v, or r, to y.
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model.
-    K : array_like of shape (nu, nx) or None, default=None
-        State feedback, in the basis of `A_` and the units of u; with late inputs
-        also of shape (nu, nx + n_late), else it does not act on past inputs.
-
-    Returns
-    -------
-    certificate : GainCertificate
-        The smallest gain that slope multipliers prove, in units of y per unit of
-        u; one that does not hold says why.
-
-    Raises
-    ------
-    ValueError
-        If `K` has the wrong shape, or u = v - h is no law of this model.
-    """
-    from ..certificates import certify_gain
-
-    return certify_gain(model.plant_, K)
-
-
-def local_certificate(model, amplitude=None, *, K=None, **options):
-    """Bound the distance from the linear design for all bounded inputs (eq. local).
-
-    The loop is u = v - h, with v = r - K x if `K` is given, from rest at the operating
-    point. Nothing is assumed of g: its weights bound it.
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model.
-    amplitude : float, array_like of shape (nv,) or None, default=None
-        Largest modulus of every input v, or r, around the operating point, in the
-        units of u. None takes that of the training record, or as much of it as keeps
-        the worst linear response within the outputs of the record.
-    K : array_like of shape (nu, nx) or None, default=None
-        State feedback, in the basis of `A_` and the units of u; with late inputs
-        also of shape (nu, nx + n_late), else it does not act on past inputs.
-    **options : dict
-        `search`, whether the worst input is looked for, a lower bound of any bound
-        (default True), and `cells`, of the grid that bounds loops of up to 3 states
-        and 2 inputs more closely (default 300,000; 0 for none).
-
-    Returns
-    -------
-    certificate : LocalCertificate
-        Proved bound and worst input found; one that does not hold says why.
-
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong shape or is not positive, or u = v - h is no law
-        of this model (`plant_.no_law`).
-    """
-    from ..certificates import certify_local
-
-    return certify_local(model.plant_, amplitude, K=K, **options)

@@ -7,7 +7,7 @@ from sklearn.utils._param_validation import StrOptions
 
 from ..activations import ACTIVATIONS, Activation
 from ._noise import MEASURED, PREDICTED
-from ._options import option
+from ._options import menu, option
 from ._records import COUNT, WEIGHT
 
 SIZES = [COUNT, tuple]
@@ -17,6 +17,7 @@ H_INPUTS = ["array-like", str, Integral, None]
 G_INPUTS = ["array-like", None]  # a dict is one, for scikit-learn
 
 
+@menu
 class Networks:
     """Describe what the models of the family can be told about their networks.
 
@@ -85,9 +86,9 @@ class Networks:
     gamma_k: float = option(1.0, [WEIGHT])
     gamma_h: Any = option(0.0, [WEIGHT])
     feedback: str = option("state", [FEEDBACK])
-    input_map: str = option("identity", [StrOptions({"identity", "monotone"})])
-    penalty: str = option("output", [StrOptions({"state", "output"})])
     h_sees: str = option("auto", [StrOptions({"auto", PREDICTED, MEASURED})])
+    penalty: str = option("output", [StrOptions({"state", "output"})])
+    input_map: str = option("identity", [StrOptions({"identity", "monotone"})])
     feedthrough: bool = option(False, ["boolean"])
     h_inputs: Any = option(None, H_INPUTS)
     g_inputs: Any = option(None, G_INPUTS)

@@ -12,6 +12,9 @@ from dataclasses import dataclass, field, fields
 SECTIONS = ("Parameters", "Attributes")
 
 
+menu = dataclass(init=False, eq=False, repr=False)  # options that estimators inherit
+
+
 def option(default, constraint, *, kw_only=True, doc=None):
     """Declare an option of an estimator.
 
@@ -52,7 +55,7 @@ def take(menu, name, *, kw_only=True):
     option : dataclasses.Field
         Member of the body of an estimator.
     """
-    given = menu.__dict__[name]
+    given = vars(menu).get("__dataclass_fields__", vars(menu))[name]
     doc = _items(menu.__doc__, "Parameters").get(name)
     return option(given.default, given.metadata["constraint"], kw_only=kw_only, doc=doc)
 

@@ -7,7 +7,7 @@ from sklearn.utils._param_validation import Interval, StrOptions
 
 from ..continuous import HOLDS
 from ._noise import INNOVATIONS
-from ._options import option
+from ._options import menu, option
 from ._time import CONTINUOUS
 
 POSITIVE = Interval(Integral, 1, None, closed="left")
@@ -15,6 +15,7 @@ COUNT = Interval(Integral, 0, None, closed="left")
 WEIGHT = Interval(Real, 0, None, closed="left")
 
 
+@menu
 class Records:
     """Describe what the models can be told about records, noise and the search.
 

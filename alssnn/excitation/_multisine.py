@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import dft, hadamard
 from sklearn.utils import check_random_state
 
-from ..checks import count, sampling_time
+from ..checks import check_option, count, sampling_time
 from ._excitation import repeat
 from ._limits import Limits, frequency_band, input_names
 
@@ -150,8 +150,7 @@ def multisine(
 
 def _lines(period, dt, band, grid, group, rng):
     """Return the lines that are excited."""
-    if grid not in GRIDS:
-        raise ValueError(f"`grid` must be 'full', 'odd' or 'odd-random', got {grid!r}.")
+    check_option("grid", grid, GRIDS)
     low, high = frequency_band(band, dt, HIGHEST)
     resolution = 1 / (period * dt)
     # a frequency asked for by its decimal digits counts as reached

@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.utils import check_random_state
 
-from ..checks import count, sampling_time
+from ..checks import check_option, count, sampling_time
 from ._excitation import repeat
 from ._limits import Limits, frequency_band, input_names
 
@@ -259,11 +259,8 @@ default="logarithmic"
     limits = Limits.of(nu, low, high, operating_point, rate)
     names = input_names(names, nu)
     n_realizations = count("n_realizations", n_realizations)
-    if method not in ("linear", "quadratic", "logarithmic", "hyperbolic"):
-        raise ValueError(
-            "`method` must be 'linear', 'quadratic', 'logarithmic' or 'hyperbolic', "
-            f"got {method!r}."
-        )
+    methods = ("linear", "quadratic", "logarithmic", "hyperbolic")
+    check_option("method", method, methods)
     first, last = frequency_band(band, dt, SWEPT)
     slowest = 1 / (n_samples * dt)
     if band is None:

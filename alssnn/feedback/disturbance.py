@@ -14,6 +14,7 @@ A model that was fitted with a `drift` has identified d, and the gain that belon
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..checks import check_option
 from .checks import check_weight
 from .observer import FIT_FLOOR, PROCESS_NOISE, Observer, stationary_covariance
 
@@ -75,11 +76,8 @@ class DisturbanceObserver(Observer):
         is_free = Q is None and R is None and Q_d is None
         if disturbance is None:
             disturbance = self.plant.drift or _told_kind(self.plant)
-        if not isinstance(disturbance, str) or disturbance not in ("output", "input"):
-            raise ValueError(
-                f"`disturbance` must be 'output' or 'input', got {disturbance!r}. "
-                "Use 'input' if the model integrates."
-            )
+        remedy = "Use 'input' if the model integrates."
+        check_option("disturbance", disturbance, ("output", "input"), remedy)
         self.disturbance = disturbance
         K_b = self.plant.K_b
         self.plant = plant = self.plant.with_disturbance(disturbance)

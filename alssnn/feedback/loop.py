@@ -204,10 +204,10 @@ class _Names:
         self.cut = signal_names(None, "cut", nv) if parts.integrates else []
         self.r = signal_names(None, "r", ny if self.of_y else nv)
 
-    def _block(self, update, output, inputs, outputs, states, name):
+    def _block(self, block, inputs, outputs, states, name):
         return control.nlsys(
-            update,
-            output,
+            block.update,
+            block.output,
             inputs=inputs,
             outputs=outputs,
             states=states,
@@ -218,28 +218,16 @@ class _Names:
     def plant(self, plant, with_state):
         if with_state:
             block = Block(self.own, with_state=True)
-            return self._block(
-                block.update,
-                block.output,
-                self.inputs,
-                self.y + self.x,
-                self.own.nx,
-                "plant",
-            )
+            signals = self.inputs, self.y + self.x
+            return self._block(block, *signals, self.own.nx, "plant")
         plant = check_plant(plant, self.own)
         plant = plant.copy(name="plant", use_prefix_suffix=False)
         plant.update_names(inputs=self.inputs, outputs=self.y)
         return plant
 
     def controller(self, block):
-        return self._block(
-            block.update,
-            block.output,
-            self.r + self.y + (self.x if self.by_state else []) + self.cut,
-            self.v,
-            len(block.A),
-            "controller",
-        )
+        inputs = self.r + self.y + (self.x if self.by_state else []) + self.cut
+        return self._block(block, inputs, self.v, len(block.A), "controller")
 
     def law(self, law):
         s = self.x[: law.n_seen] if law.feedback == "state" else self.y
@@ -267,14 +255,8 @@ class _Names:
         loop = AlgebraicLoop(blocks, external, self.u, shown, own.v_offset, own.v_scale)
         at_rest = own.y_offset if self.of_y else own.v_offset
         loop.check(np.concatenate([at_rest, own.d_offset]))
-        return self._block(
-            loop.update,
-            loop.output,
-            self._external(),
-            self._outputs(),
-            [f"{b.name}_{state}" for b in blocks for state in b.state_labels],
-            "loop",
-        )
+        states = [f"{b.name}_{state}" for b in blocks for state in b.state_labels]
+        return self._block(loop, self._external(), self._outputs(), states, "loop")
 
     def connect(self, blocks):
         return control.interconnect(

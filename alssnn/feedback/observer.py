@@ -21,7 +21,7 @@ import control
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..checks import as_numbers
+from ..checks import as_numbers, check_option
 from ..plants import as_plant
 from .checks import check_gate, check_point, check_weight
 from .export import signal_names
@@ -100,11 +100,7 @@ class Observer:
     """
 
     def __init__(self, model, Q=None, R=None, kind="kalman", gate=None):
-        if not isinstance(kind, str) or kind not in ("kalman", "ekf"):
-            raise ValueError(
-                f"`kind` must be 'kalman' or 'ekf', got {kind!r}. Use the default, "
-                "'kalman'."
-            )
+        check_option("kind", kind, ("kalman", "ekf"), "Use the default, 'kalman'.")
         self.kind, self.gate = kind, check_gate(gate)
         self.plant = plant = as_plant(model).late()
         ny, n_late = plant.ny, plant.n_late

@@ -10,7 +10,7 @@ from importlib import import_module
 
 import numpy as np
 
-from ..checks import as_numbers
+from ..checks import as_numbers, check_type
 from ..deferred import deferred
 from ..forms import at_once
 from ..plants import as_plant
@@ -134,11 +134,7 @@ class LinearizingController(Controller):
             )
         if law is None:
             law = LinearizingLaw(self.model, u_min, u_max)
-        if not isinstance(law, LinearizingLaw):
-            raise TypeError(
-                f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
-                "`model.linearizing_law`."
-            )
+        check_type("law", law, LinearizingLaw, "Use `model.linearizing_law`.")
         for name, part in (("law", law), ("observer", observer)):
             check_disturbances(name, part, own)
         super().__init__(law)
@@ -177,11 +173,7 @@ class LinearizingController(Controller):
             return None
         own = self.own
         observer = Observer(own, gate=GATE) if observer is None else observer
-        if not isinstance(observer, Observer):
-            raise TypeError(
-                f"`observer` must be an Observer, got {type(observer).__name__}. Use "
-                "`model.observer`."
-            )
+        check_type("observer", observer, Observer, "Use `model.observer`.")
         sizes = (observer.plant.nu + observer.plant.ny, observer.plant.nx)
         _check_sizes("observer", sizes, (own.nu + own.ny, own.nx))
         return observer

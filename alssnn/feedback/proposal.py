@@ -9,12 +9,12 @@ guess.
 
 from numbers import Integral
 
-import control
 import numpy as np
 
 from ..plants import as_plant
 from .checks import seen_inputs
 from .loop import closed_loop, designed_loop
+from .tracking import as_responses, compared
 
 SETTLED = 0.01  # share of the slowest mode that is left at the end of a response
 MIN_SAMPLES, MAX_SAMPLES = 40, 5000
@@ -66,7 +66,7 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     designed = designed_loop(model, gain)
     loop = closed_loop(model, model, gain, law=law, observer=observer)
     plant = as_plant(model)
-    ny, nu = plant.ny, plant.nv
+    ny = plant.ny
     if gain.shape[1] == plant.late().nx:
         raise ValueError(
             "`gain` must have columns for integrators, got shape "
@@ -87,32 +87,10 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
             f"`n_samples` must be at least 2 and an integer, got {n_samples!r}. Use "
             "None to wait for the slowest mode."
         )
-    n_samples = int(n_samples)
-    t = plant.dt * np.arange(n_samples)
-    r = np.repeat(np.broadcast_to(step, ny)[:, None], n_samples, axis=1)
-    rest = np.concatenate([plant.y_offset, plant.v_offset])[:, None]
-    at_rest = np.repeat(plant.d_offset[:, None], n_samples, axis=1)
-    with np.errstate(all="ignore"):
-        nothing = np.zeros_like(at_rest)
-        linear = control.forced_response(designed, t, np.vstack([r, nothing])).outputs
-        inputs = np.vstack([r + plant.y_offset[:, None], at_rest])
-        whole = control.input_output_response(loop, t, inputs).outputs
-    labels = list(designed.output_labels)
-    # the loop has u between y and v
-    y, u, v = np.split(np.reshape(whole, (-1, n_samples)), [ny, ny + nu])
-    linear = np.reshape(linear, (ny + nu, n_samples)) + rest
-    return {
-        name: control.TimeResponseData(
-            t,
-            np.where(np.isfinite(signals), signals, np.nan),
-            output_labels=names,
-            issiso=False,
-        )
-        for name, signals, names in (
-            ("design", linear, labels),
-            ("model", np.vstack([y, v, u]), labels + loop.output_labels[ny : ny + nu]),
-        )
-    }
+    r = np.repeat(np.broadcast_to(step, ny)[:, None], int(n_samples), axis=1)
+    pair = r + plant.y_offset[:, None], r
+    t, _, found = compared(plant, designed, loop, *pair)
+    return as_responses(t, {"design": found["design"], "model": found["loop"]})
 
 
 def input_range(model):

@@ -86,33 +86,73 @@ def tracking_comparison(plant, model, gain, r, *, law=None, observer=None):
             f"`r` must be finite with one column per output ({ny}), got shape "
             f"{r.shape}. Let time run down the rows."
         )
-    t = own.dt * np.arange(len(r))
-    at_rest = np.repeat(own.d_offset[:, None], len(r), axis=1)
-    rest = np.concatenate([own.y_offset, own.v_offset])[:, None]
     designed = designed_loop(model, gain)
     loop = closed_loop(plant, model, gain, law=law, observer=observer)
+    pair = references.T, references.T - own.y_offset[:, None]
+    t, inputs, found = compared(own, designed, loop, *pair)
     with np.errstate(all="ignore"):
-        deviations = np.vstack([references.T - own.y_offset[:, None], 0 * at_rest])
-        design = control.forced_response(designed, t, deviations, squeeze=False)
-        inputs = np.vstack([references.T, at_rest])
-        whole = _outputs(loop, t, inputs)
         planned = _outputs(closed_loop(model, model, gain, law=law), t, inputs)
         sent = np.empty((own.nu, len(r)))
         sent[list(own.moved)] = planned[ny : ny + nv]
-        sent[list(own.given)] = at_rest
+        sent[list(own.given)] = inputs[ny:]
         alone = _outputs(check_plant(plant, own), t, sent)
-    y, u, v = np.split(whole, [ny, ny + nv])
-    labels = list(designed.output_labels)
-    moved = loop.output_labels[ny : ny + nv]
+    found["open loop"] = alone[:ny], found["design"][1][:ny]
+    return as_responses(t, found)
+
+
+def compared(own, designed, loop, reference, deviation):
+    """Return time, inputs of a loop, and signals of design and loop with their names.
+
+    Parameters
+    ----------
+    own : Plant
+        Plant that the loop was designed for.
+    designed, loop : InputOutputSystem
+        The loops.
+    reference, deviation : ndarray of shape (ny, N)
+        References, and their deviations from the operating point.
+
+    Returns
+    -------
+    t, inputs : ndarray
+        Time, and references over disturbances at rest.
+    found : dict
+        Signals and names of "design" and "loop".
+    """
+    t, splits = own.dt * np.arange(reference.shape[1]), [own.ny, own.ny + own.nv]
+    at_rest = np.repeat(own.d_offset[:, None], len(t), axis=1)
+    rest = np.concatenate([own.y_offset, own.v_offset])[:, None]
+    inputs = np.vstack([reference, at_rest])
+    with np.errstate(all="ignore"):
+        driven = np.vstack([deviation, 0 * at_rest])
+        design = control.forced_response(designed, t, driven, squeeze=False).outputs
+        y, u, v = np.split(_outputs(loop, t, inputs), splits)
+    names = list(designed.output_labels)
+    design = np.reshape(design, (-1, len(t))) + rest
+    whole = np.vstack([y, v, u]), names + loop.output_labels[slice(*splits)]
+    return t, inputs, {"design": (design, names), "loop": whole}
+
+
+def as_responses(t, found):
+    """Return responses of python-control; what is not finite is nan.
+
+    Parameters
+    ----------
+    t : ndarray of shape (N,)
+        Time.
+    found : dict
+        Signals and names.
+
+    Returns
+    -------
+    responses : dict
+        The same as `control.TimeResponseData`.
+    """
     return {
         name: control.TimeResponseData(
             t, np.where(np.isfinite(z), z, np.nan), output_labels=names, issiso=False
         )
-        for name, z, names in (
-            ("design", design.outputs + rest, labels),
-            ("loop", np.vstack([y, v, u]), labels + moved),
-            ("open loop", alone[:ny], labels[:ny]),
-        )
+        for name, (z, names) in found.items()
     }
 
 

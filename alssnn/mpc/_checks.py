@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..checks import as_numbers
+from ..checks import as_numbers, check_type
 from ..feedback import DisturbanceObserver, Observer
 from ..feedback.checks import check_disturbances, check_limits
 
@@ -85,11 +85,7 @@ def check_observer(observer, plant):
             spread = plant.y_scale / np.sqrt(np.diag(plant.noise_covariance))
             gate = max(gate, SPREAD * float(spread.max()))
         return DisturbanceObserver(plant, gate=gate)
-    if not isinstance(observer, Observer):
-        raise TypeError(
-            f"`observer` must be an Observer, got {type(observer).__name__}. Use "
-            "`DisturbanceObserver`."
-        )
+    check_type("observer", observer, Observer, "Use `DisturbanceObserver`.")
     check_disturbances("observer", observer, plant)
     given, own = observer.plant.lure, plant.lure
     nx = own.nx

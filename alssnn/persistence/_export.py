@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import check_type
 from ..forms import at_once
 from ..lure import Lure
 from ..plant import Plant
@@ -166,11 +167,7 @@ def _law(plant, law, required):
         if plant.no_law and not required:
             return None, plant.no_law
         return LinearizingLaw(plant), ""
-    if not isinstance(law, LinearizingLaw):
-        raise TypeError(
-            f"`law` must be a LinearizingLaw, got {type(law).__name__}. Use "
-            "`model.linearizing_law`."
-        )
+    check_type("law", law, LinearizingLaw, "Use `model.linearizing_law`.")
     if _numbers(law.plant) != _numbers(plant):
         raise ValueError(
             "`law` must be one of this model, got one of another model. Use "

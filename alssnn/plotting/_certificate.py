@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..checks import check_option
 from ..shown import percent
 from ..validation import column_names, loop_deviation
 from ._axes import Display, color, few_ticks, finish, grid_of_axes
@@ -117,8 +118,7 @@ class CertificateDisplay(Display):
             If the certificate does not hold, `pair` is not two of the states or
             outputs, or `K` has the wrong shape.
         """
-        if of not in ("states", "outputs"):
-            raise ValueError(f"`of` must be 'states' or 'outputs', got {of!r}.")
+        check_option("of", of, ("states", "outputs"))
         names = [f"x{i}" for i in range(len(certificate.A))]
         rows, through = np.eye(len(names)), ""
         if of == "outputs":

@@ -107,19 +107,18 @@ def _field(record, name):
 
 
 def _law(model, test):
-    from ..plotting import NonlinearityDisplay, figure_curves
+    from ..plotting import NonlinearityDisplay
 
-    drawn = NonlinearityDisplay.from_estimator(model, *test).figure_
     what = as_plant(model).no_law or "What the law cancels:"
     words = f"{what} h, with the density of the data."
-    return figure(drawn, words, figure_curves(drawn))
+    return figure(NonlinearityDisplay.from_estimator(model, *test), words)
 
 
 def _rest(model, test):
-    from ..plotting import ResidualNonlinearityDisplay, figure_curves
+    from ..plotting import ResidualNonlinearityDisplay
 
-    drawn = ResidualNonlinearityDisplay.from_estimator(model, *test).figure_
-    return figure(drawn, "What g leaves at the output.", figure_curves(drawn))
+    display = ResidualNonlinearityDisplay.from_estimator(model, *test)
+    return figure(display, "What g leaves at the output.")
 
 
 def certificates(model, test, doubt=""):
@@ -299,16 +298,16 @@ def _poles(model, K):
 
 def _step(model, K):
     from ..feedback import step_comparison
-    from ..plotting import LoopDisplay, figure_curves
+    from ..plotting import LoopDisplay
 
     responses = step_comparison(model, K)
-    drawn = LoopDisplay.from_steps(model, responses).figure_
     caption = (
         "Step of all references by one standard deviation of the training data: the "
         "design, and the whole model under its law. u is what the plant gets, over its "
         "range in the training data."
     )
-    return figure(drawn, caption, figure_curves(drawn)) + _beyond(model, responses)
+    display = LoopDisplay.from_steps(model, responses)
+    return figure(display, caption) + _beyond(model, responses)
 
 
 def _beyond(model, responses):

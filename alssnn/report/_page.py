@@ -249,35 +249,33 @@ def python_code(summary, arrays):
     )
 
 
-def figure(drawn, caption, curves=""):
-    """Return a matplotlib figure as PNG inside the page.
+def figure(display, caption):
+    """Return a figure as PNG inside the page, with its curves for who can zoom.
 
     Parameters
     ----------
-    drawn : matplotlib.figure.Figure
-        Figure.
+    display : Display
+        What drew the figure.
     caption : str
         What it shows.
-    curves : str, default=""
-        Its curves, as `plotting.figure_curves` returns them, for readers whose browser
-        runs scripts: they can zoom and read. Without them the picture is all.
 
     Returns
     -------
     html : str
         HTML.
     """
-    buffer = io.BytesIO()
+    from ..plotting import figure_curves
+
+    drawn, buffer = display.figure_, io.BytesIO()
     drawn.savefig(buffer, format="png", dpi=DPI)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     # narrower than this the page scrolls the figure, for its letters to be read
     least = LEGIBLE * DPI * drawn.get_size_inches()[0]
-    kind = ' class="curves"' if curves else ""
     said = escape(caption.replace("`", ""))
-    if curves:
-        curves = f'<script type="application/json">{curves}</script>'
     return (
-        f'<figure{kind}><div class="scroll"><img style="min-width: {least:.0f}px" '
-        f'alt="{said}" src="data:image/png;base64,{data}"></div>{curves}'
+        '<figure class="curves"><div class="scroll"><img '
+        f'style="min-width: {least:.0f}px" alt="{said}" '
+        f'src="data:image/png;base64,{data}"></div>'
+        f'<script type="application/json">{figure_curves(drawn)}</script>'
         f"<figcaption>{words(caption)}</figcaption></figure>"
     )

@@ -370,15 +370,13 @@ def accuracy(model, test, train, floor=None):
 
 
 def _simulation(model, test):
-    from ..plotting import SimulationDisplay, figure_curves
+    from ..plotting import SimulationDisplay
 
-    drawn = SimulationDisplay.from_estimator(model, *test).figure_
-    curves = figure_curves(drawn)
     caption = "Measured and simulated output, and their difference"
     n = len(model.prepare_records(*test))
     if n > 1:
         caption += f", in the first of {n} experiments alone"
-    return figure(drawn, f"{caption}.", curves)
+    return figure(SimulationDisplay.from_estimator(model, *test), f"{caption}.")
 
 
 def checks(validation, reason):
@@ -421,9 +419,8 @@ def checks(validation, reason):
 
 
 def _residuals(validation):
-    from ..plotting import ResidualDisplay, figure_curves
+    from ..plotting import ResidualDisplay
 
-    drawn = ResidualDisplay(validation.residuals).plot().figure_
     words = (
         "Correlations of the residual: those with u should stay in their band. The "
         "checks take all lags together and allow for errors of the parameters; the "
@@ -434,4 +431,4 @@ def _residuals(validation):
             "Correlations of the errors one sample ahead: those with themselves "
             "and with past u should stay in their band."
         )
-    return figure(drawn, words, figure_curves(drawn))
+    return figure(ResidualDisplay(validation.residuals).plot(), words)
