@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .simulation import outputs
+from .simulation import outputs, regressors, simulate
 
 LARGER = 1.25  # inputs over those of the record, with which a simulation has to stay
 NEAR = 3.0  # outputs over the largest of the record
@@ -196,7 +196,9 @@ def apart(structure, theta, x0, experiments, n_held):
 
     def rests(first, levels):
         held = np.repeat([mean + LARGER * (first - mean), *levels], n_held, axis=0)
-        return outputs(lure, held, start)[2 * n_held - 1 :: n_held, :ny]
+        last = slice(2 * n_held - 1, None, n_held)
+        Phi = regressors(lure, simulate(lure, held, start)[:-1][last], held[last])
+        return Phi @ lure.rows_z[:ny].T
 
     largest = np.zeros(ny)
     for u_j in u.T:

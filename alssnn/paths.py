@@ -167,8 +167,11 @@ class Path:
                 elsewhere = fold.error(structure, *point, self.weight, elsewhere=True)
                 error = elsewhere if elsewhere > bound else error
             errors.append(error)
+        score = float(np.sum(errors))
+        # a stage that comes no lower than one before is not chosen, wherever it leads
+        lower = score < min(self.scores[1:], default=np.inf)
         self.errors.append(np.array(errors))
-        self.scores.append(float(np.sum(errors)) * (ESCAPED if self._leaves() else 1.0))
+        self.scores.append(score * (ESCAPED if lower and self._leaves() else 1.0))
         self.states.append(self.points)
 
     def _leaves(self):

