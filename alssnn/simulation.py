@@ -81,13 +81,9 @@ class Stepper:
         self._c = np.concatenate([lure.b, lure.c[:nx]])
         self._W = np.ascontiguousarray(lure.W[:nx], dtype=dtype)
         self._E: np.ndarray | tuple = np.ascontiguousarray(lure.E, dtype=dtype)
-        self._layers = np.array(
-            [
-                (a.start, a.stop, b.start)
-                for a, b in zip(layers, lure.seen, strict=True)
-            ],
-            dtype=np.int64,
-        ).reshape(-1, 3)
+        pairs = zip(layers, lure.seen, strict=True)
+        places = [(a.start, a.stop, b.start) for a, b in pairs]
+        self._layers = np.array(places, dtype=np.int64).reshape(-1, 3)
         functions = [lure.sigma[layer.start] for layer in layers]
         solved = lure.implicit
         values = tuple(

@@ -1,6 +1,7 @@
 """Configuration of the documentation; it builds without network access."""
 
 import importlib.util
+import os
 import re
 import sys
 from pathlib import Path
@@ -56,6 +57,7 @@ if any(EXAMPLES.glob("plot_*.py")):
         "abort_on_example_error": True,
         "download_all_examples": False,
         "show_memory": False,
+        "parallel": os.cpu_count() or 1,  # fits of some seconds each
     }
 else:  # index.rst names the gallery all the same
     exclude_patterns.append("auto_examples/*")

@@ -18,7 +18,7 @@ import numpy as np
 from alssnn import AlSsnn
 from alssnn.datasets import make_wiener_hammerstein
 
-record = make_wiener_hammerstein(6_000, noise=0.002, random_state=0)
+record = make_wiener_hammerstein(4_000, noise=0.002, random_state=0)
 train, test = record.split(0.5)
 print(record)
 

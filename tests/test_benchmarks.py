@@ -31,7 +31,7 @@ def circuit():
 
 
 def small_prey_predator(seed, quick):
-    return studies.prey_predator(seed, quick, n_samples=1000)
+    return studies.prey_predator(seed, quick, n_samples=600)
 
 
 @pytest.fixture

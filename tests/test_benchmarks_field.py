@@ -104,7 +104,7 @@ def test_the_page_has_cases_that_are_whole():
     lines = table.page([*rows, *more, other, alone], command.CASES)
     (y,) = (y for _, y in command.CASES["linear"].load().train)
     noise = 0.05 * y.std() / 0.2  # as the case says
-    assert lines[-2] == f"   linear, 0.500, 0.25 (0.50), 0.12, 1.00, 3, {noise:.2f}"
+    assert lines[-2] == f"   linear, 0.500, 0.25 (0.50), 0.12, 1.00, 3/1/1, {noise:.2f}"
     assert lines[-1] == "   tanks, 0.500, 0.25, 0.12, 1.00, 1, "
     assert not any("pendulum" in line for line in lines)
 
@@ -136,10 +136,10 @@ def test_a_crash_is_a_row_and_a_missing_record_is_said(out):
 
 @pytest.mark.slow
 def test_a_process_that_dies_is_a_row_and_not_the_end(out):
-    cases = [Case("fatal", "none", fatal, "seen"), PLANTS["linear"]]
+    cases = [Case("fatal", "none", fatal, "seen"), TINY]
     rows = runs.run(cases, ["lti"], 1, out, jobs=2)
     errors = {row["case"]: row["error"] for row in rows}
-    assert errors == {"fatal": "the process died", "linear": ""}
+    assert errors == {"fatal": "the process died", "tiny": ""}
 
 
 def test_divergence_is_an_infinite_error():
@@ -244,19 +244,21 @@ def test_the_page_and_the_readme_say_what_the_runs_say():
     folder = Path(__file__).parents[1]
     rows = runs.read(folder / "doc" / "benchmarks" / "field_runs.csv")
     lines = (folder / "doc" / "benchmarks" / "field.inc").read_text().splitlines()
-    shown = {line.split(",")[0].strip(): line.split(",")[2:5] for line in lines[7:]}
+    shown = {line.split(",")[0].strip(): line.split(",")[2:5] for line in lines[8:]}
     medians = {}
     for model, column in (("fl", 0), ("al", 1), ("gr", 2)):
-        relative = {
-            r["case"]: float(r["relative"]) for r in rows if r["model"] == model
-        }
-        assert relative.keys() == shown.keys() == PLANTS.keys()
-        for name, value in relative.items():
-            assert shown[name][column].strip() == f"{value:.2f}"
-            assert value <= 1.02
-        medians[model] = f"{np.median(list(relative.values())):.2f}"
+        seeds = {name: [] for name in PLANTS}
+        for row in rows:
+            if row["model"] == model:
+                seeds[row["case"]].append(float(row["relative"]))
+        assert seeds.keys() == shown.keys()
+        for name, values in seeds.items():
+            assert shown[name][column].split()[0] == f"{np.median(values):.2f}"
+            assert max(values) <= 1.02
+        medians[model] = f"{np.median([np.median(z) for z in seeds.values()]):.2f}"
     text = " ".join((folder / "README.md").read_text().split())
-    assert f"{3 * len(PLANTS)} fits" in text
+    n_fits = sum(row["model"] != "lti" for row in rows)
+    assert f"{n_fits} fits" in text
     assert (
         f"is {medians['fl']} for `FlSsnn`, {medians['al']} for `AlSsnn` and "
         f"{medians['gr']} for `GrSsnn`, in the median" in text
@@ -297,7 +299,8 @@ def test_a_motor_does_not_stay_where_a_long_step_has_taken_it():
     case = PLANTS["saturating motor"]
     u, y = map(list, zip(*case.load().train, strict=True))
     linear = runs.MODELS["lti"](dt=0.02).fit(u, y)
-    model = runs.MODELS["fl"](dt=0.02, random_state=2).fit(u, y)
+    options = {"nx": 2, "n_init": 1, "random_state": 2}  # the order and start it takes
+    model = runs.MODELS["fl"](dt=0.02, **options).fit(u, y)
     (test,) = case.load().tests.values()
     errors = [
         runs.score(one.set_params(n_init_samples=case.n_init), test)["rmse"]

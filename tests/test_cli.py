@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.io import loadmat
 
 import alssnn
@@ -102,7 +103,7 @@ def test_demo_says_where_the_law_does_not_help(tmp_path, capsys):
 
 
 def test_demo_of_the_circuit(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(_demo.QUICK, _demo.CIRCUIT, (1200, 8))
+    monkeypatch.setitem(_demo.QUICK, _demo.CIRCUIT, (600, 2))
     assert run("demo", "wiener-hammerstein", "--quick", "-o", tmp_path) == 0
     out, err = capsys.readouterr()
     assert [line.split()[0] for line in out.splitlines()[3:7]] == [
@@ -117,6 +118,10 @@ def test_demo_of_the_circuit(tmp_path, monkeypatch, capsys):
 
 
 def test_demo_depends_on_the_seed_alone(tmp_path, monkeypatch, capsys):
+    def ladder(u, y, **options):  # with two models of four, small ones
+        return model_ladder(u, y, **{**options, "nx": 2, "models": ["lti", "fl"]})
+
+    monkeypatch.setattr(alssnn.ladder, "model_ladder", ladder)
     monkeypatch.setitem(_demo.QUICK, _demo.CIRCUIT, (600, 2))
     tables = []
     for seed in (0, 0, 1):
@@ -191,7 +196,7 @@ def test_output_folder_that_is_a_file(plant, capsys):
 
 def test_fit_compares_models_of_a_file(plant, tmp_path, capsys):
     figure = tmp_path / "plant.pdf"
-    assert run_fit(plant, *SMALL, "--dt", 0.01, "--figure", figure) == 0
+    assert run_fit(plant, *SMALL, "--nx", 2, "--dt", 0.01, "--figure", figure) == 0
     out, _ = capsys.readouterr()
     assert len(re.findall(r"^(LTI|FL-SSNN|AL-SSNN|GR-SSNN) ", out, re.M)) == 4
     assert figure.read_bytes().startswith(b"%PDF")
@@ -423,8 +428,12 @@ def test_a_model_worse_than_the_linear_one_is_not_saved(
     """A fit that is no model is refused, with a sentence and exit code 1."""
     from dataclasses import replace
 
+    fits = []  # once, as all runs have the same options
+
     def ladder(u, y, **options):
-        found = model_ladder(u, y, **{**options, "nx": 2, "max_iter": 2})
+        if not fits:
+            fits.append(model_ladder(u, y, **{**options, "nx": 2, "max_iter": 2}))
+        (found,) = fits
         assert [row.name for row in found] == ["LTI", "FL-SSNN"]
         missed = options.pop("missed", case["missed"])
         fl = replace(found.rows[1], fit_percent=100 - np.array([missed]))
@@ -489,7 +498,7 @@ def test_control_without_a_record_has_no_columns(
     assert not (tmp_path / "none").exists()
 
 
-def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
+def test_report_of_a_saved_model(saved, linear_plant, tmp_path, monkeypatch, capsys):
     path = tmp_path / "new" / "report.html"
     assert run("report", saved, *data(linear_plant), "-o", path) == 0
     assert capsys.readouterr().out == f"Report: {path}\n"
@@ -498,6 +507,7 @@ def test_report_of_a_saved_model(saved, linear_plant, tmp_path, capsys):
     assert "u is what the plant gets, over its range in the training data" in text
     assert run("report", saved, "--data", linear_plant, "-o", path) == 2
     assert_one_line(capsys, "report.html` must not exist yet", "--overwrite")
+    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)  # drawn above
     argv = ["report", saved, "--data", linear_plant, "-o", path]
     assert run(*argv, "--overwrite") == 0
     assert "<td>training</td>" not in path.read_text(encoding="utf-8")
@@ -739,7 +749,9 @@ def test_the_five_commands_of_the_readme(tmp_path, monkeypatch, capsys):
     names = ["fit", "validate", "report", "control", "export"]
     assert [command[:2] for command in commands] == [["alssnn", n] for n in names]
     monkeypatch.chdir(tmp_path)
-    record = make_pendulum(3000, amplitude=5.0, noise=0.01, random_state=0)
+    # a short record, and a bound that is not sharp: what is printed matters
+    monkeypatch.setattr("alssnn.certificates._worst.STEPS", 2)
+    record = make_pendulum(1500, amplitude=5.0, noise=0.01, random_state=0)
     np.savetxt(
         "plant.csv", np.hstack([*record]), delimiter=",", header="u,y", comments=""
     )
@@ -816,7 +828,9 @@ def test_gaps_of_outputs_are_not_measured(tmp_path):
     np.testing.assert_array_equal(y, [[nan, 3], [5, nan], [nan, nan], [10, 12]])
 
 
-def test_gaps_of_outputs_from_fit_to_report(linear_plant, tmp_path, capsys):
+def test_gaps_of_outputs_from_fit_to_report(
+    linear_plant, tmp_path, monkeypatch, capsys
+):
     lines = linear_plant.read_text().splitlines()
     for k in range(1, len(lines), 4):  # `angle` comes at another rate
         cells = lines[k].split(",")
@@ -835,6 +849,7 @@ def test_gaps_of_outputs_from_fit_to_report(linear_plant, tmp_path, capsys):
     assert run("validate", model, *data(path)) == 0
     assert "LinearStateSpace passes." in capsys.readouterr().out
     page = tmp_path / "report.html"
+    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)  # words matter
     assert run("report", model, *data(path), "-o", page) == 0
     assert "angle 25 %" in page.read_text(encoding="utf-8")
     # eigenvalues of [[0.8, 0.1], [-0.1, 0.7]]

@@ -220,7 +220,7 @@ def test_a_missing_file_is_named(folder, capsys):
 @pytest.mark.parametrize(
     "argv",
     [
-        ["fit", "plant.csv", *COLUMNS, "--model", "lti", "--save", "{}"],
+        ["fit", "plant.csv", *COLUMNS, "--model", "lti", "--nx", "2", "--save", "{}"],
         ["validate", "large.npz", *data("plant.csv"), "-o", "{}"],
         ["simulate", "large.npz", *data("plant.csv"), "-o", "{}"],
         ["export", "large.npz", "--mat", "{}"],

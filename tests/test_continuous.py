@@ -205,7 +205,7 @@ def test_views_know_each_other():
 # -- fits ----------------------------------------------------------------------------
 
 
-def simulated_plant(f, u, dt, x0=(0.0, 0.0), steps=20):
+def simulated_plant(f, u, dt, x0=(0.0, 0.0), steps=8):
     """Return the states of x' = f(x, u) at the samples; u is a function of time."""
     x, X, h = np.array(x0), [], dt / steps
     for k in range(len(u)):
@@ -256,7 +256,7 @@ def test_parameters_are_those_of_the_plant_and_converge_with_fourth_order():
     # u + h(y) with h = w sin(a y) is the equation of the pendulum
     errors = []
     for dt in (0.4, 0.2, 0.1):
-        u, y = swinging(dt, 800)
+        u, y = swinging(dt, 400)
         model = alssnn.FlSsnn(
             nx=2,
             n_h=1,
@@ -269,7 +269,7 @@ def test_parameters_are_those_of_the_plant_and_converge_with_fourth_order():
             tol=1e-15,
             max_iter=300,
             random_state=0,
-            n_init=3,
+            n_init=1,
         ).fit(u, y)
         errors.append(distance(hanging(model, dt), np.roots([1.0, 0.8, 4.0])))
     assert errors[0] < 0.02 and errors[-1] < 5e-5
@@ -286,15 +286,15 @@ def noisy():
 @pytest.fixture(scope="module")
 def swing(noisy):
     return alssnn.FlSsnn(
-        nx=2, n_h=3, dt=0.2, time="continuous", n_init=1, random_state=0
+        nx=2, n_h=3, dt=0.2, time="continuous", alpha=1e-6, n_init=1, random_state=0
     ).fit(*noisy)
 
 
 def test_a_model_holds_at_another_rate(swing):
     u, y = swinging(0.1, 900, seed=5)
     refit = alssnn.FlSsnn(
-        nx=2, n_h=3, dt=0.1, time="continuous", n_init=1, random_state=0
-    ).fit(*swinging(0.1, 1800))
+        nx=2, n_h=3, dt=0.1, time="continuous", alpha=1e-6, n_init=1, random_state=0
+    ).fit(*swinging(0.1, 1200))
     plant, errors = swing.plant_.at(0.1), []
     for one in (plant, refit.plant_):
         du = u - one.u_offset
@@ -374,20 +374,22 @@ def test_what_judges_a_model_takes_its_hold():
         now = sum(0.08 * np.sin(w * (k + s) * dt + phase) for w, phase in waves)
         return np.array([x[1], 4 * now - 4 * np.sin(x[0]) - 0.8 * x[1]])
 
-    x, y, h = np.zeros(2), np.empty(n), dt / 20
+    x, y, h = np.zeros(2), np.empty(n), dt / 8
     for k in range(n):
         y[k] = x[0]
-        for i in range(20):
-            s = i / 20
+        for i in range(8):
+            s = i / 8
             k1 = plant(x, k, s)
-            k2 = plant(x + h / 2 * k1, k, s + 0.025)
-            k3 = plant(x + h / 2 * k2, k, s + 0.025)
-            k4 = plant(x + h * k3, k, s + 0.05)
+            k2 = plant(x + h / 2 * k1, k, s + 1 / 16)
+            k3 = plant(x + h / 2 * k2, k, s + 1 / 16)
+            k4 = plant(x + h * k3, k, s + 1 / 8)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    errors = {}
+    errors, options = {}, {"n_init": 1, "random_state": 0}
     for hold in HOLDS:
+        # errors of the cubic are the smallest: its decay alone is searched for
+        options["alpha"] = "auto" if hold == "cubic" else 1e-6
         model = alssnn.FlSsnn(
-            nx=2, n_h=3, dt=dt, time="continuous", hold=hold, n_init=1, random_state=0
+            nx=2, n_h=3, dt=dt, time="continuous", hold=hold, **options
         ).fit(u[:500, None], y[:500])
         errors[hold] = np.sqrt(1 - model.score(u[500:, None], y[500:]))
     assert errors["cubic"] < 2e-3
@@ -599,7 +601,8 @@ def test_frequency_responses_are_those_of_the_loop(swing):
 
 def test_a_report_says_the_equations_of_derivatives(swing, noisy, tmp_path):
     path = tmp_path / "report.html"
-    swing.report(path, *noisy)
+    u, y = noisy
+    swing.report(path, u[:200], y[:200])
     text = path.read_text(encoding="utf-8")
     assert "x&#x27; = A x + B" in text and "per second" in text
     assert "Poles of A: " in text
@@ -654,9 +657,8 @@ def test_refits_are_not_held_to_the_contraction_of_the_discrete_model(rng):
         y[k] = x.sum() + 0.005 * rng.standard_normal()
         moved = u[k] - 0.3 * np.sin(x.sum())
         x = np.array([0.2, 0.8]) * x + np.array([0.4, 0.2]) * moved
-    model = alssnn.FlSsnn(
-        nx=2, n_h=3, n_init=1, time="continuous", dt=0.1, gamma_h=1e-4, random_state=0
-    ).fit(u, y)
+    options = {"gamma_h": 1e-4, "alpha": 1e-6, "n_init": 1, "random_state": 0}
+    model = alssnn.FlSsnn(nx=2, n_h=3, time="continuous", dt=0.1, **options).fit(u, y)
     covariance = model.parameter_covariance(u, y)
     (drawn,) = model.sample_models(covariance, 1, random_state=0, data=(u, y))
     assert np.linalg.norm(drawn.A_ * model.dt, 2) > 1

@@ -147,7 +147,7 @@ def test_a_search_looks_at_what_is_near(
 ):
     us, ys = map(list, zip(*experiments, strict=True))
     options = {"coarse_samples": coarse_samples, "initial_state": initial_state}
-    model = FlSsnn(2, 3, max_iter=25, n_init=1, random_state=0, **options)
+    model = FlSsnn(2, 3, max_iter=8, n_init=1, random_state=0, **options)
     here = clone(model).fit(us, ys)
     there = remote.fit(clone(model), futures, client=client)
     assert list(there.orders_["networks"]) == [2]
@@ -320,7 +320,7 @@ def test_a_fit_survives_a_killed_worker(experiments):
 def test_coarse_stages_are_the_same_wherever_the_data_lie(
     client, futures, experiments, alpha
 ):
-    options = {"alpha": alpha, "max_iter": 15, "tol": 1e-4, "random_state": 0}
+    options = {"alpha": alpha, "max_iter": 8, "tol": 1e-4, "random_state": 0}
     options |= {"coarse_samples": 300, "polish_iter": 3, "n_init": 2}
     here = gr_ssnn(nx=2, n_f=3, **options).fit(
         *map(list, zip(*experiments, strict=True))

@@ -9,7 +9,7 @@ import pytest
 from alssnn.certificates import gain_certificate, iss_certificate
 from alssnn.lure import Lure
 
-CASES = 200
+CASES = 100
 
 
 def exact(X):

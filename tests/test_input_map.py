@@ -284,7 +284,7 @@ def fan_arm(n, seed, noise=0.01):
 
 
 def test_a_fan_is_linearized_by_default_options():
-    u, y = fan_arm(1200, 0)
+    u, y = fan_arm(800, 0)
     fresh = fan_arm(1200, 1, noise=0)
     options = {"nx": 2, "n_init": 1, "random_state": 0, "dt": 0.05}
     model = alssnn.FlSsnn(input_map="monotone", **options).fit(u, y)
@@ -517,7 +517,7 @@ def test_the_center_of_the_decay_has_the_size_of_v():
     model = alssnn.FlSsnn(
         nx=2,
         n_h=5,
-        n_init=2,
+        n_init=1,
         dt=record.dt,
         input_map="monotone",
         random_state=0,

@@ -144,6 +144,7 @@ def duffing():
         n_h=4,
         feedback="output",
         gamma_h=1e-4,
+        alpha=1e-12,
         n_init=1,
         time="continuous",
         dt=record.dt,
@@ -249,9 +250,11 @@ def test_the_error_of_the_model_is_that_of_the_model(duffing):
         assert np.all(found.carried_missed < 0.05)
 
 
-def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, capsys):
+def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, monkeypatch):
+    # certificates of the report take long and know nothing of the rate
+    monkeypatch.setattr("alssnn.report._control._local", lambda *_: "")
     model, record = duffing
-    last = slice(400, None)
+    last = slice(600, None)
     data = record.u[last], record.y[last]
     plain = model.validate(*data)["linearizability"]
     finer = model.validate(*data, law_dt=0.05, ahead=True)["linearizability"]
@@ -264,7 +267,7 @@ def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, capsys):
     table = np.hstack([record.u, record.y])
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="u,y", comments="")
     files = [str(tmp_path / name) for name in ("model.npz", "a.csv")]
-    command = ["validate", files[0], "--data", files[1], "--last", "0.5"]
+    command = ["validate", files[0], "--data", files[1], "--last", "0.25"]
     command += ["--input", "u", "--output", "y"]
     main([*command, "--law-dt", "0.05", "--ahead", "-o", str(tmp_path / "b.csv")])
     rows = (tmp_path / "b.csv").read_text().splitlines()

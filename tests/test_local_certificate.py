@@ -55,7 +55,7 @@ def some_inputs(rng, amplitude, n=300):
 # -- certificates ----------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     nx=st.integers(1, 4),
@@ -67,7 +67,7 @@ def test_no_input_violates_a_certificate(seed, nx, nu, size, activation):
     rng = np.random.default_rng(seed)
     loop, design = small_loop(rng, nx, nu, size=size, activation=activation)
     amplitude = rng.uniform(0.2, 2.0, nu)
-    c = local_certificate(loop, design, amplitude, cells=5_000)
+    c = local_certificate(loop, design, amplitude, cells=3_000)
     if not c.holds:
         assert c.reason and not c.verify() >= 0
         return
@@ -82,7 +82,7 @@ def test_no_input_violates_a_certificate(seed, nx, nu, size, activation):
 def test_the_worst_input_is_worse_than_random_ones_and_as_bad_as_said(rng):
     loop, design = small_loop(rng, size=0.2)
     amplitude = np.array([1.0])
-    c = local_certificate(loop, design, amplitude)
+    c = local_certificate(loop, design, amplitude, cells=0)
     assert np.all(np.abs(c.worst_input) <= amplitude)
     e = distances(loop, design, c.worst_input)
     assert e.max() == pytest.approx(c.lower_bound, rel=1e-6)
@@ -107,8 +107,8 @@ def test_the_design_may_have_other_states(rng):
     extra = np.zeros((3, 3))
     extra[:2, :2], extra[2, 2] = A, 0.5
     design = extra, np.vstack([B, [[1.0]]]), np.hstack([C, [[0.0]]]), D
-    c = local_certificate(loop, design, [1.0])
-    plain = local_certificate(loop, (A, B, C, D), [1.0])
+    c = local_certificate(loop, design, [1.0], cells=0)
+    plain = local_certificate(loop, (A, B, C, D), [1.0], cells=0)
     assert c.holds and c.method == "neurons"
     assert plain.lower_bound <= c.output_bound * (1 + 1e-9)
 
@@ -182,7 +182,7 @@ def test_no_input_violates_a_grid(nx, nu):
     amplitude = rng.uniform(0.2, 2.0, nu)
     network, scaled, _ = _scaled(loop, design, amplitude, np.ones(1))
     proof = local_certificate(loop, design, amplitude, cells=0).proof
-    bound = Grid(network, scaled, proof.states(), 30_000).bounds()
+    bound = Grid(network, scaled, proof.states(), 10_000).bounds()
     inputs = list(some_inputs(rng, amplitude))
     inputs.append(worst_input(loop, design, amplitude, 150)[1])
     for r in inputs:
@@ -206,7 +206,7 @@ def test_a_grid_knows_the_first_samples_after_a_rest_that_does_not_last():
 
 def test_tampering_is_detected(rng):
     loop, design = small_loop(rng, size=0.1)
-    c = local_certificate(loop, design, [1.0])
+    c = local_certificate(loop, design, [1.0], cells=3_000, search=False)
     assert c.verify() >= 0
     smaller = replace(c, output_bounds=0.9 * c.output_bounds)
     assert not smaller.verify() >= 0
@@ -227,7 +227,7 @@ def test_every_structure(name):
         with pytest.raises(ValueError, match="amplitude"):
             certify_local(plant, 0.2)
         return
-    c = certify_local(plant, 0.2)
+    c = certify_local(plant, 0.2, cells=2_000)
     loop = linearized_loop(plant)
     A, B, C, D = plant.linear()
     if c.holds:
@@ -281,9 +281,10 @@ def test_units_change_no_bound(rng, unit):
     Theta = loop.Theta.copy()
     Theta[:, 2:3] /= unit
     scaled = replace(loop, Theta=Theta)
-    c = local_certificate(loop, (A, B, C, D), [0.5], search=False)
+    options = {"search": False, "cells": 3_000}
+    c = local_certificate(loop, (A, B, C, D), [0.5], **options)
     design = A, B / unit, C, D / unit
-    same = local_certificate(scaled, design, [0.5 * unit], search=False)
+    same = local_certificate(scaled, design, [0.5 * unit], **options)
     np.testing.assert_allclose(same.output_bounds, c.output_bounds, rtol=1e-6)
 
 

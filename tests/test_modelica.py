@@ -1,5 +1,6 @@
 """Modelica, run from its parse tree, computes what Python computes."""
 
+import functools
 import re
 
 import numpy as np
@@ -30,9 +31,12 @@ def export(plant, folder, **options):
     return read(to_modelica(plant, folder / "Motor.mo", **options).read_text())
 
 
+make_loop = functools.cache(Loop)  # its limits come from a long run
+
+
 @pytest.fixture(params=CONTROLLED, scope="module")
 def loop(request):
-    return Loop(request.param)
+    return make_loop(request.param)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -106,7 +110,7 @@ def test_a_law_of_an_activation_that_says_nothing_of_its_slope(tmp_path):
 
 
 def test_the_text_is_what_modelica_asks_for(tmp_path):
-    loop = Loop("monotone")
+    loop = make_loop("monotone")
     parts = {"law": loop.law, "observer": loop.observer}
     controller = LinearizingController(loop.plant, loop.gain, **parts)
     path = controller.to_modelica(tmp_path / "new" / "Motor.mo")

@@ -185,7 +185,7 @@ def test_unstable_modes_that_v_does_not_reach_are_refused():
 
 def test_no_offset_under_a_constant_disturbance(pair):
     plant, model = pair
-    scale, n = model._scaling, 400
+    scale, n = model._scaling, 320
     tracked = np.diag([1.0, 1.0, 0.0][: len(model.C_)] / scale.y_scale**2)
     mpc = LinearizingMPC(model, Q_target=tracked)
     reference = np.tile(model.y_offset_, (n, 1))
@@ -220,12 +220,12 @@ def test_an_input_disturbance_is_found(fitted):
 @pytest.mark.parametrize("feedback", ["output", "state"])
 @pytest.mark.parametrize("make", [make_pendulum, make_duffing])
 def test_limits_hold_on_the_true_plant(make, feedback):
-    record = make(1500, noise=0.01, random_state=0)
+    record = make(800, noise=0.01, random_state=0)
     model = fl_ssnn(nx=2, n_h=6, feedback=feedback, dt=record.dt, random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(record.u, record.y)
-    size, n = record.y.std(), 400
+    size, n = record.y.std(), 160
     limit = 0.5 * np.abs(record.u).max()
     rate = 0.3 * limit
     mpc = LinearizingMPC(model, u_min=-limit, u_max=limit, du_max=rate)

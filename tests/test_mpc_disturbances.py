@@ -8,7 +8,7 @@ from test_disturbances_exported import make_plant
 
 from alssnn.mpc import LinearizingMPC
 
-N = 120
+N = 60
 
 
 def steps(plant, n=N):
@@ -50,7 +50,7 @@ def test_the_output_comes_back_when_disturbances_move(plant):
 @pytest.mark.parametrize("given", [(0, 2), (1,)])
 def test_a_preview_pays(given):
     plant = make_plant("identity", "state", given, n_g=0)
-    d = steps(plant)
+    d = steps(plant, 120)
     # actuators too slow for a step of d that nobody has announced; y alone counts
     options = {"du_max": 0.03 * plant.v_scale, "R": 1e-5 * np.eye(plant.nv)}
     errors = []

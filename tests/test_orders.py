@@ -196,12 +196,12 @@ def test_all_experiments_together_limit_the_order(rng):
     poles = np.array([0.95, 0.85 * np.exp(0.6j), 0.9 * np.exp(1.5j)])
     b = np.poly([0.3, -0.5, 0.6, -0.2])
     a = np.poly(np.concatenate([poles, poles[1:].conj()])).real
-    u = rng.standard_normal((20, 60, 1))
+    u = rng.standard_normal((10, 60, 1))
     pairs = [(one, lfilter(np.append(0, b), a, one, axis=0)) for one in u]
-    assert largest_order(pairs) == 1200 // (10 * (2 + 19))
+    assert largest_order(pairs) == 600 // (10 * (2 + 9))
     assert compare_orders(pairs, None).nx == 5
     # every experiment has an initial state of its own
-    assert largest_order(pairs * 50) == 60_000 // (10 * (2 + 999))
+    assert largest_order(pairs * 50) == 30_000 // (10 * (2 + 499))
 
 
 def test_a_comparison_ends_with_its_watch(rng):

@@ -2,10 +2,13 @@
 
 import json
 import re
+from copy import deepcopy
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from test_extending import SOFTSIGN
 
 import browser
@@ -139,7 +142,7 @@ OPTIONS = {"dt": 0.1, "max_iter": 8, "n_init_samples": 20}
 MODELS = {
     "lti": LinearStateSpace(nx=2, **OPTIONS),
     "fl": fl_ssnn(nx=2, n_h=3, random_state=0, **OPTIONS),
-    "al": al_ssnn(nx=3, n_h=(2, 3), n_g=3, feedback="state", random_state=0, **OPTIONS),
+    "al": al_ssnn(nx=2, n_h=(2, 3), n_g=3, feedback="state", random_state=0, **OPTIONS),
     "gr": gr_ssnn(nx=2, n_f=3, random_state=0, **OPTIONS),
     "feedthrough": al_ssnn(
         nx=2, n_h=2, n_g=2, n_k=2, feedthrough=True, random_state=0, **OPTIONS
@@ -148,12 +151,43 @@ MODELS = {
 }
 
 
+@cache
+def fitted(name):
+    """Return a fitted model, which no test changes."""
+    return MODELS[name].fit(*RECORD)
+
+
 @pytest.fixture(scope="module", params=MODELS)
 def model(request):
-    return MODELS[request.param].fit(*RECORD)
+    return fitted(request.param)
 
 
-def test_page_is_complete_and_stands_alone(model, tmp_path):
+@pytest.fixture(scope="module", autouse=True)
+def hardly_any_search():
+    """Look less far for the worst input, which no page has to know exactly."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("alssnn.certificates._worst.STEPS", 2)
+        yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the pictures out, half of the time, where the words are of interest."""
+    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)
+
+
+@pytest.fixture(scope="module")
+def boiler(tmp_path_factory):
+    """Return the page of a model that has a law, with a name and a source."""
+    path = tmp_path_factory.mktemp("boiler") / "report.html"
+    about = {"name": "Boiler <4>", "source": "Model b.npz, record c.csv"}
+    fitted("fl").report(path, *TEST, **about)
+    return path
+
+
+def test_page_is_complete_and_stands_alone(model, request, tmp_path):
+    if model is not fitted("al") and model is not fitted("gr"):
+        request.getfixturevalue("undrawn")  # the same displays
     path = tmp_path / "report.html"
     model.report(path, *TEST, train=RECORD)
     checker, text = check(path)
@@ -168,11 +202,9 @@ def test_page_is_complete_and_stands_alone(model, tmp_path):
     assert ("u = v - h(" in text) == model.plant_.cancels
 
 
-def test_the_page_begins_with_its_origin_and_the_verdict(tmp_path):
-    model = MODELS["fl"].fit(*RECORD)
-    path = tmp_path / "report.html"
-    model.report(path, *TEST, name="Boiler <4>", source="Model b.npz, record c.csv")
-    text = " ".join(check(path)[1].split())
+def test_the_page_begins_with_its_origin_and_the_verdict(boiler):
+    model = fitted("fl")
+    text = " ".join(check(boiler)[1].split())
     origin = f"Model b.npz, record c.csv. Written by alssnn {__version__} on 20"
     places = ["Boiler <4>: report", origin, model.validate(*TEST).verdict]
     places += ["On this record the simulation misses", "In training it missed"]
@@ -182,15 +214,14 @@ def test_the_page_begins_with_its_origin_and_the_verdict(tmp_path):
     assert at == sorted(at)
 
 
-def test_inputs_beyond_the_training_data_are_said(tmp_path):
-    model = MODELS["fl"].fit(*RECORD)
-    model.report(tmp_path / "report.html", *TEST)
+def test_inputs_beyond_the_training_data_are_said(boiler):
+    model = fitted("fl")
     low, high = input_range(model)
     u = step_comparison(model, lqi(model, *balanced_weights(model)))["model"].outputs[
         4:
     ]
     beyond = (u.min(axis=1) < low) | (u.max(axis=1) > high)
-    text = check(tmp_path / "report.html")[1]
+    text = check(boiler)[1]
     for i, left in enumerate(beyond):
         assert (f"u{i} goes from" in text) == left
 
@@ -210,7 +241,7 @@ def test_curves_of_long_records_keep_their_extremes():
 
 
 def test_curves_of_networks_have_densities_and_logarithms():
-    model = MODELS["al"].fit(*RECORD)
+    model = fitted("al")
     law = NonlinearityDisplay.from_estimator(model, *TEST)
     panels = json.loads(figure_curves(law.figure_))
     assert len(panels) == law.axes_.size  # the axes of the densities are in them
@@ -235,11 +266,9 @@ def test_curves_of_networks_have_densities_and_logarithms():
     np.testing.assert_allclose(found, line.get_xdata(), rtol=1e-5)
 
 
-def test_numbers_of_the_page_are_those_of_the_model(tmp_path):
-    model = MODELS["fl"].fit(*RECORD)
-    path = tmp_path / "report.html"
-    model.report(path, *TEST)
-    _, text = check(path)
+def test_numbers_of_the_page_are_those_of_the_model(boiler):
+    model = fitted("fl")
+    _, text = check(boiler)
     y_true, y_pred = model.simulate_test(*TEST)
     rmse = np.sqrt(np.mean((y_true - y_pred) ** 2, axis=0))
     assert all(f"{value:.3g}" in text for value in rmse)
@@ -250,8 +279,8 @@ def test_numbers_of_the_page_are_those_of_the_model(tmp_path):
     assert f"{model.iss_certificate(*TEST).psi:.3g}" in text
 
 
-def test_names_are_escaped(tmp_path):
-    model = MODELS["fl"].fit(*RECORD)
+def test_names_are_escaped(tmp_path, undrawn):
+    model = deepcopy(fitted("fl"))
     model.feature_names_in_ = np.array(HOSTILE, dtype=object)
     model.output_names_ = [name + "y" for name in HOSTILE]
     path = tmp_path / "report.html"
@@ -259,11 +288,10 @@ def test_names_are_escaped(tmp_path):
     _, text = check(path)
     assert all(name in text for name in [*HOSTILE, *model.output_names_])
     assert HOSTILE[0] not in path.read_text(encoding="utf-8")
-    del model.feature_names_in_
 
 
-def test_what_cannot_be_computed_says_why(tmp_path):
-    model = MODELS["feedthrough"].fit(*RECORD)
+def test_what_cannot_be_computed_says_why(tmp_path, undrawn):
+    model = fitted("feedthrough")
     path = tmp_path / "report.html"
     model.report(path, *TEST)
     assert "algebraic loop" in check(path)[1]
@@ -272,8 +300,8 @@ def test_what_cannot_be_computed_says_why(tmp_path):
     assert "too short for tests of residuals" in check(path)[1]
 
 
-def test_a_failed_model_is_not_praised(tmp_path):
-    model = MODELS["fl"].fit(*RECORD)
+def test_a_failed_model_is_not_praised(tmp_path, undrawn):
+    model = fitted("fl")
     u, y, runs = TEST
     rng = np.random.default_rng(0)
     spoiled = 3 * rng.standard_normal(y.shape)
@@ -286,8 +314,8 @@ def test_a_failed_model_is_not_praised(tmp_path):
     assert "Holds for the model, not for the plant." in text
 
 
-def test_a_solver_that_breaks_down_decides_nothing(tmp_path, monkeypatch):
-    model = MODELS["fl"].fit(*RECORD)
+def test_a_solver_that_breaks_down_decides_nothing(tmp_path, undrawn, monkeypatch):
+    model = fitted("fl")
 
     def solve(*_, **__):
         raise RuntimeError("The solver CLARABEL broke down.")
@@ -303,7 +331,7 @@ def test_a_solver_that_breaks_down_decides_nothing(tmp_path, monkeypatch):
 
 
 def test_wrong_arguments(tmp_path):
-    model = MODELS["lti"].fit(*RECORD)
+    model = fitted("lti")
     with pytest.raises(ValueError, match="`train` must be a Record"):
         model.report(tmp_path / "r.html", *TEST, train=(1,))
     with pytest.raises(ValueError, match="feature"):
@@ -316,7 +344,7 @@ def test_a_browser_shows_the_page(tmp_path):
         pytest.skip(f"none of {', '.join(browser.NAMES)} is installed")
     pages = {name: tmp_path / f"{name}.html" for name in ("fl", "al", "delay")}
     for name, path in pages.items():
-        MODELS[name].fit(*RECORD).report(path, *TEST)
+        fitted(name).report(path, *TEST)
     with browser.Browser(tmp_path / "profile") as window:
         looks = [(375, "light"), (390, "dark"), (1280, "light"), (1100, "dark")]
         for path in pages.values():
@@ -356,8 +384,8 @@ def test_the_browser_sees_what_is_wrong(tmp_path):
         assert window.evaluate(BROKEN_IMAGES) == 1
 
 
-def test_missing_outputs_and_experiments_are_told(tmp_path):
-    model = MODELS["delay"].fit(*RECORD)
+def test_missing_outputs_and_experiments_are_told(tmp_path, undrawn):
+    model = fitted("delay")
     u, y, runs = TEST
     y = y.copy()
     y[::4, 1] = np.nan
@@ -386,7 +414,7 @@ def test_balanced_weights_do_not_depend_on_units():
 
 
 def test_larger_weights_of_integrators_are_faster():
-    model = MODELS["lti"].fit(*RECORD)
+    model = fitted("lti")
     radius = [
         np.abs(
             designed_loop(
@@ -399,7 +427,7 @@ def test_larger_weights_of_integrators_are_faster():
 
 
 def test_exactly_linearizable_models_follow_the_design():
-    model = MODELS["fl"].fit(*RECORD)
+    model = fitted("fl")
     K = lqi(model, *balanced_weights(model))
     step = [0.5, -0.2]
     responses = step_comparison(model, K, step=step)
@@ -415,7 +443,7 @@ def test_exactly_linearizable_models_follow_the_design():
 
 
 def test_limits_of_the_law_keep_the_model_from_the_design():
-    model = MODELS["fl"].fit(*RECORD)
+    model = fitted("fl")
     K = lqi(model, *balanced_weights(model, integral=1.0, control=0.01))
     law = model.linearizing_law(-0.2, 0.2)
     responses = step_comparison(model, K, law=law, n_samples=50)
@@ -457,11 +485,11 @@ def test_weights_of_many_states_are_exactly_symmetric():
 )
 def test_wrong_weights(options, message):
     with pytest.raises(ValueError, match=re.escape(message)):
-        balanced_weights(MODELS["lti"].fit(*RECORD), **options)
+        balanced_weights(fitted("lti"), **options)
 
 
 def test_wrong_steps():
-    model = MODELS["lti"].fit(*RECORD)
+    model = fitted("lti")
     K = lqi(model, *balanced_weights(model))
     with pytest.raises(ValueError, match="columns for integrators"):
         step_comparison(model, K[:, :2])
@@ -499,7 +527,7 @@ def test_the_steps_of_the_page_compute_the_model(name):
         np.testing.assert_allclose(values["v - u_e"], v, atol=1e-13)
 
 
-def test_settings_that_are_pairs_of_unequal_length(tmp_path, rng):
+def test_settings_that_are_pairs_of_unequal_length(tmp_path, undrawn, rng):
     u = rng.standard_normal((200, 2))
     y = np.convolve(u.sum(axis=1), 0.5 ** np.arange(20))[:200]
     model = LinearStateSpace(nx=1, operating_point=([0, 0], [0])).fit(u, y)

@@ -52,6 +52,7 @@ def objects(model):
         flow = flow.set_params(**SMALL).fit(*data)
         comparison = alssnn.compare([model, linear], *data)
         tube = linear.tube(*data)
+        page = alssnn.look(*data)
         response = alssnn.nonparametric.local_polynomial(*data, dt=0.05)
         return [
             data,
@@ -114,9 +115,9 @@ def objects(model):
             comparison.plot(),
             comparison.plot_bode(),
             model.summary(*data),
-            alssnn.look(*data),
-            alssnn.look(*data).findings[0],
-            alssnn.look(*data).recommendation,
+            page,
+            page.findings[0],
+            page.recommendation,
             response,
             response.plot(),
             model.history_[0],

@@ -12,8 +12,8 @@ REASONS = {
 
 ESTIMATORS = [
     LinearStateSpace(),
-    FlSsnn(n_h=2, max_iter=3),
-    # the same search; one order and one start are enough for the others
+    FlSsnn(n_h=2, n_init=1, max_iter=3),
+    # the same search; one order is enough for the others
     AlSsnn(2, n_h=2, n_g=2, n_init=1, max_iter=3),
     GrSsnn(2, n_f=2, n_init=1, max_iter=3),
 ]

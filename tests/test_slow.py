@@ -17,7 +17,7 @@ def test_the_list_is_sorted_and_says_nothing_twice():
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_listed_is_a_test_or_an_example(name):
     path, _, test = name.partition("::")
-    function = re.split(r"[\[*]", test.rpartition(".")[2])[0]
+    function = re.split(r"[\[*]", test)[0].rpartition(".")[2]
     source = (ROOT / path).read_text(encoding="utf-8")
     assert re.search(rf"^(def|class) {function}\b", source, re.M)
 

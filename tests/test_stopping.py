@@ -48,6 +48,12 @@ def two():
     return np.vstack([u1, u2]), np.vstack([y1, y2]), np.repeat([0, 1], [300, 200])
 
 
+@pytest.fixture(scope="module")
+def brief(two):
+    """The end of one experiment and the start of the other: searches are short."""
+    return tuple(z[200:400] for z in two)
+
+
 @pytest.fixture
 def interrupt(monkeypatch):
     """Return a function that sends an interrupt at a call of `normal_equations`."""
@@ -77,7 +83,7 @@ def interrupt(monkeypatch):
 # -- interrupts ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("coarse_samples", [None, 200])
 def test_an_interrupted_fit_goes_on_to_the_same_cost(
     two, interrupt, seed, coarse_samples
@@ -258,7 +264,7 @@ def test_max_time_ends_a_search_at_its_next_trial_step(rng, monkeypatch):
 
 def test_starts_in_other_processes_share_the_time(two):
     model = al_ssnn(2, 3, 3, n_init=3, n_jobs=2, max_iter=10**5, tol=1e-15)
-    model.set_params(max_time=3.0, random_state=0)
+    model.set_params(max_time=1.0, random_state=0)
     start = time.perf_counter()
     model.fit(*two)
     assert time.perf_counter() - start < 30  # far below what max_iter would take
@@ -428,12 +434,12 @@ def test_long_stages_show_that_they_go_on(monkeypatch, capsys):
     ]
 
 
-def test_a_bar_shows_search_and_training(two, capsys):
+def test_a_bar_shows_search_and_training(brief, capsys):
     pytest.importorskip("tqdm")
     options = {"max_iter": 30, "n_init": 2, "random_state": 0}
-    silent = FlSsnn(nx=2, n_h=2, **options).fit(*two)
+    silent = FlSsnn(nx=2, n_h=2, **options).fit(*brief)
     assert capsys.readouterr().err == ""
-    shown = FlSsnn(nx=2, n_h=2, verbose="bar", **options).fit(*two)
+    shown = FlSsnn(nx=2, n_h=2, verbose="bar", **options).fit(*brief)
     assert shown.cost_ == silent.cost_  # and to the last bit
     out, err = capsys.readouterr()
     assert out == ""
@@ -455,11 +461,11 @@ def test_a_bar_counts_the_starts_of_other_processes(two, capsys):
 
 
 @pytest.mark.parametrize("n_jobs", [None, 2])
-def test_stages_of_a_search_are_told(n_jobs, two, monkeypatch):
+def test_stages_of_a_search_are_told(n_jobs, brief, monkeypatch):
     told = []
     monkeypatch.setattr(_progress.Progress, "search", lambda _, *z: told.append(z))
     options = {"n_init": 2, "random_state": 0, "verbose": 1, "n_jobs": n_jobs}
-    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=30, **options).fit(*two)
+    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=30, **options).fit(*brief)
     done, of, share = zip(*told, strict=True)
     assert len(set(of)) == 1 and list(done) == sorted(set(done)) and done[-1] <= of[0]
     assert list(share) == sorted(share, reverse=True)

@@ -270,7 +270,7 @@ def test_criteria_know_the_color_of_the_noise(rng):
     """White noise of the same size is less likely than what its past tells."""
     n, pole = 800, 0.9
     right = {"aic": 0, "bic": 0}
-    for _ in range(12):
+    for _ in range(6):
         u = rng.standard_normal((n, 1))
         y = lfilter([0.0, 1.0], [1.0, -1.2, 0.5], u[:, 0])
         e = 0.3 * lfilter([1.0], [1.0, -pole], rng.standard_normal(n))
@@ -281,7 +281,7 @@ def test_criteria_know_the_color_of_the_noise(rng):
     # minus twice the likelihood of the true innovations
     deviance = n * (1 + np.log(2 * np.pi * 0.3**2))
     assert models[1].aic(u, y + e) == pytest.approx(deviance, abs=0.15 * n)
-    assert right["bic"] >= 11 and right["aic"] >= 6
+    assert right["bic"] >= 5 and right["aic"] >= 3
 
 
 def test_penalties_cost_effective_parameters(rng):
@@ -342,13 +342,13 @@ def test_more_samples_than_parameters_are_needed(rng):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:The confidence bands are wider")  # a few of 120
+@pytest.mark.filterwarnings("ignore:The confidence bands are wider")  # a few of 80
 def test_the_band_covers_the_truth_as_often_as_it_says():
     rng = np.random.default_rng(1)
     u = rng.standard_normal((600, 2))
     clean, truth = simulate_linear(A, B, C, u), response(A, B, C, OMEGA)
     inside, ellipse, refused = [], [], 0
-    for _ in range(120):
+    for _ in range(80):
         y = clean + rng.standard_normal(clean.shape) @ NOISE.T
         model = LinearStateSpace(nx=3, operating_point="zero").fit(u, y)
         covariance = model.parameter_covariance(u, y)
@@ -359,11 +359,11 @@ def test_the_band_covers_the_truth_as_often_as_it_says():
         low, high = band.magnitude_band()
         inside.append((low <= np.abs(truth)) & (np.abs(truth) <= high))
         ellipse.append(band.covers(truth))
-    # 24 correlated entries of 120 draws: one alone has a standard error of 2 %
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
-    assert np.mean(ellipse) == pytest.approx(0.95, abs=0.02)
+    # 24 correlated entries of 80 draws: one alone has a standard error of 2.4 %
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.024)
+    assert np.mean(ellipse) == pytest.approx(0.95, abs=0.024)
     assert np.mean(inside, axis=0).min() > 0.85
-    assert refused <= 6
+    assert refused <= 4
 
 
 # -- correlated noise ------------------------------------------------------------------
@@ -442,16 +442,16 @@ def test_white_noise_stays_white(rng):
 def test_bands_cover_in_correlated_noise(case):
     """White noise taken for granted, 70 % of the magnitudes were covered."""
     found = []
-    for seed in range(30):
+    for seed in range(20):
         u, y = make_record(case, 500, seed)
         model = LinearStateSpace(nx=2, operating_point="zero").fit(u, y)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # 6 % have a bias
             found.append(model.parameter_covariance(u, y))
     assert all(covariance.holds for covariance in found)
-    assert sum(covariance.bias.any() for covariance in found) <= 5
+    assert sum(covariance.bias.any() for covariance in found) <= 4
     shares = [np.mean(covered(covariance)[0]) for covariance in found]
-    # 30 records: 4 % is one standard error if all frequencies were one
+    # 20 records: 5 % is one standard error if all frequencies were one
     assert np.mean(shares) > 0.85
 
 
@@ -577,7 +577,7 @@ def test_refits_draw_the_noise_as_correlated_as_it_is():
 def test_auto_finds_the_delay_in_colored_noise():
     """White noise of the same size would differ by far less."""
     pole, found = 0.95, []
-    for seed in range(25):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         u = rng.standard_normal((1000, 1))
         late = np.vstack([np.zeros((3, 1)), u[:-3]])
@@ -591,7 +591,7 @@ def test_auto_finds_the_delay_in_colored_noise():
         y[:, 0] += 0.1 * y.std() * lfilter([1], [1, -pole], noise)
         u, y = (u - u.mean()) / u.std(), (y - y.mean()) / y.std()
         found.append(int(estimate_delays([(u, y)], 2)[0]))
-    assert found.count(3) >= 24
+    assert found.count(3) >= 11
 
 
 def test_options_of_the_next_fit_change_nothing_that_this_one_found(tmp_path):

@@ -9,6 +9,7 @@ from scipy.stats import binom, chi2, f, kstest
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
+from alssnn.estimators import _plant
 from alssnn.linearizability import Region, judge, measure, percent, worst_error
 from alssnn.lure import Lure
 from alssnn.regression import lagged
@@ -68,6 +69,13 @@ def fl_model(request):
     model = fl_ssnn(nx=2, n_h=3, feedback=request.param, max_iter=15, random_state=0)
     model.set_params(dt=0.1)
     return fit(model, u, y)
+
+
+@pytest.fixture
+def spared_loops(monkeypatch):
+    """Leave out the simulated loops, which no test of residuals looks at."""
+    untried = {"carried_problem": "No controller was tried."}
+    monkeypatch.setattr(_plant, "_carried", lambda *args, **options: untried)
 
 
 # -- statistics ------------------------------------------------------------------------
@@ -290,8 +298,8 @@ def test_a_diverged_simulation_has_no_residual():
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])
-def test_a_true_model_passes_at_the_nominal_rate(true_model, pole):
-    seeds, failed = 50, dict.fromkeys((*TESTS, "whiteness"), 0)
+def test_a_true_model_passes_at_the_nominal_rate(true_model, pole, spared_loops):
+    seeds, failed = 40, dict.fromkeys((*TESTS, "whiteness"), 0)
     for seed in range(seeds):
         rng = np.random.default_rng(100 + seed)
         u = colored(rng, (400, 2), 0.8)
@@ -299,7 +307,7 @@ def test_a_true_model_passes_at_the_nominal_rate(true_model, pole):
         found = true_model.validate(u, plant(u) + noise, n_lags=10, horizons=[1])
         for name in failed:
             failed[name] += not found[name].passed
-    most = binom.ppf(0.9999, seeds, 0.01)  # 5
+    most = binom.ppf(0.9999, seeds, 0.01)  # 4
     assert max(failed[name] for name in TESTS) <= most
     # the color of the noise is seen, and does not decide
     assert failed["whiteness"] == seeds if pole else failed["whiteness"] <= most
@@ -330,9 +338,9 @@ def test_a_model_of_too_low_order_fails_independence(true_model):
     assert "fails: independence" in repr(found)
 
 
-def test_identified_models_of_the_right_structure_pass():
+def test_identified_models_of_the_right_structure_pass(spared_loops):
     """Errors of the parameters are no dependence, on training data or on others."""
-    seeds, pole = 30, 0.9
+    seeds, pole = 20, 0.9
     failed = {name: dict.fromkeys(TESTS, 0) for name in ("train", "fresh", "exact")}
     low = 0
     for seed in range(seeds):
@@ -350,14 +358,14 @@ def test_identified_models_of_the_right_structure_pass():
         }.items():
             for test in TESTS:
                 failed[name][test] += not found[test].passed
-        if seed < 5:
+        if seed < 4:
             model = LinearStateSpace(nx=1, dt=0.1).fit(*records[0])
             low += not model.validate(*records[1], **options)["independence"].passed
     most = binom.ppf(0.999, seeds, 0.01)  # 3
     assert max(failed["train"].values()) <= most
     assert max(failed["fresh"].values()) <= most
     assert failed["exact"]["independence"] > most  # what the sensitivities spare
-    assert low == 5
+    assert low == 4
 
 
 def test_parameters_are_eliminated_as_by_a_dense_regression(true_model):

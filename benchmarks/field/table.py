@@ -107,13 +107,16 @@ def page(rows, cases):
         noise = floor(case) / linear
         errors = [_by_seed(parts[model]) for model in columns[1:]]
         cells = [_median_and_worst(error) for error in errors]
-        cells += [f"{len(errors[0])}", f"{noise:.2f}" if np.isfinite(noise) else ""]
+        counts = [f"{len(error)}" for error in errors]
+        cells += [counts[0] if len(set(counts)) == 1 else "/".join(counts)]
+        cells += [f"{noise:.2f}" if np.isfinite(noise) else ""]
         lines.append(f"   {name}, {size:.3f}, {', '.join(cells)}")
     head = [
         ".. csv-table:: Default fits: the error of the linear model over the standard",
         "   deviation of the output; and over the error of the linear model, those of",
         "   the networks, medians of the seeds and in brackets the worst where it is",
-        f"   above {AGREE[0]} medians, and the noise, which no model goes below",
+        f"   above {AGREE[0]} medians; the number of seeds, of each where it differs;",
+        "   and the noise, which no model goes below",
         "   :header: case, LinearStateSpace, FlSsnn, AlSsnn, GrSsnn, seeds, noise",
         "   :widths: auto",
         "",

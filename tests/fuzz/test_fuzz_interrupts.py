@@ -44,7 +44,7 @@ def test_interrupts_at_random_times():
         old = signal.signal(signal.SIGALRM, interrupt)
         try:
             rng, outcomes = np.random.default_rng(0), set()
-            for k in range(round(20 * SCALE)):
+            for k in range(round(12 * SCALE)):
                 outcomes.add(_one(model, first, second, k % 2, rng, duration))
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)

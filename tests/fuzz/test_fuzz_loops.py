@@ -74,7 +74,7 @@ def settled(errors):
 
 def test_predictive_control_with_a_bad_sensor(pendulum):
     plant, model, y_std = pendulum
-    n = 100 * round(40 * SCALE)
+    n = 100 * round(16 * SCALE)
 
     def looped(spikes):
         mpc = model.mpc(u_min=-LIMIT, u_max=LIMIT)
@@ -93,7 +93,7 @@ def test_observer_and_law_with_a_bad_sensor(pendulum):
     K = lqr(model, np.eye(2), 0.1 * np.eye(1))
     A, B, C = model.A_, model.B_, model.C_
     gain = np.linalg.inv(C @ np.linalg.solve(np.eye(2) - A + B @ K, B))
-    n = 100 * round(60 * SCALE)
+    n = 100 * round(30 * SCALE)
 
     def looped(spikes, gate):
         observer = Observer(model, gate=gate)
