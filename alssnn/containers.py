@@ -120,6 +120,40 @@ def index_of(u):
     return u.index if type(u).__module__.partition(".")[0] == "pandas" else None
 
 
+def check_rows_meet(u, y):
+    """Refuse data frames whose rows say that they are other samples.
+
+    Rows are paired by position, as in scikit-learn. Numbers that differ are usual, as
+    one of two frames may have been numbered anew; dates, or another order, are not.
+
+    Parameters
+    ----------
+    u, y : object
+        Inputs and outputs, as they came.
+
+    Raises
+    ------
+    ValueError
+        If both have an index of pandas, with the same labels in another order or with
+        other times.
+    """
+    rows, others = index_of(u), index_of(y)
+    if rows is None or others is None or rows.equals(others):
+        return
+    if len(rows) != len(others):
+        return  # the lengths say more
+    if not len(rows.symmetric_difference(others, sort=False)):
+        raise ValueError(
+            "`u` and `y` must have their rows in the same order, got an index in "
+            "another order. Take y.loc[u.index]."
+        )
+    if rows.dtype.kind + others.dtype.kind in ("MM", "mm"):
+        raise ValueError(
+            "`u` and `y` must have the same times in their index, got other ones. Use "
+            "`alssnn.datasets.on_grid` for signals with time stamps of their own."
+        )
+
+
 def part_of(index, part):
     """Return some of the labels of rows.
 

@@ -10,12 +10,13 @@ Nothing here copies a record as a whole: what looks at all samples does so in `c
 """
 
 import importlib
+from abc import ABC, abstractmethod
 from itertools import pairwise
 
 import numpy as np
 
 from .checks import unmasked
-from .containers import index_of
+from .containers import check_rows_meet
 
 WINDOW_GRID = 32  # candidate places of a stretch in every experiment
 CHUNK = 100_000  # samples treated at a time
@@ -309,7 +310,7 @@ def join_records(u, y, experiment):
         of other times.
     """
     if not is_list_of_records(u):
-        _check_rows_meet(u, y)
+        check_rows_meet(u, y)
         return u, y, experiment
     if experiment is not None:
         raise ValueError(
@@ -322,35 +323,12 @@ def join_records(u, y, experiment):
             f"{type(y).__name__}. Give one record of outputs per experiment."
         )
     for pair in zip(u, y, strict=False):  # what follows refuses other lengths
-        _check_rows_meet(*pair)
+        check_rows_meet(*pair)
     try:
         return stack_experiments(u, y)
     except ValueError as error:  # of arguments of another name
         words = str(error).replace("`us", "`u").replace("`ys", "`y")
         raise ValueError(words) from error
-
-
-def _check_rows_meet(u, y):
-    """Refuse data frames whose rows say that they are other samples.
-
-    Rows are paired by position, as in scikit-learn. Numbers that differ are usual, as
-    one of two frames may have been numbered anew; dates, or another order, are not.
-    """
-    rows, others = index_of(u), index_of(y)
-    if rows is None or others is None or rows.equals(others):
-        return
-    if len(rows) != len(others):
-        return  # the lengths say more
-    if not len(rows.symmetric_difference(others, sort=False)):
-        raise ValueError(
-            "`u` and `y` must have their rows in the same order, got an index in "
-            "another order. Take y.loc[u.index]."
-        )
-    if rows.dtype.kind + others.dtype.kind == "MM":
-        raise ValueError(
-            "`u` and `y` must have the same times in their index, got other ones. Use "
-            "`alssnn.datasets.on_grid` for signals with time stamps of their own."
-        )
 
 
 def _stack(records, name):
@@ -379,15 +357,15 @@ def _names(record):
     return () if name is None else (str(name),)
 
 
-class Sliced:
+class Sliced(ABC):
     """An array of floats that makes its samples as they are sliced."""
 
     dtype = np.dtype(float)
     shape: tuple[int, ...]
 
+    @abstractmethod
     def __getitem__(self, part):
         """Return the samples of a slice."""
-        raise NotImplementedError
 
     def __len__(self):
         """Return the number of samples."""

@@ -313,8 +313,8 @@ def search(
     curve, screened = {}, (alphas[slice(*descent.screen)], alphas[descent.screen[1] :])
     more = max_iter // options["max_iter"]
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages = _expected(len(ways), len(seeds), alphas, screened)
-    n_stages += more * (len(folds) > 1)
+    behind = more * (len(folds) > 1)
+    n_stages = _expected(len(ways), len(seeds), alphas, screened) + behind
     tally = Tally(watch, orders.errors[orders.nx], n_stages)
     linears, tried = ways[0], []
     if len(ways) > 1:

@@ -221,8 +221,10 @@ def dense_residuals(criterion, free):
 
     Parameters
     ----------
+    criterion : Criterion
+        Criterion.
     free : ndarray of shape (n,)
-        The free vector.
+        Its free vector.
 
     Returns
     -------
@@ -238,12 +240,14 @@ def dense_residuals(criterion, free):
 
 
 def dense_jacobian(criterion, free):
-    """Return the full Jacobian of `residuals`; for tests and small problems.
+    """Return the Jacobian of `dense_residuals`; for tests and small problems.
 
     Parameters
     ----------
+    criterion : Criterion
+        Criterion.
     free : ndarray of shape (n,)
-        The free vector.
+        Its free vector.
 
     Returns
     -------

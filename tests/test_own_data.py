@@ -274,4 +274,6 @@ def test_rows_of_other_times_are_not_paired(plain, table):
             model.fit(u, seen)
         with pytest.raises(ValueError, match=words):
             model.score([u, u], [y, seen])
+        with pytest.raises(ValueError, match=words):
+            Record(u, seen, plain.dt)
     assert model.score(u, y[::-1].loc[u.index]) == score

@@ -215,6 +215,32 @@ def test_an_error_from_elsewhere_counts_beyond_a_bound(
     assert searching._bounds(orders, None) == [4 * elsewhere] * 3  # twice the root
 
 
+@pytest.mark.parametrize(
+    ("errors", "leads", "asked", "scores"),
+    [
+        # the second comes no lower than the first, wherever it leads
+        ([2.0, 3.0, 1.0], [False, True], [2.0, 1.0], [2.0, 3.0, 4.0]),
+        # the first counts fourfold, so that the second may be chosen
+        ([2.0, 3.0, 1.0], [True, False, True], [2.0, 3.0, 1.0], [8.0, 3.0, 4.0]),
+    ],
+)
+def test_stages_that_may_be_chosen_are_asked_where_they_lead(
+    short, monkeypatch, errors, leads, asked, scores
+):
+    """The start is none of them: it may be lower, and is not chosen."""
+    path = walk(compare_orders(scaled(*short), [1]))
+    n, given, seen = len(path.folds), iter(leads), []
+    path.scores[0] = 0.0
+    for error in errors:
+        monkeypatch.setattr(Fold, "error", lambda *_, e=error, **__: e)
+        monkeypatch.setattr(
+            path, "_leaves", lambda e=error: seen.append(e) or next(given)
+        )
+        path._judge()
+    assert seen == asked
+    np.testing.assert_allclose(path.scores[1:], n * np.array(scores))
+
+
 def test_a_large_alpha_leaves_the_linear_model(short):
     orders = compare_orders(scaled(*short), [1])
     path = walk(orders)

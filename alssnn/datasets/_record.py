@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..checks import is_count, is_positive
+from ..containers import check_rows_meet
 from ._columns import as_list, as_names, as_signal, as_state
 
 
@@ -60,8 +61,8 @@ class Record:
         If `name` is not a string, or `dt` is not a number.
     ValueError
         If a signal is not a nonempty, finite, real array of one or two dimensions
-        (outputs may have gaps), if the signals differ in length, if `dt` is not
-        positive and finite, or if names are missing or double.
+        (outputs may have gaps), if the signals differ in length or have rows of other
+        times, if `dt` is not positive and finite, or if names are missing or double.
 
     Examples
     --------
@@ -92,6 +93,7 @@ class Record:
 
     def __post_init__(self) -> None:
         """Check the fields and give the signals two dimensions."""
+        check_rows_meet(self.u, self.y)
         u = as_signal(self.u, "u")  # (N, nu)
         y = as_signal(self.y, "y", gaps=True)  # (N, ny)
         if len(u) != len(y):

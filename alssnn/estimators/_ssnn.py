@@ -294,10 +294,7 @@ class Ssnn(StateSpaceModel):
         held: dict = {}
         fallback = self._decay = None
         if continues:
-            plain, starts = previous[0], [previous[1]]
-            # "auto" goes on with what the fit that is continued has chosen
-            decay = chosen if is_auto else {"alpha": self.alpha}
-            held = idle_g(self, plain, previous[1]) if is_auto else {}
+            plain, starts, decay, held = self._continued(previous, chosen)
         else:
             near = self._near(experiments)
             linear, plain = self._declared(self._linear_start(near, watch))
@@ -350,6 +347,14 @@ class Ssnn(StateSpaceModel):
                 return self._left_linear(linear, near, experiments, watch, trained=True)
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
+
+    def _continued(self, previous, chosen):
+        """Return structure, start, decay and held weights of a fit that goes on."""
+        plain, theta = previous[0], previous[1]
+        if self.alpha != "auto":
+            return plain, [theta], {"alpha": self.alpha}, {}
+        # with what the fit that is continued has chosen
+        return plain, [theta], chosen, idle_g(self, plain, theta)
 
     def _publish(self, result, watch):
         super()._publish(result, watch)
