@@ -20,8 +20,8 @@ to all its samples does that in one go.
 
 The networks are kept if they beat the best linear model on the hidden samples: in the
 sum over the folds, by more than chance makes of it (eq. certainty), with outputs that
-gain more than others lose, not much worse in any fold, and with an error that is worth
-a prediction.
+gain more than others lose, not much worse in any fold, and with a mean error that is
+worth a prediction.
 
 Errors of a predictor are nearly white, and mostly what nobody can predict.  By chance,
 those of two models that predict equally well differ by `CHANCE` over the number of
@@ -58,7 +58,7 @@ REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 SURE = 1.0  # standard errors by which it is less, at least
 WORSE = 1.5  # the same of a single fold
-USEFUL = 0.6  # root mean square error of a fold, outputs of unit variance, at most
+USEFUL = 0.6  # root mean square error, outputs of unit variance, at most
 FAR = 2.0  # root mean square error from elsewhere, over that of the linear model
 CHANCE = 2.0  # over the hidden samples: relative difference of white errors by chance
 NOISE = 0.1  # mean square error of a linear model, for which `ALPHAS` are meant
@@ -178,7 +178,7 @@ class Found:
             and self.certainty >= SURE
             and self.by_output < 1.0
             and np.all(self.errors < bound)
-            and np.sqrt(self.errors.max()) < USEFUL
+            and np.sqrt(self.errors.mean()) < USEFUL
         )
 
 

@@ -104,9 +104,44 @@ def test_the_page_has_cases_that_are_whole():
     lines = table.page([*rows, *more, other, alone], command.CASES)
     (y,) = (y for _, y in command.CASES["linear"].load().train)
     noise = 0.05 * y.std() / 0.2  # as the case says
-    assert lines[-2] == f"   linear, 0.500, 0.25 (0.50), 0.12, 1.00, 3/1/1, {noise:.2f}"
-    assert lines[-1] == "   tanks, 0.500, 0.25, 0.12, 1.00, 1, "
-    assert not any("pendulum" in line for line in lines)
+    assert lines[-1] == f"   linear, 0.500, 0.25 (0.50), 0.12, 1.00, 3/1/1, {noise:.2f}"
+    assert not any(name in line for line in lines for name in ("pendulum", "tanks"))
+
+
+def test_the_page_of_measured_records_has_their_unit_and_what_others_published():
+    rows = [
+        {"case": case, "test": test, "model": model, "seed": seed, "options": ""}
+        | {"rmse": f"{size * (1 + int(seed)):g}"}
+        for case, test in (
+            ("linear", "fresh"),
+            ("drives", "experiment 1"),
+            ("drives", "experiment 2"),
+            ("tanks", "validation"),
+        )
+        for model, seeds, size in (
+            ("lti", "0", 0.6),
+            ("fl", "01", 0.4),
+            ("al", "012", 0.02),
+            ("gr", "0", 1.25),
+        )
+        for seed in seeds
+    ]
+    rows.append({**rows[-1], "options": "nx=1", "rmse": "9"})  # no default fit
+    part = [row for row in rows if row["model"] != "gr" or row["case"] != "drives"]
+    *_, line = table.records_page(part, command.CASES)
+    assert line.startswith(
+        '   tanks, "validation", V, 0.600, 0.600 (0.800), 0.0400 (0.0600), 1.25, 2/3/1,'
+    )
+    assert "GRU 0.396; LSTM 0.49;" in line and line.endswith(
+        'best quoted grey box 0.18"'
+    )
+    lines = table.records_page(rows, command.CASES)
+    names = [line.split(", ")[:2] for line in lines[lines.index("") + 1 :]]
+    assert names == [
+        ["   tanks", '"validation"'],
+        ["   drives", '"experiment 1"'],
+        ["   drives", '"experiment 2"'],
+    ]
 
 
 def test_a_run_goes_on_where_the_file_ends(out, monkeypatch):

@@ -151,7 +151,8 @@ def test_the_warning_is_at_the_line_of_the_user():
 def test_a_number_of_alpha_searches_nothing(short, monkeypatch):
     monkeypatch.setattr(searching, "hold_out", pytest.fail, raising=False)
     monkeypatch.setattr("alssnn.estimators._ssnn.search", pytest.fail)
-    monkeypatch.setattr("alssnn.estimators._ssnn.compare_orders", pytest.fail)
+    for name in ("compare_orders", "compare_down"):
+        monkeypatch.setattr(f"alssnn.estimators._ssnn.{name}", pytest.fail)
     model = quietly(make("fl", alpha=1e-3), *short)
     assert model.alpha_ == 1e-3 and model.orders_ == {}
     assert "start 2/2" in {step.label for step in model.history_}
@@ -592,7 +593,8 @@ def test_a_fold_has_all_samples(short):
         # a fold that happens to be linear counts as half of the mean, 0.15
         ([0.05, 0.11], [0.29, 0.01], True),
         ([0.05, 0.12], [0.29, 0.01], False),
-        ([0.85, 0.1], [3.0, 3.0], False),  # no prediction: 0.85 > 0.6^2
+        ([0.61, 0.1], [3.0, 3.0], True),  # a mean of 0.355 < 0.6^2
+        ([0.63, 0.1], [3.0, 3.0], False),  # no prediction: 0.365
     ],
 )
 def test_what_counts_as_help(errors, linear, helps):

@@ -7,7 +7,8 @@ Fits every model with the defaults of the package, in processes of one thread ea
 appends a row per fit and test to a file; a run goes on where the file ends. --table
 prints medians and worst seeds relative to the linear model of the same case, published
 errors, and counts what must not happen: crashes, diverging tests, fits worse than the
-linear model, seeds that disagree.  --page writes doc/benchmarks/field.inc.
+linear model, seeds that disagree.  --page writes the tables of the manual that have
+rows: doc/benchmarks/field.inc of plants, and records.inc of measured records.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from .case import SPLITS
 from .plants import PLANTS
 from .records import RECORDS
 from .runs import MODELS, read, run
-from .table import page, report
+from .table import page, records_page, report
 
 CASES = {**PLANTS, **RECORDS}
 
@@ -80,7 +81,7 @@ def main(arguments=None):
     )
     parser.add_argument("--max-time", type=float, help="of a nonlinear fit, seconds")
     parser.add_argument("--table", type=Path, help="print this file and run nothing")
-    parser.add_argument("--page", action="store_true", help="write the manual's table")
+    parser.add_argument("--page", action="store_true", help="write the manual's tables")
     parser.add_argument("--list", action="store_true", help="print the cases")
     options = parser.parse_args(arguments)
     if options.list:
@@ -108,8 +109,13 @@ def main(arguments=None):
         rows = [row for row in rows if row["case"] in {case.name for case in cases}]
     print("\n".join(report(rows, CASES)))
     if options.page:
-        text = "\n".join([*page(rows, CASES), ""])
-        (OUT / "field.inc").write_text(text, encoding="utf-8")
+        for name, part, write in (
+            ("field.inc", PLANTS, page),
+            ("records.inc", RECORDS, records_page),
+        ):
+            if any(row["case"] in part for row in rows):
+                text = "\n".join([*write(rows, part), ""])
+                (OUT / name).write_text(text, encoding="utf-8")
     return 0
 
 

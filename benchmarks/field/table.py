@@ -8,6 +8,8 @@ from .case import floor
 
 WORSE = 1.02  # of the error of the linear model: what counts as lost against it
 AGREE = (1.3, 2.0)  # worst over median of the seeds
+NETWORKS = ("fl", "al", "gr")
+MEASURED = "real"  # the split of measured records
 
 
 @dataclass(frozen=True)
@@ -94,21 +96,18 @@ def report(rows, cases):
 
 
 def page(rows, cases):
-    """Return the table of the manual: cases that have default fits of all models."""
-    columns = ("lti", "fl", "al", "gr")
+    """Return the manual's table of plants that have default fits of all models."""
     lines = []
     for name, case in cases.items():
-        fits = [row for row in rows if (row["case"], row["options"]) == (name, "")]
-        parts = {m: [r for r in fits if r["model"] == m] for m in columns}
-        if not all(parts.values()):
+        parts = _by_model(rows, case=name)
+        if case.split == MEASURED or not all(parts.values()):
             continue
         linear = np.mean([float(row["rmse"]) for row in parts["lti"]])
         size = np.mean([float(row["std"]) for row in parts["lti"]])
         noise = floor(case) / linear
-        errors = [_by_seed(parts[model]) for model in columns[1:]]
+        errors = [_by_seed(parts[model]) for model in NETWORKS]
         cells = [_median_and_worst(error) for error in errors]
-        counts = [f"{len(error)}" for error in errors]
-        cells += [counts[0] if len(set(counts)) == 1 else "/".join(counts)]
+        cells += [_counts_of_seeds(errors)]
         cells += [f"{noise:.2f}" if np.isfinite(noise) else ""]
         lines.append(f"   {name}, {size:.3f}, {', '.join(cells)}")
     head = [
@@ -124,6 +123,55 @@ def page(rows, cases):
     return [*head, *lines]
 
 
+def records_page(rows, cases):
+    """Return the manual's table of measured records, one line per test."""
+    lines = []
+    tests = dict.fromkeys((row["case"], row["test"]) for row in rows)
+    for name, test in sorted(tests, key=lambda key: _place(key[0], cases)):
+        case = cases.get(name)
+        parts = _by_model(rows, case=name, test=test)
+        if case is None or case.split != MEASURED or not all(parts.values()):
+            continue
+        errors = [
+            np.array([float(row["rmse"] or "nan") for row in part])
+            for part in parts.values()
+        ]
+        cells = [_median_and_worst(error, "#.3g") for error in errors]
+        known = [
+            f"{source.removesuffix(' [1]')} {errors[test]:.3g}"
+            for source, errors in case.published.items()
+            if test in errors
+        ]
+        cells = [name, f'"{test}"', case.unit, *cells, _counts_of_seeds(errors[1:])]
+        lines.append(f'   {", ".join(cells)}, "{"; ".join(known)}"')
+    head = [
+        ".. csv-table:: Default fits of measured records: the error of the simulated",
+        "   test, medians of the seeds and in brackets the worst where it is above",
+        f"   {AGREE[0]} medians; the number of seeds; and what others published",
+        "   :header: record, test, unit, LinearStateSpace, FlSsnn, AlSsnn, GrSsnn, "
+        "seeds, published",
+        "   :widths: auto",
+        "",
+    ]
+    return [*head, *lines]
+
+
+def _by_model(rows, **key):
+    """Return the default fits of a case, or of a test of it, by model."""
+    fits = [
+        row
+        for row in rows
+        if not row["options"] and all(row[k] == v for k, v in key.items())
+    ]
+    return {m: [r for r in fits if r["model"] == m] for m in ("lti", *NETWORKS)}
+
+
+def _counts_of_seeds(errors):
+    """Return the number of seeds of each model, once if it is the same."""
+    counts = [f"{len(error)}" for error in errors]
+    return counts[0] if len(set(counts)) == 1 else "/".join(counts)
+
+
 def _by_seed(rows):
     """Return the error of every seed over that of the linear model, all tests."""
     seeds = sorted({row["seed"] for row in rows}, key=int)
@@ -135,10 +183,10 @@ def _by_seed(rows):
     )
 
 
-def _median_and_worst(errors):
+def _median_and_worst(errors, form=".2f"):
     middle, worst = np.median(errors), np.max(errors)  # nan of a fit that crashed
-    text = f"{middle:.2f}"
-    return text if worst <= AGREE[0] * middle else f"{text} ({worst:.2f})"
+    text = f"{middle:{form}}"
+    return text if worst <= AGREE[0] * middle else f"{text} ({worst:{form}})"
 
 
 def _place(name, cases):
