@@ -210,9 +210,12 @@ def test_no_data_leave_the_workers_in_an_iteration(client, monkeypatch):
     assert sizes[200] <= 2 * sizes[2000]  # by the number of workers, not of samples
 
 
-def test_errors_name_what_is_wrong(client, futures):
+def test_no_experiments_are_refused_before_anything_is_asked_of_a_cluster():
     with pytest.raises(ValueError, match="at least one future"):
-        remote.fit(fl_ssnn(2), [], client=client)
+        remote.fit(fl_ssnn(2), [], client=object())
+
+
+def test_errors_name_what_is_wrong(client, futures):
     with pytest.raises(ValueError, match=r"same inputs and outputs, got.*\(1, 2\)"):
         odd = client.submit(lambda: (np.ones((9, 1)), np.ones((9, 2))))
         remote.fit(fl_ssnn(2), [*futures, odd], client=client)
