@@ -300,6 +300,24 @@ def test_the_page_and_the_readme_say_what_the_runs_say():
     )
 
 
+def test_the_page_and_the_readme_say_what_the_runs_of_measured_records_say():
+    folder = Path(__file__).parents[1]
+    rows = runs.read(folder / "doc" / "benchmarks" / "record_runs.csv")
+    page = (folder / "doc" / "benchmarks" / "records.inc").read_text().splitlines()
+    assert page == table.records_page(rows, RECORDS)
+    found = {tuple(line.split(", ")[:2]): line.split(", ")[3:7] for line in page[6:]}
+    text = (folder / "README.md").read_text()
+    part = text[text.index("| record, test |") :].split("\n\n")[0].splitlines()[2:]
+    assert len(part) >= 6
+    for line in part:
+        name, *cells, _published = (cell.strip() for cell in line.strip("|").split("|"))
+        record, test = name.split(", ", 1)
+        test, _, unit = test.rpartition(" [")
+        assert RECORDS[record].unit == unit.rstrip("]")
+        key = f"   {record}", f'"{test}"'
+        assert cells == [cell.split()[0] for cell in found[key]]
+
+
 @pytest.mark.skipif("ALSSNN_DATA_HOME" not in os.environ, reason="no records")
 @pytest.mark.parametrize("name", sorted(set(RECORDS) - {"wh paper"}))
 def test_records_load_and_are_what_they_say(name):
