@@ -50,6 +50,8 @@ class Excursion:
     apart : ndarray of shape (ny,)
         Largest distance of two places where the linear model is (`apart`): a slow one
         has not come to rest.
+    larger : ndarray of shape (nu, 2)
+        Deviations of inputs that are held over those of the record (`within_reach`).
 
     Examples
     --------
@@ -66,6 +68,7 @@ class Excursion:
     experiments: Sequence
     n_held: int
     apart: np.ndarray
+    larger: np.ndarray
 
     @classmethod
     def beside(cls, linear, experiments):
@@ -85,9 +88,9 @@ class Excursion:
         """
         structure, theta, fit = linear.as_fit()
         n_held = settling(linear.A)
-        return cls(
-            experiments, n_held, apart(structure, theta, fit.x0, experiments, n_held)
-        )
+        larger = within_reach(structure, theta, experiments, n_held)
+        its = structure, theta, fit.x0, experiments, n_held, larger
+        return cls(experiments, n_held, apart(*its), larger)
 
     def leads(self, structure, theta, x0):
         """Tell whether a model goes where nothing was measured, by one of two ways.
@@ -127,8 +130,8 @@ class Excursion:
             Whether an output remembers from where an input came, by more than its
             standard deviation, and by more than the linear model does.
         """
-        its = structure, theta, x0, self.experiments
-        return not np.all(apart(*its, self.n_held) <= APART + self.apart)
+        its = structure, theta, x0, self.experiments, self.n_held, self.larger
+        return not np.all(apart(*its) <= APART + self.apart)
 
 
 def escapes(structure, theta, x0, experiments):
@@ -166,7 +169,44 @@ def escapes(structure, theta, x0, experiments):
     return False
 
 
-def apart(structure, theta, x0, experiments, n_held):
+def within_reach(structure, theta, experiments, n_held):
+    """Return how much larger inputs may be held (eq. reach).
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a linear model, y its first channel.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+    n_held : int
+        Samples for which an input is held.
+
+    Returns
+    -------
+    larger : ndarray of shape (nu, 2)
+        Deviation of the least and the largest value of every input, over that of the
+        record: a quarter more, or less where this would take an output of the linear
+        model more than a quarter beyond those of the record.
+    """
+    lure, ny = structure.lure(theta), structure.sizes["y"]
+    u = np.vstack([u[:] for u, _ in experiments])
+    y = np.vstack([y[:] for _, y in experiments])
+    rest = structure.initial_state(np.zeros(structure.n_x0))
+    furthest = np.nanmax(np.abs(y - np.nanmean(y, axis=0)), axis=0)
+    furthest = np.maximum(furthest, 1.0)  # a constant output may move by its unit
+
+    def larger(extreme):
+        held = np.repeat([extreme - u.mean(axis=0)], n_held, axis=0)
+        moved = np.abs(outputs(lure, held, rest)[:, :ny]).max(axis=0)
+        return LARGER / max(1.0, *(moved / furthest))
+
+    rows = [u[[np.argmin(u_j), np.argmax(u_j)]] for u_j in u.T]
+    return np.array([[larger(extreme) for extreme in pair] for pair in rows])
+
+
+def apart(structure, theta, x0, experiments, n_held, larger):
     """Return how far apart two places are where a model comes to (eq. latch).
 
     Parameters
@@ -181,32 +221,35 @@ def apart(structure, theta, x0, experiments, n_held):
         Pairs (u, y) of scaled deviations.
     n_held : int
         Samples for which every input is held.
+    larger : ndarray of shape (nu, 2)
+        Deviations of the least and the largest value of every input from its mean, over
+        those of the record.
 
     Returns
     -------
     apart : ndarray of shape (ny,)
         Largest difference of an output, while inputs are held at five values of the
-        record: down from the largest one, and up from the least, where the deviation
-        from the mean was a quarter more. inf where the simulation diverges.
+        record: up from the least one, and down from the largest. inf where the
+        simulation diverges.
     """
     lure, ny = structure.lure(theta), structure.sizes["y"]
     start = structure.initial_state(x0[0])
     u = np.vstack([u[:] for u, _ in experiments])
     mean = u.mean(axis=0)
 
-    def rests(first, levels):
-        held = np.repeat([mean + LARGER * (first - mean), *levels], n_held, axis=0)
+    def rests(first, factor, levels):
+        held = np.repeat([mean + factor * (first - mean), *levels], n_held, axis=0)
         last = slice(2 * n_held - 1, None, n_held)
         Phi = regressors(lure, simulate(lure, held, start)[:-1][last], held[last])
         return Phi @ lure.rows_z[:ny].T
 
     largest = np.zeros(ny)
-    for u_j in u.T:
+    for u_j, (below, above) in zip(u.T, larger, strict=True):
         order = np.argsort(u_j, kind="stable")
         levels = u[order[[int(level * (len(order) - 1)) for level in LEVELS]]]
         with np.errstate(over="ignore", invalid="ignore"):
-            up = rests(u[order[0]], levels)
-            down = rests(u[order[-1]], levels[::-1])[::-1]
+            up = rests(u[order[0]], below, levels)
+            down = rests(u[order[-1]], above, levels[::-1])[::-1]
             found = np.abs(up - down).max(axis=0)
         largest = np.fmax(largest, np.where(np.isnan(found), np.inf, found))
     return largest

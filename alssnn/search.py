@@ -220,15 +220,14 @@ def _compared(start, seeds, orders, candidates, largest, alphas, watch, tally, o
 
     while pending:
         nx = pending.pop(0)
-        begins = orders.starts(nx) if nx in candidates else orders.starts(nx)[-1:]
         fresh += [
             walked(_Way(nx, seed, start(linears, seed), linears), first)
-            for linears, seed in product(begins, seeds)
+            for linears, seed in product(orders.starts(nx), seeds)
         ]
         if pending:
             continue
         # by few stages alone, an order that comes down late looks like a smaller one
-        near = CONTENDS * min(way.error for way in [*ways, *fresh])
+        near = CONTENDS * min(way.error for way in fresh)
         fresh = [way for way in fresh if way.error <= near]
         if len(ways) + len(fresh) > 1 or nx < largest:
             fresh = [walked(way, rest) for way in fresh]

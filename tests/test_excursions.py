@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alssnn.excursions import APART, LONGEST, Excursion, apart, escapes, settling
+from alssnn.excursions import (
+    APART,
+    LARGER,
+    LONGEST,
+    Excursion,
+    apart,
+    escapes,
+    settling,
+    within_reach,
+)
 from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.simulation import outputs, simulate
@@ -77,8 +86,9 @@ def test_a_slow_plant_that_has_not_come_to_rest_is_no_latch():
     assert other.latches(structure, theta, fit.x0)
 
 
-def latches(*model):
-    return not np.all(apart(*model) <= APART)
+def latches(structure, theta, x0, experiments, n_held, larger=LARGER):
+    larger = np.full((structure.sizes["u"], 2), larger)
+    return not np.all(apart(structure, theta, x0, experiments, n_held, larger) <= APART)
 
 
 def record_of(structure, theta, rng, amplitude):
@@ -158,3 +168,31 @@ def test_experiments_are_held_as_one(rng):
     experiments = [(u, np.zeros((len(u), 1))) for u in (up, middle, down)]
     assert latches(structure, theta, x0, experiments, 50)
     assert not latches(structure, theta, x0[:2], experiments[:2], 50)
+
+
+@pytest.mark.parametrize(
+    ("gain", "expected"),
+    # held, the second output of gain 1 would come to twice its record, 5 times; or not
+    [(0.1, [[0.25, 0.5]]), (10.0, [[1.25, 1.25]])],
+)
+def test_no_held_input_takes_a_linear_model_far_from_its_record(gain, expected):
+    """A slow plant answers little to the short peaks of its record."""
+    structure, theta = point(np.array([[0.9]]), np.array([[0.1]]), np.ones((1, 1)))
+    u = np.zeros((200, 1))
+    u[100], u[150] = 10.0, -20.0
+    u[:50] = 10.0 / 50  # the mean is zero
+    y = gain * np.linspace(-1.0, 1.0, 200)[:, None] * 40.0
+    larger = within_reach(structure, theta, [(u, y)], 1_000)
+    np.testing.assert_allclose(larger, expected, rtol=1e-9)
+    halves = [(u[:120], y[:120]), (u[120:], y[120:])]
+    assert np.array_equal(within_reach(structure, theta, halves, 1_000), larger)
+
+
+def test_what_only_an_unreachable_input_latches_is_no_latch(rng):
+    """The same second place, with outputs of the record that are near or far."""
+    structure, theta = bistable(0.75)
+    x0, experiments = record_of(structure, theta, rng, 1.0)
+    linear = LinearModel(*(np.full((1, 1), z) for z in (0.5, 1.0, 1.0, 0.0, 0.0)))
+    assert Excursion.beside(linear, experiments).latches(structure, theta, x0)
+    slow = LinearModel(*(np.full((1, 1), z) for z in (0.5, 500.0, 1.0, 0.0, 0.0)))
+    assert not Excursion.beside(slow, experiments).latches(structure, theta, x0)

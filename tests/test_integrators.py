@@ -10,10 +10,11 @@ from sklearn.exceptions import ConvergenceWarning
 import alssnn
 from alssnn import LinearStateSpace
 from alssnn.criterion import Criterion
+from alssnn.estimators import _integrators
 from alssnn.feedback import designed_loop, lqr
 from alssnn.integrators import count_integrators, decouple, integrator_entries
 from alssnn.limits import Limits
-from alssnn.linear_model import LinearModel
+from alssnn.linear_model import LinearModel, simulation_error
 from alssnn.models import state_space
 from alssnn.stability import Contractive, contractive_basis
 from alssnn.subspace import identify_linear
@@ -301,6 +302,21 @@ def test_auto_says_what_it_found():
 
 
 # -- what follows a fit --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("ratio", "n"), [(1.015, 1), (1.025, 0)])
+def test_a_slightly_better_fit_of_free_poles_is_no_reason(monkeypatch, ratio, n):
+    """They follow the record, and no other one."""
+    real = _integrators.identify_integrating
+
+    def worse(near, model, *args, **options):
+        found = real(near, model, *args, **options)
+        found.model.result.cost = (ratio * simulation_error(near, model)) ** 2
+        return found
+
+    monkeypatch.setattr(_integrators, "identify_integrating", worse)
+    model = fit(MODELS["linear"], *integrating(600), integrators="auto")
+    assert model.integrators_ == n
 
 
 def test_the_pole_is_certain():

@@ -8,6 +8,7 @@ import numpy as np
 from ..drift import identify
 from ..given_system import GivenSystem
 from ..integrators import (
+    GAIN,
     count_integrators,
     identify_integrating,
     integrator_entries,
@@ -62,8 +63,10 @@ def find_integrators(estimator, experiments, watch):
     found = identify_integrating(
         near, model, n, offset=moves, watch=watch, **estimator._refinement()
     )
-    # of what was found: nobody is to begin with a worse model for it
-    if is_auto and found.model.result.cost > simulation_error(near, model) ** 2:
+    # of what was found: nobody is to begin with a worse model for it, but two slow
+    # poles that follow a record slightly better are no reason against it
+    bound = (1 + GAIN) * simulation_error(near, model)
+    if is_auto and np.sqrt(found.model.result.cost) > bound:
         estimator.integrators_, estimator._identified = 0, model
         return False
     estimator._identified = found.model

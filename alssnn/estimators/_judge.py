@@ -3,32 +3,19 @@
 from functools import partial
 
 import numpy as np
-from scipy.optimize import OptimizeResult
 
 from ..criterion import Criterion
-from ..excursions import NEAR, Excursion
-from ..holdout import hold_out
-from ..horizon import ahead
-from ..initial_states import WINDOW, Prior, estimate_x0
 from ..linear_model import simulation_error
-from ..paths import ESCAPED
-from ..search import FAR
 from ..shown import percent
 from ..stability import hold_off
 from ..training import Validation
 from ..watch import OUT_OF_TIME, late_fall
-from ._checks import output_weights
-from ._horizon import judge_over_horizon, over_horizon
 from ._integrators import regular
 from ._noise import is_predicting
 from ._simulation import expected_states
 from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
-SEARCHED = (
-    "training on all samples made the simulation worse: this is the model of the search"
-)
-MOST = 200_000  # samples from which nothing is simulated from elsewhere
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 
 
@@ -178,7 +165,7 @@ def warn_left_linear(estimator, trained=False):
     estimator : Ssnn
         Estimator in its fit.
     trained : bool, default=False
-        Whether a search had found networks, and `not_worse` has refused them.
+        Whether a search had found networks, and their training was refused.
     """
     verb = "predict" if is_predicting(estimator) else "simulate"
     if trained:
@@ -193,185 +180,4 @@ def warn_left_linear(estimator, trained=False):
         f"The networks of {type(estimator).__name__} do not {verb} hidden samples "
         "better than the linear model, which is returned. Try another `nx`, a longer "
         "record, or `LinearStateSpace`."
-    )
-
-
-def not_worse(estimator, plain, result, theta, linear, experiments, watch):
-    """Return what simulates its own record no worse than the linear model, if any does.
-
-    Parameters
-    ----------
-    estimator : Ssnn
-        Estimator in its fit.
-    plain : Structure
-        Structure of the model.
-    result : OptimizeResult
-        Outcome of its training on all samples.
-    theta : ndarray of shape (n_params,)
-        Where that began: what a search had found.
-    linear : LinearModel
-        Linear model.
-    experiments : Held or Remote
-        Experiments of the fit; elsewhere, nothing is compared.
-    watch : Watch
-        What follows the fit.
-
-    Returns
-    -------
-    result : OptimizeResult or None
-        The outcome of the training. That of the search, with a warning, if the former
-        simulates the record worse than the linear model, or if it goes far where
-        nothing was measured: from other states of the record, or under other inputs
-        (eq. escape, latch), as the outcome of the search does not. The plant may, too:
-        a fourth of the error outweighs all but a latch, with a warning. None if both
-        outcomes are worse than the linear model, from here or from other states.
-    """
-    worse = partial(_worse, estimator, plain, linear=linear, experiments=experiments)
-    hangs = partial(_hangs, estimator, plain, linear=linear, experiments=experiments)
-    leaves, latches = _excursions(estimator, plain, linear, experiments)
-    lost = worse(result)
-    hung = lost or hangs(result)
-    if not hung and not leaves(result):
-        return result
-    noise = min(result.cost, 1.0)
-    untrained = as_found(
-        estimator, plain, theta, experiments, watch, SEARCHED, noise=noise
-    )
-    found = OptimizeResult({**result, **untrained})
-    if worse(found) or hangs(found):
-        return None if hung else result
-    is_plant = not hung and leaves(found)
-    # folds of a plant that rests in two places would do so, too
-    known = not lost and not latches(result)
-    outweighs = known and ESCAPED * result.cost < found.cost
-    if outweighs or is_plant:
-        if not is_plant:
-            _warn_elsewhere(estimator, hung)
-        return result
-    if watch.reason is None:  # else the training might have come out of it
-        _warn_untrained(estimator, hung)
-    return found
-
-
-def _warn_elsewhere(estimator, hung):
-    """Warn of a model that goes far elsewhere, and fits well otherwise."""
-    where = "from other states of it worse than the linear model"
-    if not hung:
-        where = "goes far from it under inputs that are a quarter larger"
-    warn_of_training(
-        f"{type(estimator).__name__} simulates this record well, and {where}. That is "
-        "right for a plant that does so, as a pendulum that turns over. For another "
-        "one, try a smaller `nx`, a longer record, or another `random_state`."
-    )
-
-
-def _warn_untrained(estimator, hung):
-    """Warn that a fit returns the model of its search."""
-    name = type(estimator).__name__
-    what = "prediction" if is_predicting(estimator) else "simulation"
-    reason = (
-        f"made its {what} of this record, from initial states estimated as in `score` "
-        "or from other states of the record, worse than that of the linear model"
-        if hung
-        else "made it go where nothing was measured. Under inputs that are a quarter "
-        f"larger, an output deviates {NEAR:.0f} times as much as any in the record, or "
-        "under inputs that are held, it rests in two places"
-    )
-    warn_of_training(
-        f"Training {name} on all samples {reason}. The model that the search found is "
-        "returned instead; it may fit less well than a full training. Try a smaller "
-        "`nx`, a longer record, or another `random_state`."
-    )
-
-
-def _excursions(estimator, plain, linear, experiments):
-    """Return what tells whether other inputs take a simulation far from its record.
-
-    The second function tells whether it rests in two places.
-    """
-    if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
-        return (lambda result: False,) * 2
-    asks = Excursion.beside(linear, experiments)
-    return (
-        lambda result: asks.leads(plain, result.theta, result.x0),
-        lambda result: asks.latches(plain, result.theta, result.x0),
-    )
-
-
-def as_found(
-    estimator, plain, theta, experiments, watch, message, *, x0=None, noise=1.0
-):
-    """Return parameters that are not trained any more as the outcome of a fit.
-
-    Parameters
-    ----------
-    estimator : StateSpaceModel
-        Estimator in its fit.
-    plain : Structure
-        Structure of the model.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-    experiments : Held or Remote
-        Experiments of the fit.
-    watch : Watch
-        What follows the fit.
-    message : str
-        What happened, unless the fit was ended from outside.
-    x0 : ndarray of shape (n_experiments, nx) or None, default=None
-        Scaled initial states; None estimates them.
-    noise : float, default=1.0
-        Mean square error that is expected, for that estimate.
-
-    Returns
-    -------
-    result : OptimizeResult
-        ``theta``, ``x0``, ``cost``, ``success`` and ``message``.
-    """
-    if x0 is None and estimator._at_rest:
-        x0 = np.zeros((len(experiments), plain.n_x0))
-    elif x0 is None:
-        x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
-    weight = output_weights(estimator.output_weight, plain.sizes["y"])
-    *data, weights = over_horizon(estimator, plain, experiments, {"y": weight})
-    periodic = estimator.initial_state == "periodic"
-    criterion = Criterion(*data, weights=weights, periodic=periodic)
-    return OptimizeResult(
-        theta=theta,
-        x0=criterion.initial_states(theta, x0),
-        cost=criterion.norm(criterion.join(theta, x0)) ** 2,
-        success=watch.reason is None,
-        message=watch.reason or message,
-    )
-
-
-def _worse(estimator, plain, result, *, linear, experiments):
-    """Tell whether a fit simulates its record worse than the linear model by 2 %."""
-    if not experiments.is_here:
-        return False
-    judge = judge_over_horizon(estimator, own_judge(estimator, experiments))
-    structure, theta, fit = linear.as_fit()
-    start = Criterion(structure, experiments)
-    noise = start.norm(start.join(theta, fit.x0)) ** 2
-    linear, ahead_of = (ahead(one, estimator.horizon) for one in (structure, plain))
-    least = judge.rmse(linear, theta, min(noise, 1.0))
-    prior = Prior.along(plain, result.theta, result.x0, experiments)
-    error = judge.rmse(ahead_of, result.theta, min(result.cost, 1.0), prior)
-    return error > 1.02 * least
-
-
-def _hangs(estimator, plain, result, *, linear, experiments):
-    """Tell whether the error is twice the linear model's from other states.
-
-    It is not asked of predictions over a horizon, and of so many samples that a copy of
-    them would count.
-    """
-    here = experiments.is_here and experiments.n_samples <= MOST
-    if not here or estimator.horizon > 1:
-        return False
-    structure, theta, fit = linear.as_fit()
-    walks = 0 if linear.drift is None else len(linear.K_b)  # as in `compare_orders`
-    return any(
-        fold.error(plain, result.theta, result.x0, elsewhere=True)
-        > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)
-        for fold in hold_out(experiments, integrators=estimator.integrators_ + walks)
     )

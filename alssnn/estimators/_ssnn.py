@@ -37,10 +37,11 @@ from ._input_map import (
 )
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
-from ._judge import as_found, not_worse, warn_left_linear
+from ._judge import warn_left_linear
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
+from ._safe import as_found, safely_trained
 from ._time import is_continuous, stages
 from ._warm_start import forms, goes_on
 
@@ -93,10 +94,12 @@ class Ssnn(StateSpaceModel):
         (eq. holdout). It pulls the networks back to their start, so that a large weight
         leaves the linear model. (The network of `GrSsnn` is pulled to zero, by smaller
         weights.) If no networks beat the linear model on the hidden quarters, the fit
-        returns it, with a ConvergenceWarning. If training on all samples makes
-        the simulation of the record worse than that of the linear model, the fit
-        returns the model of the search, with such a warning, too. A number is used as
-        it is, pulls towards zero, and hides no samples.
+        returns it, with a ConvergenceWarning. Training on all samples may make the
+        simulation worse than that of the linear model, or take it far from the record
+        (eq. escape, latch). It is then repeated with up to 30 times the weight; if none
+        is better than the model of the search, the fit returns that one, with such a
+        warning, too. A number is used as it is, pulls towards zero, and hides no
+        samples.
     n_init : int, default=3
         Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
         on, with a number the one of least cost on the coarse stage.
@@ -321,27 +324,24 @@ class Ssnn(StateSpaceModel):
         penalized, terms = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(snapshot, self, plain)
-        result = trained(
-            self,
-            penalized,
-            experiments,
-            starts,
-            **terms,
-            **decay,
-            **self._training(plain, held) | {"max_iter": max_iter},
-            **stages(self),
-            continuation=0 if is_auto else self.continuation,
-            watch=watch,
-            validation=held_out,
-            fallback=fallback,
-        )
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
-        if max_iter < self.max_iter and result.status == 0:
-            result.update(success=True, message=SETTLED)
-        if not continues and is_auto:
-            result = not_worse(
-                self, plain, result, starts[0], linear, experiments, watch
+        options = {**self._training(plain, held), **terms, **stages(self)}
+        options |= {"continuation": 0 if is_auto else self.continuation}
+        options |= {"validation": held_out, "max_iter": max_iter, "watch": watch}
+
+        def train(decay):
+            how = {**options, **decay, "fallback": fallback}
+            result = trained(self, penalized, experiments, starts, **how)
+            if max_iter < self.max_iter and result.status == 0:
+                result.update(success=True, message=SETTLED)
+            return result
+
+        if continues or not is_auto:
+            result = train(decay)
+        else:
+            result, self._decay = safely_trained(
+                self, plain, train, decay, starts[0], linear, experiments, watch
             )
             if result is None:
                 return self._left_linear(linear, near, experiments, watch, trained=True)

@@ -1,0 +1,244 @@
+"""What a fit keeps of a training on all samples, which may spoil what a search found.
+
+The search was judged by samples that it did not see; the training that follows is not.
+It is refused if it simulates the record worse than the linear model, or goes where
+nothing was measured.  It is then repeated with a larger decay, which keeps the networks
+closer to where the search began.
+"""
+
+from functools import partial
+
+import numpy as np
+from scipy.optimize import OptimizeResult
+
+from ..criterion import Criterion
+from ..excursions import NEAR, Excursion
+from ..holdout import hold_out
+from ..horizon import ahead
+from ..initial_states import WINDOW, Prior, estimate_x0
+from ..paths import ESCAPED
+from ..search import FAR
+from ._checks import output_weights
+from ._horizon import judge_over_horizon, over_horizon
+from ._judge import own_judge
+from ._noise import is_predicting
+from ._warn import warn_of_training
+
+SEARCHED = (
+    "training on all samples made the simulation worse: this is the model of the search"
+)
+MOST = 200_000  # samples from which nothing is simulated from elsewhere
+FIRMER = (3.0, 10.0, 30.0)  # times alpha, of trainings that repeat a refused one
+LEAST = 1e-9  # alpha that is multiplied, where the search found none
+
+
+def safely_trained(estimator, plain, train, decay, theta, linear, experiments, watch):
+    """Return a training that is no worse than the linear model, if there is one.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+    plain : Structure
+        Structure of the model.
+    train : callable
+        Called as ``train(decay)``: returns the outcome of the training on all samples.
+    decay : dict
+        Weight ``alpha`` and ``center`` of the decay that a search has found.
+    theta : ndarray of shape (n_params,)
+        Where the training begins: what the search has found.
+    linear : LinearModel
+        Linear model.
+    experiments : Held or Remote
+        Experiments of the fit; elsewhere, nothing is compared.
+    watch : Watch
+        What follows the fit.
+
+    Returns
+    -------
+    result : OptimizeResult or None
+        The outcome of the training, unless it simulates the record worse than the
+        linear model, or goes far where nothing was measured: from other states of the
+        record, or under other inputs (eq. escape, latch), as the outcome of the search
+        does not. The plant may, too: a fourth of the error outweighs all but a latch,
+        with a warning. Else that of the first training with a larger alpha of which
+        nothing of this is true, and which fits better than the outcome of the search;
+        else that one, with a warning. None if it is worse than the linear model, too,
+        from here or from other states.
+    decay : dict
+        The decay of that training.
+    """
+    judged = partial(
+        _kept,
+        estimator,
+        plain,
+        theta=theta,
+        linear=linear,
+        experiments=experiments,
+        watch=watch,
+    )
+    result = train(decay)
+    kept, warn = judged(result)
+    for times in FIRMER if "center" in decay else ():  # else no search has been
+        if kept is result or watch.reason is not None:
+            break
+        firm = {**decay, "alpha": times * max(decay["alpha"], LEAST)}
+        repeated = train(firm)
+        if kept is not None and repeated.cost >= kept.cost:
+            break  # a larger decay fits the record less well yet
+        if judged(repeated) == (repeated, None):
+            return repeated, firm
+    if warn is not None:
+        warn(estimator)
+    return kept, decay
+
+
+def _kept(estimator, plain, result, *, theta, linear, experiments, watch):
+    """Return what is kept of a training and of what a search found, and a warning."""
+    worse = partial(_worse, estimator, plain, linear=linear, experiments=experiments)
+    hangs = partial(_hangs, estimator, plain, linear=linear, experiments=experiments)
+    leaves, latches = _excursions(estimator, plain, linear, experiments)
+    lost = worse(result)
+    hung = lost or hangs(result)
+    if not hung and not leaves(result):
+        return result, None
+    noise = min(result.cost, 1.0)
+    untrained = as_found(
+        estimator, plain, theta, experiments, watch, SEARCHED, noise=noise
+    )
+    found = OptimizeResult({**result, **untrained})
+    if worse(found) or hangs(found):
+        return None if hung else result, None
+    is_plant = not hung and leaves(found)
+    # folds of a plant that rests in two places would do so, too
+    known = not lost and not latches(result)
+    outweighs = known and ESCAPED * result.cost < found.cost
+    if outweighs or is_plant:
+        return result, None if is_plant else partial(_warn_elsewhere, hung=hung)
+    # without time, the training might have come out of it
+    is_known = watch.reason is None
+    return found, partial(_warn_untrained, hung=hung) if is_known else None
+
+
+def _warn_elsewhere(estimator, hung):
+    """Warn of a model that goes far elsewhere, and fits well otherwise."""
+    where = "from other states of it worse than the linear model"
+    if not hung:
+        where = "goes far from it under inputs that are a quarter larger"
+    warn_of_training(
+        f"{type(estimator).__name__} simulates this record well, and {where}. That is "
+        "right for a plant that does so, as a pendulum that turns over. For another "
+        "one, try a smaller `nx`, a longer record, or another `random_state`."
+    )
+
+
+def _warn_untrained(estimator, hung):
+    """Warn that a fit returns the model of its search."""
+    name = type(estimator).__name__
+    what = "prediction" if is_predicting(estimator) else "simulation"
+    reason = (
+        f"made its {what} of this record, from initial states estimated as in `score` "
+        "or from other states of the record, worse than that of the linear model"
+        if hung
+        else "made it go where nothing was measured. Under inputs that are a quarter "
+        f"larger, an output deviates {NEAR:.0f} times as much as any in the record, or "
+        "under inputs that are held, it rests in two places"
+    )
+    warn_of_training(
+        f"Training {name} on all samples {reason}. The model that the search found is "
+        "returned instead; it may fit less well than a full training. Try a smaller "
+        "`nx`, a longer record, or another `random_state`."
+    )
+
+
+def _excursions(estimator, plain, linear, experiments):
+    """Return what tells whether other inputs take a simulation far from its record.
+
+    The second function tells whether it rests in two places.
+    """
+    if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
+        return (lambda result: False,) * 2
+    asks = Excursion.beside(linear, experiments)
+    return (
+        lambda result: asks.leads(plain, result.theta, result.x0),
+        lambda result: asks.latches(plain, result.theta, result.x0),
+    )
+
+
+def as_found(
+    estimator, plain, theta, experiments, watch, message, *, x0=None, noise=1.0
+):
+    """Return parameters that are not trained any more as the outcome of a fit.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Estimator in its fit.
+    plain : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    experiments : Held or Remote
+        Experiments of the fit.
+    watch : Watch
+        What follows the fit.
+    message : str
+        What happened, unless the fit was ended from outside.
+    x0 : ndarray of shape (n_experiments, nx) or None, default=None
+        Scaled initial states; None estimates them.
+    noise : float, default=1.0
+        Mean square error that is expected, for that estimate.
+
+    Returns
+    -------
+    result : OptimizeResult
+        ``theta``, ``x0``, ``cost``, ``success`` and ``message``.
+    """
+    if x0 is None and estimator._at_rest:
+        x0 = np.zeros((len(experiments), plain.n_x0))
+    elif x0 is None:
+        x0 = estimate_x0(plain, theta, experiments, window=WINDOW, noise=noise)
+    weight = output_weights(estimator.output_weight, plain.sizes["y"])
+    *data, weights = over_horizon(estimator, plain, experiments, {"y": weight})
+    periodic = estimator.initial_state == "periodic"
+    criterion = Criterion(*data, weights=weights, periodic=periodic)
+    return OptimizeResult(
+        theta=theta,
+        x0=criterion.initial_states(theta, x0),
+        cost=criterion.norm(criterion.join(theta, x0)) ** 2,
+        success=watch.reason is None,
+        message=watch.reason or message,
+    )
+
+
+def _worse(estimator, plain, result, *, linear, experiments):
+    """Tell whether a fit simulates its record worse than the linear model by 2 %."""
+    if not experiments.is_here:
+        return False
+    judge = judge_over_horizon(estimator, own_judge(estimator, experiments))
+    structure, theta, fit = linear.as_fit()
+    start = Criterion(structure, experiments)
+    noise = start.norm(start.join(theta, fit.x0)) ** 2
+    linear, ahead_of = (ahead(one, estimator.horizon) for one in (structure, plain))
+    least = judge.rmse(linear, theta, min(noise, 1.0))
+    prior = Prior.along(plain, result.theta, result.x0, experiments)
+    error = judge.rmse(ahead_of, result.theta, min(result.cost, 1.0), prior)
+    return error > 1.02 * least
+
+
+def _hangs(estimator, plain, result, *, linear, experiments):
+    """Tell whether the error is twice the linear model's from other states.
+
+    It is not asked of predictions over a horizon, and of so many samples that a copy of
+    them would count.
+    """
+    here = experiments.is_here and experiments.n_samples <= MOST
+    if not here or estimator.horizon > 1:
+        return False
+    structure, theta, fit = linear.as_fit()
+    walks = 0 if linear.drift is None else len(linear.K_b)  # as in `compare_orders`
+    return any(
+        fold.error(plain, result.theta, result.x0, elsewhere=True)
+        > FAR**2 * fold.error(structure, theta, fit.x0, elsewhere=True)
+        for fold in hold_out(experiments, integrators=estimator.integrators_ + walks)
+    )
