@@ -123,6 +123,64 @@ def as_numbers(name, value):
     )
 
 
+def check_columns(name, z, size):
+    """Return a signal with a column per variable, or refuse what would be broadcast.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    z : array_like of shape (size,) or (N, size)
+        Signal.
+    size : int
+        Number of columns.
+
+    Returns
+    -------
+    z : ndarray of shape (size,) or (N, size)
+        The signal.
+
+    Raises
+    ------
+    ValueError
+        If it has another number of columns.
+    """
+    z = np.asarray(z)
+    if z.shape[-1:] != (size,):
+        raise ValueError(
+            f"`{name}` must have shape ({size},) or (N, {size}), got {z.shape}. Give a "
+            "column per signal."
+        )
+    return z
+
+
+def check_pairs(**signals):
+    """Return signals of the same samples, one per row.
+
+    Parameters
+    ----------
+    **signals : tuple of (array_like, int)
+        Values and number of columns, by the name of the argument.
+
+    Returns
+    -------
+    rows : list of ndarray of shape (N, size)
+        The signals.
+
+    Raises
+    ------
+    ValueError
+        If one has another number of columns, or they differ in their rows.
+    """
+    rows = [np.atleast_2d(check_columns(n, *pair)) for n, pair in signals.items()]
+    if len({len(z) for z in rows}) > 1:
+        raise ValueError(
+            f"{' and '.join(f'`{name}`' for name in signals)} must have as many rows, "
+            f"got {' and '.join(str(len(z)) for z in rows)}. Give one per sample."
+        )
+    return rows
+
+
 def check_option(name, value, options, remedy=""):
     """Refuse a value that is none of some strings.
 

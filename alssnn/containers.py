@@ -80,6 +80,8 @@ class Container:
         y = y.reshape(len(y), -1)
         if self.library == "polars":
             return library.DataFrame(y, schema=names)
+        if all(isinstance(name, tuple) for name in names):
+            names = library.MultiIndex.from_tuples(names)
         return library.DataFrame(y, index=index, columns=names)
 
 

@@ -25,7 +25,9 @@ class GivenSystem:
         Matrices; their sizes are not checked.
     dt : float, bool or None
         Sampling time, in seconds, as python-control has it; True stands for one that
-        is not known.
+        is not known, 0 for continuous time.
+    inputs, outputs : tuple of str or None, default=None
+        Names of the signals, if it has any.
     """
 
     A: np.ndarray
@@ -33,6 +35,8 @@ class GivenSystem:
     C: np.ndarray
     D: np.ndarray
     dt: float | bool | None = True
+    inputs: tuple | None = None
+    outputs: tuple | None = None
 
     @classmethod
     def of(cls, start):
@@ -66,7 +70,9 @@ class GivenSystem:
                         join_inputs(*pair, given)
                         for pair in ((B, start.G_), (D, start.H_))
                     )
-                return cls(A, B, C, D, getattr(start, "dt", True))
+                is_continuous = getattr(start, "time", None) == "continuous"
+                dt = 0.0 if is_continuous else getattr(start, "dt", True)
+                return cls(A, B, C, D, dt, *_signals(start))
         raise ValueError(
             "`linear_start` must be a tuple (A, B, C) or (A, B, C, D), a discrete-time "
             f"`control.StateSpace` or a fitted model, got {type(start).__name__}. If "
@@ -83,3 +89,19 @@ class GivenSystem:
             Such that ``GivenSystem(**fields)`` is the same system.
         """
         return asdict(self)
+
+
+def _signals(start):
+    """Return the names of inputs and outputs; None for those that nobody gave."""
+    given = (
+        (getattr(start, "feature_names_in_", None), "u"),
+        (getattr(start, "output_names_", None), "y"),
+    )
+    if hasattr(start, "input_labels"):
+        given = (start.input_labels, "u"), (start.output_labels, "y")
+    return tuple(
+        None
+        if names is None or list(names) == [f"{letter}[{i}]" for i in range(len(names))]
+        else tuple(map(str, names))
+        for names, letter in given
+    )

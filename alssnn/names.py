@@ -23,7 +23,11 @@ def signal_names(names, letter, size):
     if names is None:
         return [f"{letter}[{i}]" for i in range(size)]
     clean = [re.sub(r"\.", "_", str(name)) for name in names]
-    return [
-        name if clean.index(name) == i else f"{name}_{i}"
-        for i, name in enumerate(clean)
-    ]
+    unique: list[str] = []
+    for i, name in enumerate(clean):
+        if name in unique:
+            name = f"{name}_{i}"
+            while name in clean or name in unique:
+                name += "_"
+        unique.append(name)
+    return unique

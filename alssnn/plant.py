@@ -9,11 +9,9 @@ their operating point,
     x+ = f(x, u - u_offset),    y = c(x, u - u_offset) + y_offset,    v = phi(u, s)
 
 What is linear is linear from v, x+ = A x + B dv + omega and y = C x + D dv + eta with
-dv = v - v_offset; omega and eta are what the linear model lacks, whatever equation the
-plant was declared by.  The law solves v = phi(u, s) for u.
-Measured disturbances d are none of v: they add G dd and H dd, and the law measures them
-beside s (eq. disturbance).  Inputs that arrive late carry their past as further states
-(`late`); a plant whose delays still stand beside it refuses to be stepped or closed.
+dv = v - v_offset; omega and eta are what the linear model lacks.  The law solves v =
+phi(u, s).  Measured disturbances d add G dd and H dd, and the law sees them beside s
+(eq. disturbance).  Inputs that arrive late have their past as further states (`late`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from . import forms
+from .checks import check_columns, check_pairs
 from .lure import Lure
 from .rates import Rates, resampled
 from .region import Region
@@ -174,8 +173,7 @@ class Plant(Signals):
         Returns
         -------
         plant : Plant
-            The same states, without the delays before them. Its law is none if that
-            of this plant is none.
+            The same states without the delays; no law of it if none of this plant.
         """
         return replace(self, delay=np.zeros_like(self.delay))
 
@@ -259,8 +257,7 @@ class Plant(Signals):
         n, nv = self.law_form.nu, self.nv
         form = forms.driven(self.close(), self.moved)
         law_form = Lure(np.eye(nv, n + 1, n - nv), 0, n, 0)
-        changes = {"form": form, "law_form": law_form, "middle": None, "rates": None}
-        return replace(self, **changes)
+        return replace(self, form=form, law_form=law_form, middle=None, rates=None)
 
     # -- numbers ---------------------------------------------------------------------
 
@@ -308,7 +305,7 @@ class Plant(Signals):
             State one sample later.
         """
         Phi = self._regressors(x, u)
-        return (Phi @ self.form.rows_x.T).reshape(x.shape)
+        return (Phi @ self.form.rows_x.T).reshape(np.shape(x))
 
     def output(self, x, u=None):
         """Return the output.
@@ -333,14 +330,14 @@ class Plant(Signals):
         """
         rows = self.lure.rows_z[: self.ny]
         if self.has_linear_output:
-            return x @ rows[:, : self.nx].T + self.y_offset
+            return check_columns("x", x, self.nx) @ rows[:, : self.nx].T + self.y_offset
         if u is None:
             raise ValueError(
                 "`u` must be given, for y depends on inputs of the same sample through "
                 f"{forms.at_once(self.form, self.moved)}, got None. Pass them."
             )
         y = self._regressors(x, u) @ rows.T + self.y_offset
-        return y.reshape(*x.shape[:-1], self.ny)
+        return y.reshape(*np.shape(x)[:-1], self.ny)
 
     def virtual(self, x, u):
         """Return the virtual input v = phi(u, s) along states and inputs.
@@ -358,7 +355,7 @@ class Plant(Signals):
             Input of the linear part, in the units of u.
         """
         v = self._regressors(x, u, with_v=True) @ self.form.rows_z[self.ny :].T
-        return (v + self.v_offset).reshape(*x.shape[:-1], self.nv)
+        return (v + self.v_offset).reshape(*np.shape(x)[:-1], self.nv)
 
     def cancelled(self, s, u=None, d=None, v=None):
         """Return what the law takes off v.
@@ -387,10 +384,10 @@ class Plant(Signals):
             If `u` is missing though h depends on it, or `d` is.
         """
         if not self.cancels:
-            return np.zeros((*s.shape[:-1], self.nv))
-        signals = [self._seen(s, d, v), *([] if u is None else [u - self.v_offset])]
+            return np.zeros((*np.shape(s)[:-1], self.nv))
+        of_u = () if u is None else (check_columns("u", u, self.nv) - self.v_offset,)
         law_map = self.law_map if v is None else self.solved_map
-        return by_rows(law_map.cancelled, *signals)
+        return by_rows(law_map.cancelled, self._seen(s, d, v), *of_u)
 
     def law(self, v, s, d=None):
         """Return the input that makes v the input of the linear part.
@@ -416,6 +413,7 @@ class Plant(Signals):
         """
         if self.no_law:
             raise ValueError(self.no_law)
+        v = check_columns("v", v, self.nv)
         if not self.is_solved:
             return v - self.cancelled(s, d=d, v=v)
         seen, dv = self._seen(s, d, v), v - self.v_offset
@@ -436,7 +434,7 @@ class Plant(Signals):
         A, B, C, D : ndarray of shape (nx, nx), (nx, nu), (ny, nx), (ny, nu)
             Derivatives of x+ and y by x and u; one per row behind a first axis N.
         """
-        return self._slopes(self._regressors(x, u), x.shape[:-1])
+        return self._slopes(self._regressors(x, u), np.shape(x)[:-1])
 
     def tangent(self, x, u):
         """Return the next state with its derivatives, for less than both alone.
@@ -456,7 +454,7 @@ class Plant(Signals):
             Derivatives by x and u, as of `jacobian`.
         """
         Phi = self._regressors(x, u)
-        return Phi @ self.form.rows_x.T, *self._slopes(Phi, x.shape[:-1])[:2]
+        return Phi @ self.form.rows_x.T, *self._slopes(Phi, np.shape(x)[:-1])[:2]
 
     @cached_property
     def law_map(self):
@@ -471,8 +469,10 @@ class Plant(Signals):
 
     def _seen(self, s, d, v=None):
         """Return deviations of what the law sees; in the middle of a sample with v."""
-        ds = s - self.y_offset if self.feedback == "output" else s
-        ds = ds[..., : self.law_form.nu - self.nu]  # no network sees past inputs
+        if self.feedback == "output":
+            s = check_columns("s", s, self.ny) - self.y_offset
+        # no network sees past inputs
+        ds = np.asarray(s)[..., : self.law_form.nu - self.nu]
         dd = self.check_disturbances(d) - self.d_offset
         if self.middle is not None and v is not None:
             return by_rows(self.middle.seen, ds, dd, v - self.v_offset)
@@ -485,7 +485,8 @@ class Plant(Signals):
 
     def _regressors(self, x, u, with_v=False):
         """Return phi of states and inputs, one per row."""
-        x, du = np.atleast_2d(x), np.atleast_2d(u - self.u_offset)
+        x, u = check_pairs(x=(x, self.nx), u=(u, self.nu))
+        du = u - self.u_offset
         if with_v or not self.looks_ahead:
             return regressors(self.lure, x, du)
         Phi, first = regressors(self._behind, x, du), self.nx + self.nu

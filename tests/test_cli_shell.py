@@ -1,5 +1,6 @@
 """What a shell expects of the command line: pipes, interrupts, JSON, files."""
 
+import argparse
 import io
 import json
 import os
@@ -9,13 +10,16 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import alssnn
 from alssnn import cli
-from alssnn.cli import _record
+from alssnn.cli import _fit, _record
+from alssnn.cli._arguments import new_parser, with_numbers
 from helpers import simulate_linear
 
 COLUMNS = ["--input", "a", "b", "--output", "speed", "angle", "--experiment", "run"]
@@ -404,3 +408,35 @@ def test_an_interrupt_saves_the_best_model(tmp_path):
     model = alssnn.load(tmp_path / "m.npz")
     assert list(model.feature_names_in_) == ["u"] and model.output_names_ == ["y"]
     assert model.score(record.u[2000:], record.y[2000:]) > 0.9  # the linear one
+
+
+@pytest.mark.parametrize("text", ["-1e-3", "-5E+2", "-.5", "-3.", "-7", "-inf", "-nan"])
+def test_numbers_below_zero_are_no_options(text):
+    """In whatever form: limits of inputs in small or large units have exponents."""
+    parser = new_parser(argparse.ArgumentParser, "", "")
+    parser.add_argument("--u-min", nargs="+", type=float)
+    commands = parser.add_subparsers()
+    given = new_parser(partial(commands.add_parser, "run"), "", "")
+    given.add_argument("--low", type=float)
+    argv = with_numbers(["--u-min", text, "0"])
+    assert len(parser.parse_args(argv).u_min) == 2
+    low = parser.parse_args(with_numbers(["run", "--low", text])).low
+    assert low < 0 or np.isnan(low)
+
+
+@pytest.mark.parametrize(
+    ("options", "command"),
+    [
+        ({}, "last 50 %: validate it there, by --last 0.5."),
+        (
+            {"experiment": "run", "test_size": 0.25},
+            "25 % of every experiment: validate it there, by --last 0.25 "
+            "--experiment run.",
+        ),
+        ({"test": "t.csv"}, "on t.csv: validate it there."),
+        ({"test": "t.csv", "experiment": "run"}, "there, by --experiment run."),
+    ],
+)
+def test_what_has_not_trained_is_named_as_it_is_typed(options, command):
+    known = {"test": None, "test_size": None, "experiment": None} | options
+    assert _fit._unseen(SimpleNamespace(**known)).endswith(command)

@@ -10,8 +10,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.signal import butter, sosfiltfilt
 from sklearn.base import clone
+from sklearn.frozen import FrozenEstimator
 
 import alssnn
+from alssnn import LinearStateSpace
 from alssnn.continuous import (
     HOLDS,
     between,
@@ -673,3 +675,26 @@ def test_a_sampling_time_of_one_second_is_one_that_was_given(rng):
     assert given.A_ == alssnn.LinearStateSpace(dt=1, **options).fit(u, y).A_
     with pytest.raises(ValueError, match="write dt=1"):
         alssnn.LinearStateSpace(**options).fit(u, y)
+
+
+def test_a_model_in_continuous_time_is_no_discrete_start(swing, noisy):
+    """Its A and B are by seconds."""
+    start = FrozenEstimator(swing)
+    model = LinearStateSpace(linear_start=start, dt=swing.dt)
+    with pytest.raises(ValueError, match=r"sampling time dt=.*control.sample_system"):
+        model.fit(*noisy)
+
+
+@pytest.mark.parametrize("stability", ["contractive", "schur"])
+def test_poles_decay_as_fast_as_is_asked_for(swing, noisy, stability):
+    """The limit of a discrete pole is that of exp(A dt)."""
+    model = clone(swing).set_params(phi=0.3, stability=stability, max_iter=10)
+    model.fit(*noisy)
+    slowest = np.linalg.eigvals(model.A_).real.max()
+    assert np.exp(slowest * model.dt) <= np.sqrt(0.7) * (1 + 1e-9)
+    free = np.exp(np.linalg.eigvals(swing.A_).real.max() * swing.dt)
+    assert free > np.sqrt(0.7)  # else nothing was asked for
+    warm = clone(swing).set_params(max_iter=2, warm_start=True).fit(*noisy)
+    warm.set_params(phi=0.3, stability=stability, max_iter=10).fit(*noisy)
+    slowest = np.linalg.eigvals(warm.A_).real.max()
+    assert np.exp(slowest * warm.dt) <= np.sqrt(0.7) * (1 + 1e-9)

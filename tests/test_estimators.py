@@ -394,6 +394,20 @@ def test_warm_start_begins_anew_with_other_signals(mimo, n):
         np.testing.assert_array_equal(model.y_offset_, cold.y_offset_)
 
 
+@pytest.mark.parametrize("point", ["zero", ([0.1, 0.2], [0.3, 0.4])])
+def test_warm_start_begins_anew_at_another_operating_point(mimo, point):
+    u, y = mimo
+    model = al_ssnn(2, 2, 2, max_iter=2, warm_start=True, random_state=0).fit(u, y)
+    model.set_params(operating_point=point)
+    cold = clone(model).set_params(warm_start=False).fit(u, y)
+    model.fit(u, y)
+    np.testing.assert_array_equal(model.u_offset_, cold.u_offset_)
+    np.testing.assert_array_equal(model.y_offset_, cold.y_offset_)
+    np.testing.assert_array_equal(model.predict(u), cold.predict(u))
+    steps = len(model.fit(u, y).history_)  # and goes on at the same one
+    assert model.history_[0].cost <= cold.cost_ * (1 + 1e-9) and steps > 0
+
+
 def test_warm_start_begins_anew_where_A_is_no_contraction(mimo):
     u, y = mimo
     model = al_ssnn(2, 2, 2, max_iter=4, warm_start=True, random_state=0).fit(u, y)

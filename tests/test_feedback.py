@@ -5,11 +5,13 @@ import control
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
 from alssnn.feedback import Observer, closed_loop, designed_loop, lqi, lqr, place
+from alssnn.names import signal_names
 from helpers import linear_plant, simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
 
@@ -568,3 +570,45 @@ def test_models_that_no_observer_suits():
     model = linear_plant(np.diag([1.2, 0.5]), np.ones((2, 1)), np.array([[0.0, 1.0]]))
     with pytest.raises(ValueError, match=r"stable observer.*lower `nx`"):
         Observer(model)
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["T", "T_2", "T", "q"], ["T", "T_2", "T_2_", "q"]),
+        (["a", "a", "a"], ["a", "a_1", "a_2"]),
+        (["a", "a_1_", "a_1", "a"], ["a", "a_1_", "a_1", "a_3"]),
+        (["a_1", "a", "a", "a_2_"], ["a_1", "a", "a_2", "a_2_"]),
+        (["x.y", "x_y"], ["x_y", "x_y_1"]),
+    ],
+)
+def test_names_of_signals_are_unique(names, expected):
+    assert signal_names(names, "", len(names)) == expected
+
+
+def second_order(N):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((N, 1))
+    y = lfilter([0.0, 1.0, 0.3], [1.0, -1.2, 0.5], u, axis=0)
+    return u, y + 0.01 * rng.standard_normal(y.shape)
+
+
+def test_an_observer_of_signals_of_one_name_has_an_input_for_each():
+    u, y = second_order(300)
+    frames = (pd.DataFrame(z, columns=["flow"]) for z in (u[:, :1], y[:, :1]))
+    system = LinearStateSpace(nx=2).fit(*frames).observer().to_nlsys()
+    assert system.input_labels == ["flow", "flow_1"] and system.ninputs == 2
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-9, 1e9])
+def test_placed_poles_do_not_depend_on_units(size):
+    u, y = second_order(400)
+    model = LinearStateSpace(nx=2).fit(u[:, :1], y[:, :1])
+    scaled = LinearStateSpace(nx=2).fit(size * u[:, :1], y[:, :1] / size)
+    poles = [0.3, 0.4]
+    K = place(scaled, poles)
+    found = np.sort(np.linalg.eigvals(scaled.A_ - scaled.B_ @ K).real)
+    np.testing.assert_allclose(found, poles, rtol=1e-6)
+    np.testing.assert_allclose(K, size * place(model, poles), rtol=1e-5)
+    with pytest.raises(ValueError, match="`poles` must be finite"):
+        place(model, [0.3, np.nan])

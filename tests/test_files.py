@@ -15,6 +15,7 @@ import alssnn
 from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.feedback import lqi
+from alssnn.model_selection import seam_labels
 from alssnn.persistence import _archive, to_mat
 from exported import CONTROLLED, NAMES, Loop, assert_exact, make_plant, signals
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, record
@@ -244,6 +245,19 @@ def test_an_activation_of_the_user_is_refused_with_remedies(path):
     with pytest.raises(ValueError, match=r"expression in 'matlab'.*got 'own'"):
         model.to_mat(path)
     assert not path.exists()
+
+
+def test_labels_of_seams_are_kept(path):
+    """A bad stretch was cut out of the record."""
+    rng, keep = np.random.default_rng(0), np.r_[0:150, 200:400]
+    u = rng.standard_normal((400, 1))[keep]
+    y = np.tanh(u) + 0.01 * rng.standard_normal(u.shape)
+    labels = seam_labels(400)[keep]
+    model = LinearStateSpace(nx=1).fit(u, y, experiment=labels)
+    model.save(path)
+    loaded = alssnn.load(path)
+    assert loaded.experiments_ == model.experiments_ == [(0, 0), (0, 200)]
+    assert loaded.score(u, y, experiment=labels) == model.score(u, y, experiment=labels)
 
 
 def test_a_random_state_is_refused_and_can_be_replaced(path):

@@ -218,6 +218,21 @@ def test_networks_over_a_horizon(tmp_path):
     assert model.fit(u, y).cost_ <= cost * (1 + 1e-4)
 
 
+@pytest.mark.parametrize(("horizon", "fits"), [(39, True), (40, False), (99, False)])
+def test_a_horizon_is_shorter_than_the_longest_experiment(horizon, fits):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((70, 1))
+    y = np.vstack([np.zeros((1, 1)), u[:-1]]) + 0.1 * rng.standard_normal((70, 1))
+    label = np.arange(70) >= 40
+    options = {"noise": "innovations", "horizon": horizon, "max_iter": 30}
+    model = alssnn.LinearStateSpace(nx=1, **options)
+    if fits:
+        assert model.fit(u, y, experiment=label).horizon == horizon
+        return
+    with pytest.raises(ValueError, match=r"`horizon` must be less than .* 40, got"):
+        model.fit(u, y, experiment=label)
+
+
 def test_what_is_held_out_is_judged_over_the_horizon():
     rng = np.random.default_rng(0)
     structure, theta = declared("FL, predicted")

@@ -1,5 +1,6 @@
 """Models that are fitted by their errors one sample ahead: noise="innovations"."""
 
+import warnings
 from dataclasses import replace
 
 import control
@@ -752,3 +753,18 @@ def test_late_inputs_are_validated_too(loop_record):
     model = alssnn.LinearStateSpace(nx=2, input_delay=2, noise="innovations")
     check = model.fit(late, y[:-2]).validate(late, y[:-2])["free run"]
     assert "one sample ahead the model misses" in check.sentence
+
+
+def test_a_short_experiment_that_was_never_measured_is_a_small_share():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((620, 1))
+    y = np.vstack([np.zeros((1, 1)), u[:-1]]) + 0.1 * rng.standard_normal(u.shape)
+    label = np.arange(620) >= 600
+    y[label] = np.nan
+    model = alssnn.LinearStateSpace(nx=1, noise="innovations")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.fit(u, y, experiment=label)
+    y[1:600:2] = np.nan
+    with pytest.warns(ConvergenceWarning, match="52 % of an output were not measured"):
+        model.fit(u, y, experiment=label)

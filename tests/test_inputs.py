@@ -2,6 +2,7 @@
 
 import warnings
 
+import control
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +10,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
+from alssnn import LinearStateSpace
 from alssnn.models import state_space
 from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
@@ -179,3 +181,21 @@ def test_names_need_names():
     named = pd.DataFrame(y, columns=["level", "flow"])
     with pytest.raises(ValueError, match="`h_inputs`"):
         clone(model).set_params(h_inputs=["flows"]).fit(u, named, experiment)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("side", ["inputs", "outputs"])
+def test_a_start_with_signals_in_another_order_is_refused(side):
+    rng = np.random.default_rng(0)
+    u = pd.DataFrame(rng.standard_normal((200, 2)), columns=["valve", "flow"])
+    y = pd.DataFrame(rng.standard_normal((200, 2)), columns=["T", "p"])
+    names = {"inputs": ["valve", "flow"], "outputs": ["T", "p"]}
+    matrices = 0.5 * np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)), 1.0
+    start = control.ss(*matrices, **names | {side: names[side][::-1]})
+    match = rf"`linear_start` must have its {side} in the order of the record"
+    with pytest.raises(ValueError, match=match):
+        LinearStateSpace(linear_start=start, max_iter=1).fit(u, y)
+    for known in (control.ss(*matrices, **names), control.ss(*matrices)):
+        LinearStateSpace(linear_start=known, max_iter=1).fit(u, y)
+    other = control.ss(*matrices, inputs=["a", "b"], outputs=["c", "d"])
+    LinearStateSpace(linear_start=other, max_iter=1).fit(u, y)  # named otherwise

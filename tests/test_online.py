@@ -3,6 +3,7 @@
 import inspect
 import pickle
 import shutil
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -129,6 +130,29 @@ def test_it_is_the_loop_of_python_control(plants, name, kind, integrates):
     )
     # and once more: simulate starts anew
     np.testing.assert_array_equal(controller.simulate(plant, r, d=d).u, run.u)
+
+
+@pytest.mark.parametrize("kind", ["kalman", "ekf"])
+@pytest.mark.parametrize("integrates", [True, False])
+@pytest.mark.parametrize("name", ["fl", "fl, state", "one output"])
+def test_with_a_gate_it_is_that_loop_too(plants, name, integrates, kind):
+    """What the gate cuts reaches neither the integrators nor a law of y."""
+    plant = plants[name]
+    integrates = integrates and plant.nv >= plant.ny
+    observer = Observer(plant, kind=kind, gate=0.02)
+    controller = LinearizingController(
+        plant, gain_of(plant, integrates), observer=observer
+    )
+    at_rest = plant.y_offset if integrates else plant.v_offset
+    size = plant.y_scale if integrates else 2 * plant.v_scale
+    r, d = references(plant, at_rest, size)
+    # innovations are beyond the gate
+    true = replace(plant, y_offset=plant.y_offset + 0.3 * plant.y_scale)
+    run = controller.simulate(true, r, d=d)
+    assert_same(run, plant, response(closed_loop(true, controller), plant, r, d))
+    free = LinearizingController(plant, gain_of(plant, integrates))
+    free = free.simulate(true, r, d=d)
+    assert np.any(np.abs(free.u - run.u).max(axis=0) > 1e-3 * plant.v_scale)
 
 
 @pytest.mark.parametrize("error_only", [True, False])

@@ -6,6 +6,7 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from alssnn import LinearStateSpace
+from models import fit, fl_ssnn
 
 N = 400
 
@@ -17,6 +18,12 @@ def record():
     for k in range(N - 1):
         y[k + 1] = 0.8 * y[k] + u[k, 0]
     return u, y + 0.01 * rng.standard_normal(N)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Return a model of two inputs, two outputs and two states."""
+    return fit(fl_ssnn(nx=2, n_h=2, max_iter=2, tol=1e-1, random_state=0), 2, 2)
 
 
 KINDS = {
@@ -108,3 +115,39 @@ def test_lists_that_do_not_fit_are_named(record):
         model.fit([u, u], [y, y[:-1]])
     with pytest.raises(ValueError, match="`y` must be a list of records"):
         model.fit([u, u], np.r_[y, y])
+
+
+@pytest.mark.parametrize(
+    ("verb", "args", "message"),
+    [
+        ("step", ([0, 0], [300.0]), r"`u` must have shape \(2,\) or \(N, 2\)"),
+        ("step", (np.zeros(3), np.zeros(2)), "`x` must have shape"),
+        ("jacobian", (np.zeros((4, 2)), np.zeros(2)), "`x` and `u` .* 4 and 1"),
+        ("output", (np.zeros(3),), "`x` must have shape"),
+        ("virtual", (np.zeros(2), 1.0), "`u` must have shape"),
+        ("law", ([0.0], [0.0, 0.0]), "`v` must have shape"),
+        ("law", ([0.0, 0.0], [0.0]), "`s` must have shape"),
+        ("cancelled", ([0.0],), "`s` must have shape"),
+    ],
+)
+def test_a_plant_refuses_what_numpy_would_broadcast(pair, verb, args, message):
+    with pytest.raises(ValueError, match=message):
+        getattr(pair.plant_, verb)(*args)
+
+
+def test_a_plant_takes_lists(pair):
+    plant = pair.plant_
+    x, u = np.array([0.1, -0.2]), plant.u_offset + 0.3
+    np.testing.assert_array_equal(plant.step(x.tolist(), u.tolist()), plant.step(x, u))
+    rows = plant.step([x.tolist()] * 3, [u.tolist()] * 3)
+    np.testing.assert_allclose(rows, [plant.step(x, u)] * 3, rtol=1e-12)
+    y = plant.output(x.tolist())
+    np.testing.assert_allclose(plant.law(u.tolist(), y.tolist()), plant.law(u, y))
+
+
+def test_columns_of_two_levels_come_back(record):
+    u, y = record
+    levels = pd.MultiIndex.from_tuples([("tank", "level")])
+    frame = pd.DataFrame(y[:, None], columns=levels)
+    model = LinearStateSpace(nx=1).fit(u, frame)
+    assert model.predict(u).columns.equals(levels)

@@ -8,6 +8,7 @@ import pytest
 from alssnn.linearizability import judge, percent, worst_error
 from alssnn.validation import _validate, residual_tests
 from alssnn.validation._residuals import whiten
+from alssnn.validation._scored import is_rounding
 
 # -- percentages in words --------------------------------------------------------------
 
@@ -361,3 +362,12 @@ def test_how_far_back_whitening_looks(lengths, highest):
         assert (len(a) == p) == seen and len(a) <= highest
         assert (share > 0.8) == seen
         assert all(np.isnan(part[: len(a)]).all() for part in white)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_rounding_is_told_where_an_experiment_was_never_measured(order):
+    never, y = np.full(5, np.nan), np.array([1.0, -3.0, np.nan])
+    for size, known in ((2e-10, True), (4e-10, False)):
+        residuals = [never, size * np.array([0.5, -1.0, np.nan])][::order]
+        assert is_rounding(residuals, [never, y][::order]) == known
+    assert is_rounding([never], [never])

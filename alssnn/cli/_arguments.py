@@ -2,8 +2,13 @@
 
 import argparse
 import math
+import re
 from pathlib import Path
 
+# numbers that argparse takes for options
+NEGATIVE = re.compile(
+    r"-(\d+\.?\d*|\.\d+)e[-+]?\d+|-\d+\.|-(inf|infinity|nan)", re.IGNORECASE
+)
 FIGURE_FORMATS = (".png", ".pdf", ".svg")
 
 
@@ -33,6 +38,23 @@ def new_parser(make, description, epilog, **options):
         allow_abbrev=False,
         **options,
     )
+
+
+def with_numbers(argv):
+    """Return arguments of which numbers below zero are no options.
+
+    Parameters
+    ----------
+    argv : sequence of str
+        Arguments.
+
+    Returns
+    -------
+    argv : list of str
+        The same, with a blank before -1e-3 or -inf, which argparse would take for an
+        option; a number may begin with one.
+    """
+    return [f" {text}" if NEGATIVE.fullmatch(text) else text for text in argv]
 
 
 def add_command(commands, name, run, description, epilog, **options):

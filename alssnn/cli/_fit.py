@@ -271,12 +271,15 @@ def _save_interrupted(args, rows, name):
 
 def _unseen(args):
     """Say which record did not train the model."""
+    label = "" if args.experiment is None else f" --experiment {args.experiment}"
     if args.test is not None:
-        return f"It was not trained on {args.test}: validate it there."
+        by = f", by{label}" if label else ""
+        return f"It was not trained on {args.test}: validate it there{by}."
     share = 0.5 if args.test_size is None else args.test_size
+    of_each = " of every experiment" if label else ""
     return (
-        f"It was not trained on the last {100 * share:g} %: validate it there, by "
-        f"--last {share:g}."
+        f"It was not trained on the last {100 * share:g} %{of_each}: validate it "
+        f"there, by --last {share:g}{label}."
     )
 
 

@@ -29,7 +29,7 @@ from . import (
     _simulate,
     _validate,
 )
-from ._arguments import new_parser
+from ._arguments import new_parser, with_numbers
 
 COMMANDS = (
     _demo,
@@ -92,6 +92,7 @@ def main(argv=None):
     SystemExit
         By argparse: code 2 for wrong usage, 0 after --help and --version.
     """
+    argv = with_numbers(sys.argv[1:] if argv is None else argv)
     args, unknown = _parser().parse_known_args(argv)
     if unknown:  # by the parser of the command, whose usage helps
         args.parser.error(f"unrecognized arguments: {' '.join(unknown)}")

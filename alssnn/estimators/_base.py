@@ -40,6 +40,7 @@ from ._remote import training_region
 from ._sklearn import manual_page, with_tags
 from ._start import check_bounds, linear_start, portable
 from ._time import check_time, trained
+from ._warm_start import same_point
 
 
 @estimator
@@ -314,6 +315,8 @@ class StateSpaceModel(
         if not getattr(self, "warm_start", False) or not hasattr(self, "_theta"):
             return False
         if self.integrators not in ("auto", self.integrators_):
+            return False
+        if not same_point(self.operating_point, self._options["operating_point"]):
             return False
         return len(self._scaling.u_offset) == nu and len(self._scaling.y_offset) == ny
 

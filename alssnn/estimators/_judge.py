@@ -89,11 +89,12 @@ def training_score(estimator, experiments, x0):
     rmse = own_judge(estimator, experiments).rmse(structure, theta, noise, prior)
     follows = fitted < 1.0 or not is_predicting(estimator)  # else it is no simulation
     if rmse > TOO_FAR * fitted and rmse > NOTABLE and follows:
+        stable = "stability='contractive', " if hasattr(estimator, "stability") else ""
         warn_of_training(
             f"{type(estimator).__name__} simulates its own training record with a "
             f"relative error of {rmse:.2g} from an estimated initial state, and of "
             f"{fitted:.2g} from the fitted one: it hangs on an exact initial state. "
-            "Take stability='contractive', a smaller `nx`, or a longer record.",
+            f"Take {stable}a smaller `nx`, or a longer record.",
         )
     return float(1.0 - rmse**2)
 
@@ -122,11 +123,14 @@ def warn_if_unstable(estimator):
             "`nx` or a longer record.",
         )
         return
+    remedy, loop = "another `nx`, or a longer record", "a simulation diverges"
+    if hasattr(estimator, "stability"):
+        remedy = "another `nx`, or stability='contractive'"
+    if hasattr(estimator, "gamma_h"):
+        loop = "with h cancelled the loop diverges unless a controller stabilizes it"
     warn_of_training(
         f"The linear part of {type(estimator).__name__} is unstable, spectral radius "
-        f"{radius:.6g}: with h cancelled the loop diverges unless a controller "
-        "stabilizes it. Unless the plant is unstable itself, try gamma_h=1e-4, "
-        "another `nx`, or `AlSsnn` with stability='contractive'.",
+        f"{radius:.6g}: {loop}. Unless the plant is unstable itself, try {remedy}.",
     )
 
 
@@ -148,11 +152,13 @@ def warn_if_unsettled(estimator, watch):
     reason = f"before the cost settled to tol={estimator.tol}. Increase {more}"
     if watch.reason == OUT_OF_TIME:
         reason = "because max_time is over. Increase `max_time`"
+    warm = hasattr(estimator, "warm_start")
+    goes_on = ", or continue with `warm_start=True`" if warm else ""
     fall, n_steps = late_fall(history)
     settled = f" Its last {n_steps} steps lowered the cost by {percent(100 * fall)}."
     warn_of_training(
         f"{type(estimator).__name__} stopped after {estimator.n_iter_} trial steps "
-        f"{reason} or `tol`, or continue with `warm_start=True`."
+        f"{reason} or `tol`{goes_on}."
         f"{settled if np.isfinite(fall) else ''}",
     )
 

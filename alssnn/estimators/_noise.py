@@ -89,7 +89,7 @@ def training_data(estimator, experiments):
     Raises
     ------
     ValueError
-        If a predictor's experiments live elsewhere.
+        If a predictor's experiments live elsewhere, or none is longer than a horizon.
     """
     experiments = Held.of(experiments)
     if not is_predicting(estimator):
@@ -98,6 +98,12 @@ def training_data(estimator, experiments):
         raise ValueError(
             "`noise` must be 'output' for experiments on a cluster, got "
             f"{estimator.noise!r}. Fit such a model where the record is."
+        )
+    longest = max(len(u) for u, _ in experiments)
+    if estimator.horizon > 1 and estimator.horizon >= longest:
+        raise ValueError(
+            "`horizon` must be less than the samples of the longest experiment, "
+            f"{longest}, got {estimator.horizon}. Take a time over which you predict."
         )
     return told(experiments, from_rest=estimator._at_rest)
 
@@ -139,7 +145,8 @@ def identified(estimator, experiments, previous, watch, held_out):
     seen = training_data(estimator, experiments)
     lost = 0.0
     if is_predicting(estimator):
-        lost = max(np.isnan(y).mean(axis=0).max() for _, y in seen)
+        missing = sum(np.isnan(y).sum(axis=0) for _, y in seen)
+        lost = float(np.max(missing) / sum(len(y) for _, y in seen))
     if lost > MOST_LOST:
         warn_of_training(
             f"{100 * lost:.0f} % of an output were not measured: what is predicted one "

@@ -87,7 +87,7 @@ class Ssnn(StateSpaceModel):
     phi : float, default=1e-5
         Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
         falls by at least the share phi in every step; with "schur" poles have at most
-        the modulus ``sqrt(1 - phi)``.
+        the modulus ``sqrt(1 - phi)``, as those of exp(A dt) in continuous time.
     alpha : float or "auto", default="auto"
         Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
         it the random start, by the simulation error on hidden quarters of the record

@@ -76,6 +76,7 @@ def linear_start(estimator, experiments, watch):
         experiments,
         estimator.dt,
         getattr(estimator, "feedthrough", False),
+        (getattr(estimator, "feature_names_in_", None), estimator.output_names_),
     )
     choices = order_choices(estimator.nx)
     if choices is not None and len(model.A) not in choices:
@@ -87,7 +88,7 @@ def linear_start(estimator, experiments, watch):
     return model, x_scale
 
 
-def given_model(start, scaling, experiments, dt, feedthrough):
+def given_model(start, scaling, experiments, dt, feedthrough, names=(None, None)):
     """Return the linear model that the user starts from.
 
     Parameters
@@ -102,6 +103,8 @@ def given_model(start, scaling, experiments, dt, feedthrough):
         Sampling time, in seconds.
     feedthrough : bool
         Whether D is free; else it must be zero.
+    names : tuple of (sequence of str or None), default=(None, None)
+        Names of inputs and outputs of the record.
 
     Returns
     -------
@@ -113,8 +116,8 @@ def given_model(start, scaling, experiments, dt, feedthrough):
     Raises
     ------
     ValueError
-        If the sizes do not fit, the system is not of this sampling time, or it has a
-        feedthrough that the model lacks.
+        If the sizes do not fit, the system is not of this sampling time, it has the
+        signals of the record in another order, or a feedthrough that the model lacks.
     """
     given = GivenSystem.of(start)
     # dt=True of python-control: discrete, of unknown sampling time
@@ -125,6 +128,7 @@ def given_model(start, scaling, experiments, dt, feedthrough):
             f"`linear_start` must have the sampling time dt={dt}, got {given.dt}. Use "
             "`control.sample_system` for another one, or for continuous time."
         )
+    _check_names(given, names)
     A, B, C, D = (getattr(given, name) for name in LINEAR)
     nu, ny = (signal.shape[1] for signal in experiments[0])
     nx = len(A)
@@ -151,6 +155,21 @@ def given_model(start, scaling, experiments, dt, feedthrough):
         feedthrough,
     )
     return normalize(scaled, experiments)
+
+
+def _check_names(given, names):
+    """Refuse a system that has the signals of the record in another order."""
+    for kind, its, ours in zip(
+        ("inputs", "outputs"), (given.inputs, given.outputs), names, strict=True
+    ):
+        if its is None or ours is None or list(its) == [str(name) for name in ours]:
+            continue
+        if set(its) == {str(name) for name in ours}:
+            raise ValueError(
+                f"`linear_start` must have its {kind} in the order of the record, "
+                f"{', '.join(map(str, ours))}, got {', '.join(its)}. Bring its columns "
+                "or rows, and `bounds` of them, into this order."
+            )
 
 
 def check_bounds(bounds, structure, units, *, own_basis, contractive):

@@ -24,6 +24,7 @@ from ..mapping import Held
 from ..shown import percent
 from ..simulation import simulate
 from ..training import train
+from ._integrators import regular
 from ._judge import own_judge, warn_left_linear
 from ._noise import identified, is_predicting
 from ._warn import warn_of_training
@@ -34,6 +35,7 @@ CLOSE = 0.01  # relative error of a pole that steps of Runge and Kutta may have
 FEWEST = 4  # samples of an experiment that tells something of a decay
 FLOW_STEPS, FLOW_TOL = 50, 1e-4  # of the search for the same flow
 MOST = 20_000  # samples of it
+ROUNDED = 1e-9  # of a pole at its limit
 FIRST, DECADES = 0.1, 8  # decays that are tried, from that of the discrete model on
 GAIN = 0.98  # of the error on hidden samples, from which less decay is better
 HELPS = 0.96  # of the error of the linear model, from which networks help
@@ -194,7 +196,8 @@ def _same_flow(estimator, structure, theta, experiments, discrete, found, watch)
     if not pairs:
         return theta
     bounds = _bounds(estimator, structure, theta)
-    limits = Limits(structure, bounds=bounds, radius=_radius(structure, theta))
+    radius = _radius(estimator, structure, theta)
+    limits = Limits(structure, bounds=bounds, radius=radius)
     criterion = Criterion(flow(structure), pairs)
     free = limits.clip(theta)
     options = {"max_iter": FLOW_STEPS, "tol": FLOW_TOL, "watch": watch.quiet()}
@@ -292,6 +295,9 @@ def goes_on(estimator, previous):
     nx, ny = structure.sizes["x"], structure.sizes["y"]
     if not estimator._allows(nx) or not can_be_stepped(A, sampling.substeps):
         return False
+    slowest = np.linalg.eigvals(regular(estimator, A)).real.max(initial=-1.0)
+    if np.exp(slowest) > _limit(estimator) * (1.0 + ROUNDED):
+        return False
     nu = derivative(structure).nu
     wanted = estimator.declare(nx, nu, ny, structure.constants["C"])
     return (
@@ -388,7 +394,8 @@ def within_derivatives(estimator, structure, theta, held=()):
         discrete model is none of A in continuous time.
     """
     bounds = _bounds(estimator, structure, theta) | dict(held)
-    return {"phi": None, "radius": _radius(structure, theta), "bounds": bounds}
+    radius = _radius(estimator, structure, theta)
+    return {"phi": None, "radius": radius, "bounds": bounds}
 
 
 def _bounds(estimator, structure, theta):
@@ -407,10 +414,19 @@ def _bounds(estimator, structure, theta):
     return bounds
 
 
-def _radius(structure, theta):
+def _radius(estimator, structure, theta):
     """Return the largest exp of a pole: a stable start is kept stable."""
-    A = structure.split(theta)["A"]
-    return 1.0 if np.linalg.eigvals(A).real.max(initial=-1.0) < 0 else None
+    slowest = np.linalg.eigvals(structure.split(theta)["A"]).real.max(initial=-1.0)
+    if slowest >= 0:
+        return None
+    return max(np.exp(slowest), _limit(estimator, free=1.0))
+
+
+def _limit(estimator, free=np.inf):
+    """Return the largest exp of a pole that the options allow."""
+    limit = estimator._radius  # of a contraction, such poles are within, too
+    limit = np.sqrt(1.0 - estimator._phi) if estimator._phi is not None else limit
+    return free if limit is None else limit
 
 
 def _finite(structure, theta, experiments):

@@ -29,6 +29,27 @@ def goes_on(estimator, previous):
     return previous is not None and not left and fits(estimator, previous)
 
 
+def same_point(one, other):
+    """Tell whether two choices of an operating point are the same.
+
+    Parameters
+    ----------
+    one, other : str or tuple of array_like
+        The option `operating_point` of two fits.
+
+    Returns
+    -------
+    same : bool
+        Whether they are.
+    """
+    if isinstance(one, str) or isinstance(other, str):
+        return isinstance(one, str) and isinstance(other, str) and one == other
+    return all(
+        np.array_equal(np.atleast_1d(a), np.atleast_1d(b))
+        for a, b in zip(one, other, strict=True)
+    )
+
+
 def fits(estimator, previous):
     """Tell whether a fitted model is one that the options ask for.
 

@@ -219,9 +219,13 @@ def place(model, poles):
             f"`poles` must have shape ({len(A)},), got {poles.shape}. Give one pole "
             "per state."
         )
-    _check_controllable(A, B, as_plant(model).late().x_scale, radius=0.0)
-    try:
-        return np.asarray(control.place(A, B, poles))
+    x_scale, v_scale = as_plant(model).late().x_scale, as_plant(model).v_scale
+    _check_controllable(A, B, x_scale, radius=0.0)
+    if not np.isfinite(poles).all():
+        raise ValueError(f"`poles` must be finite, got {poles}. Give numbers.")
+    A, B = A * x_scale / x_scale[:, None], B * v_scale / x_scale[:, None]
+    try:  # in units in which all signals are of one size
+        return v_scale[:, None] * np.asarray(control.place(A, B, poles)) / x_scale
     except ValueError as error:
         raise ValueError(
             "`poles` must come in conjugate pairs, none more often than nu = "

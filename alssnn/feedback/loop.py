@@ -188,6 +188,17 @@ def designed_loop(model, gain):
     )
 
 
+class _Gated:
+    """Let an observer tell what it believes of y, beside its estimate."""
+
+    def __init__(self, observer):
+        self.observer, self.update = observer, observer.update
+
+    def output(self, t, z, signals, params):
+        x_hat = self.observer.output(t, z, signals, params)
+        return np.concatenate([x_hat, self.observer.believed(z, signals)])
+
+
 class _Names:
     """Name the signals inside the loop alike, whatever the user calls them."""
 
@@ -201,6 +212,9 @@ class _Names:
         self.d = signal_names(None, "d", own.nd)
         self.inputs = [*own.every_input(np.array(self.u), np.array(self.d))]
         self.y = signal_names(None, "y", ny)
+        gated = getattr(parts.observer, "gate", None) is not None
+        # what the controller, its integrators and a law of y take for y
+        self.seen = signal_names(None, "y_seen", ny) if gated else self.y
         self.cut = signal_names(None, "cut", nv) if parts.integrates else []
         self.r = signal_names(None, "r", ny if self.of_y else nv)
 
@@ -226,19 +240,22 @@ class _Names:
         return plant
 
     def controller(self, block):
-        inputs = self.r + self.y + (self.x if self.by_state else []) + self.cut
+        inputs = self.r + self.seen + (self.x if self.by_state else []) + self.cut
         return self._block(block, inputs, self.v, len(block.A), "controller")
 
     def law(self, law):
-        s = self.x[: law.n_seen] if law.feedback == "state" else self.y
+        s = self.x[: law.n_seen] if law.feedback == "state" else self.seen
         sys = law.to_nlsys(with_cut=bool(self.cut))
         sys.update_names(inputs=self.v + s + self.d, outputs=self.u + self.cut)
         return sys
 
     def observer(self, observer):
         sys = observer.to_nlsys()
-        sys.update_names(inputs=self.inputs + self.y, outputs=self.x)
-        return sys
+        if self.seen is self.y:
+            sys.update_names(inputs=self.inputs + self.y, outputs=self.x)
+            return sys
+        signals = self.inputs + self.y, self.x + self.seen
+        return self._block(_Gated(observer), *signals, sys.state_labels, "observer")
 
     def _outputs(self):
         outputs = [*self.own.outputs, *(self.own.inputs[i] for i in self.own.moved)]

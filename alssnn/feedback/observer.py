@@ -137,6 +137,30 @@ class Observer:
         """Return what the gate cuts at the stationary gain, (ny,); None without one."""
         return None if self.gate is None else self.gate * self._deviation
 
+    def believed(self, z, signals):
+        """Return the outputs, as far as the gate lets them through.
+
+        Parameters
+        ----------
+        z : ndarray of shape (nx,) or (nx + nx**2,)
+            What was predicted for this sample, as in `update`.
+        signals : ndarray of shape (nu + ny,)
+            Inputs, then outputs, in the user's units.
+
+        Returns
+        -------
+        y : ndarray of shape (ny,)
+            Outputs, cut to `largest_innovation` around what was predicted; nan where
+            they were not measured.
+        """
+        u, y = np.split(signals, [self.plant.nu])
+        gate = self.largest_innovation
+        if gate is None:
+            return y
+        now = () if self.plant.has_linear_output else (u,)
+        ahead = self.plant.output(z[: self.plant.nx], *now)
+        return np.clip(y, ahead - gate, ahead + gate)
+
     def reset(self, x0=None):
         """Start anew.
 
@@ -289,19 +313,19 @@ class Observer:
         Returns
         -------
         sys : control.NonlinearIOSystem
-            System from (u, y), with the names of the training data, to ``x_hat[0]``,
-            ...; its states are the predictions, behind which an extended Kalman filter
-            has their covariance less that of the start, row by row: from zeros, as
-            loops begin, it starts as `filter` does.
+            System from (u, y), with the names of the training data, made unique, to
+            ``x_hat[0]``, ...; its states are the predictions, behind which an extended
+            Kalman filter has their covariance less that of the start, row by row: from
+            zeros, as loops begin, it starts as `filter` does.
         """
-        nx = len(self.Q)
+        nx, inputs = len(self.Q), [*self.plant.inputs, *self.plant.outputs]
         states = signal_names(None, "x", nx)
         if self.kind == "ekf":
             states += [f"P[{i},{j}]" for i in range(nx) for j in range(nx)]
         return control.nlsys(
             self.update,
             self.output,
-            inputs=[*self.plant.inputs, *self.plant.outputs],
+            inputs=signal_names(inputs, "", len(inputs)),
             outputs=signal_names(None, "x_hat", nx),
             states=states,
             dt=self.plant.dt,

@@ -317,11 +317,7 @@ class LinearizingController(Controller):
             self._x = observer.update(0.0, self._x, signals, {})
         signals = np.concatenate([own.u_offset, y])
         x_hat = observer.output(0.0, self._x, signals, {})
-        seen, gate = y, observer.largest_innovation
-        if gate is not None:
-            ahead = own.output(self._x[: own.nx])
-            seen = np.where(np.isnan(y), y, np.clip(y, ahead - gate, ahead + gate))
-        return x_hat, seen, own.output(x_hat)
+        return x_hat, observer.believed(self._x, signals), own.output(x_hat)
 
     def _check_runs(self):
         """Refuse to run where the state is not known in time."""

@@ -91,8 +91,8 @@ def average(pairs, label, period, n_transient):
         raise ValueError(
             f"`y` must have two complete periods{name} in a row behind the first "
             f"{n_transient}, got {measured.sum()} complete of {len(y)}. Record more "
-            "periods, lower `n_transient` if the plant had settled, or take "
-            "`local_polynomial`."
+            "periods, or lower `n_transient` if the plant had settled. What needs no "
+            "two periods is `local_polynomial`, and a `noise_floor` given as a number."
         )
     means, noise = [], []
     for a, b in edges:

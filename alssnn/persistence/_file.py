@@ -205,7 +205,7 @@ def _restore(cls, document, arrays):
         container=Container(
             container.get("library"),
             container.get("is_series", False),
-            tuple(container.get("names", ())),
+            tuple(map(_decode_label, container.get("names", ()))),
         ),
         y_ndim=fit["y_ndim"],
         decay=decay,
@@ -309,7 +309,7 @@ def _results(model, fit, arrays):
             str(kind): {nx: float(error) for nx, error in errors.items()}
             for kind, errors in orders.items()
         },
-        "experiments_": fit["experiments"],
+        "experiments_": list(map(_decode_label, fit["experiments"])),
         "n_features_in_": len(arrays["u_offset"]),
         "output_names_": fit["output_names"],
     }
@@ -364,8 +364,7 @@ def _check_fit(fitted, results, nu, ny):
         if not strings or (names is not None and len(names) != size):
             raise ValueError(f"{size} signals are named {names}")
     labels = results["experiments_"]
-    plain = isinstance(labels, list) and all(map(_is_plain, labels))
-    if not plain or not labels:
+    if not labels or not all(map(_is_label, labels)):
         raise ValueError(f"the experiments are labeled {labels}")
     container = fitted.container
     if container.library not in (None, "pandas", "polars"):
@@ -404,7 +403,15 @@ def _is_plain(label):
     return label is None or isinstance(label, str | Real)
 
 
+def _is_label(label):
+    if isinstance(label, tuple):  # of `seam_labels`: a label and a sample number
+        return len(label) == 2 and all(map(_is_plain, label))
+    return _is_plain(label)
+
+
 def _encode_label(label):
+    if isinstance(label, tuple):
+        return [_encode_label(part) for part in label]
     encoded = encode(label) if _is_plain(label) else {}
     if isinstance(encoded, dict):
         raise ValueError(
@@ -412,6 +419,10 @@ def _encode_label(label):
             f"{label!r}. Fit with such labels."
         )
     return encoded
+
+
+def _decode_label(encoded):
+    return tuple(encoded) if isinstance(encoded, list) else encoded
 
 
 def _encode_param(name, value):

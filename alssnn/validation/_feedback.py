@@ -32,7 +32,7 @@ from ..regression import lagged
 from ..shown import short_repr
 from ._lags import LEAST, MOST, POWER_LAGS, ROWS
 from ._regression import regress
-from ._residuals import PERFECT
+from ._scored import is_rounding
 
 KNOTS = np.arange(1, 10) / 10  # quantiles of y at which a broken line may bend
 RESIDUALS = 2  # past samples of a residual, which is correlated over time as it is
@@ -227,10 +227,10 @@ def _noise(experiments):
     parts = []
     for i in range(experiments[0][1].shape[1]):
         r = [y[:, i] - y_hat[:, i] for _, y, y_hat in experiments]
-        size = max(np.nanmax(np.abs(y[:, i])) for _, y, _ in experiments)
+        measured = [y[:, i] for _, y, _ in experiments]
         mean = np.nanmean(np.concatenate(r))
         r = [part - mean for part in r]
-        if max(np.nanmax(np.abs(part)) for part in r) <= PERFECT * size:
+        if is_rounding(r, measured):
             r = [0.0 * part for part in r]
         parts.append([np.nan_to_num(part) for part in r])
     return [np.column_stack(columns) for columns in zip(*parts, strict=True)]

@@ -41,11 +41,10 @@ from ..shown import short_repr
 from ._explained import explained_shares
 from ._lags import LEAST, POWER_LAGS, choose_lags, fewest_rows, rows_needed
 from ._regression import regress
-from ._scored import check_names, count_estimated
+from ._scored import check_names, count_estimated, is_rounding
 
 BLOCKS = ("independence", "squares", "cubes")
 AUTO = "auto"
-PERFECT = 1e-10  # residual over output that is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +334,7 @@ def _test_output(r, y, u, n_lags, z, ahead):
     nu = u[0].shape[1]
     mean = sum(np.nansum(part) for part in r) / n
     r = [part - mean for part in r]
-    size = max(np.nanmax(np.abs(part)) for part in y)
-    if max(np.nanmax(np.abs(part)) for part in r) <= PERFECT * size:
+    if is_rounding(r, y):
         return _nothing_left(n, n_lags, nu), [0 * part for part in r], np.zeros(0)
     auto, auto_pairs = _correlation(r, r, range(n_lags + 1))
     # Ljung and Box; pairs = n - k without gaps

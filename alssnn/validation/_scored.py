@@ -11,6 +11,8 @@ import numpy as np
 from ..plants import as_plant
 from ..simulation import channels, outputs, sensitivities, simulate
 
+PERFECT = 1e-10  # residual over output that is rounding
+
 
 def scored_experiments(model, u, y, experiment=None):
     """Return inputs, measured and simulated outputs of every experiment.
@@ -223,6 +225,27 @@ def moved_names(model):
         Names, without those of measured disturbances.
     """
     return [column_names(model)[0][i] for i in model.plant_.moved]
+
+
+def is_rounding(r, y):
+    """Tell whether residuals are errors of rounding.
+
+    Parameters
+    ----------
+    r, y : sequence of ndarray
+        Residuals and outputs of every experiment; nan where nothing was measured, of
+        some experiments everywhere.
+
+    Returns
+    -------
+    is_rounding : bool
+        Whether the largest residual is 1e-10 of the largest output at most.
+    """
+    size, scale = (
+        max(float(np.nanmax(np.abs(part), initial=0.0)) for part in parts)
+        for parts in (r, y)
+    )
+    return size <= PERFECT * scale
 
 
 def count_estimated(sensitivities):
