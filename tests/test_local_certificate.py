@@ -10,6 +10,7 @@ from structures import STRUCTURES, declare
 
 from alssnn.activations import ACTIVATIONS, Activation
 from alssnn.certificates import (
+    _local,
     certify_local,
     linearized_loop,
     local_certificate,
@@ -100,6 +101,20 @@ def test_a_linear_difference_is_bounded_exactly(rng):
     c = local_certificate(Lure(Theta, 3, 1, 0), design, [2.0])
     assert c.holds and c.ratio < 1 + 1e-6
     assert c.output_bound == pytest.approx(0.1 * c.design_peak[0] / 1.1, rel=1e-6)
+
+
+def test_what_was_found_is_not_above_what_is_proved(rng, monkeypatch):
+    """Of a loop that is its design, by errors of rounding."""
+    plant = linear_plant(stable(rng, 2, 0.5), np.ones((2, 1)), np.ones((1, 2)))
+    loop, design = plant.lure, plant.linear()
+    proved = local_certificate(loop, design, [1.0])
+    for share, holds in ((0.5, True), (2.0, False)):
+        found = proved.output_bounds + share * _local.NOTHING * proved.design_peak
+        worst = found, np.zeros((5, 1))
+        monkeypatch.setattr(_local, "worst_input", lambda *_, worst=worst: worst)
+        c = local_certificate(loop, design, [1.0])
+        assert c.holds == holds
+        assert c.lower_bound <= c.output_bound
 
 
 def test_the_design_may_have_other_states(rng):

@@ -254,7 +254,7 @@ def local_certificate(
         holds=True,
         amplitude=amplitude,
         output_bounds=bounds,
-        lower_bounds=lower,
+        lower_bounds=np.minimum(lower, bounds),  # what is above is rounding
         worst_input=worst,
         design_peak=peak,
         x_low=x_low,
