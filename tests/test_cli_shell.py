@@ -402,7 +402,7 @@ def test_an_interrupt_saves_the_best_model(tmp_path):
             break
     time.sleep(2)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=300)
     assert process.returncode == 130, (out, err)
     assert "the best one up to the interrupt" in err and "error: interrupted" in err
     model = alssnn.load(tmp_path / "m.npz")
