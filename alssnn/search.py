@@ -52,7 +52,7 @@ TRIED = 2
 STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
 NEARLY = 1.1  # relative mean square error that is as good as the best
-CONTENDS = 1.5  # root mean square error of a start over the least, which may yet win
+CONTENDS = 1.5  # root mean square error of a start over the least of its comparison
 CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
 REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
@@ -201,9 +201,9 @@ def _compared(start, seeds, orders, candidates, largest, alphas, watch, tally, o
 
     They are of the smallest order that does nearly as well as the best, and from one
     linear model, the best first. Each way to begin is tried from all seeds, by few
-    stages, and those that come near the best go on. Beyond the candidates, orders go on
-    as long as each is clearly better than those before, with idle states: what is
-    fitted by then follows the distortions.
+    stages, and those that come near the best of them go on. Beyond the candidates,
+    orders go on as long as each is clearly better than those before; their starts are
+    compared among each other, for others have gone through all stages by then.
     """
     first, rest = alphas
     curve: dict[int, float] = {}

@@ -1160,11 +1160,11 @@ def test_a_fourth_of_the_error_outweighs_what_happens_elsewhere(
     """An arm that turns over ends elsewhere from other states, too."""
     trained, hangs = [], _safe._hangs
 
-    def hang(estimator, plain, result, **options):
+    def hang(estimator, result, *record):
         if result.message != _safe.SEARCHED:
             trained.append(result)
             return True
-        return hangs(estimator, plain, result, **options)
+        return hangs(estimator, result, *record)
 
     monkeypatch.setattr(_safe, "_hangs", hang)
     monkeypatch.setattr(_safe, "as_found", _times(factor, trained))
@@ -1184,9 +1184,9 @@ def test_a_refused_training_is_repeated_with_a_larger_decay(
     """The first one is kept that is not refused, if it fits better than the search."""
     real, train, alphas, asked = _safe._hangs, _horizon.train, [], []
 
-    def hang(estimator, plain, result, **options):
+    def hang(estimator, result, *record):
         if result.message == _safe.SEARCHED:
-            return real(estimator, plain, result, **options)
+            return real(estimator, result, *record)
         asked.append(result)
         return len(asked) <= n_refused
 

@@ -6,8 +6,6 @@ nothing was measured.  It is then repeated with a larger decay, which keeps the 
 closer to where the search began.
 """
 
-from functools import partial
-
 import numpy as np
 from scipy.optimize import OptimizeResult
 
@@ -68,56 +66,44 @@ def safely_trained(estimator, plain, train, decay, theta, linear, experiments, w
     decay : dict
         The decay of that training.
     """
-    judged = partial(
-        _kept,
-        estimator,
-        plain,
-        theta=theta,
-        linear=linear,
-        experiments=experiments,
-        watch=watch,
-    )
+    record = plain, linear, experiments
+    leaves, latches = _excursions(estimator, *record)
     result = train(decay)
-    kept, warn = judged(result)
+    lost = _worse(estimator, result, *record)
+    hung = lost or _hangs(estimator, result, *record)
+    if not hung and not leaves(result):
+        return result, decay
+    options = {"noise": min(result.cost, 1.0)}
+    untrained = as_found(
+        estimator, plain, theta, experiments, watch, SEARCHED, **options
+    )
+    found = OptimizeResult({**result, **untrained})
+    spoiled = _worse(estimator, found, *record) or _hangs(estimator, found, *record)
+    if not hung and (spoiled or leaves(found)):
+        return result, decay  # the plant may do so, too
+    # folds of a plant that rests in two places would do so, too
+    known = not lost and not spoiled and not latches(result)
+    if known and ESCAPED * result.cost < found.cost:
+        _warn_elsewhere(estimator, hung)
+        return result, decay
     for times in FIRMER if "center" in decay else ():  # else no search has been
-        if kept is result or watch.reason is not None:
+        if watch.reason is not None:
             break
         firm = {**decay, "alpha": times * max(decay["alpha"], LEAST)}
         repeated = train(firm)
-        if kept is not None and repeated.cost >= kept.cost:
+        if not spoiled and repeated.cost >= found.cost:
             break  # a larger decay fits the record less well yet
-        if judged(repeated) == (repeated, None):
+        if not (
+            _worse(estimator, repeated, *record)
+            or _hangs(estimator, repeated, *record)
+            or leaves(repeated)
+        ):
             return repeated, firm
-    if warn is not None:
-        warn(estimator)
-    return kept, decay
-
-
-def _kept(estimator, plain, result, *, theta, linear, experiments, watch):
-    """Return what is kept of a training and of what a search found, and a warning."""
-    worse = partial(_worse, estimator, plain, linear=linear, experiments=experiments)
-    hangs = partial(_hangs, estimator, plain, linear=linear, experiments=experiments)
-    leaves, latches = _excursions(estimator, plain, linear, experiments)
-    lost = worse(result)
-    hung = lost or hangs(result)
-    if not hung and not leaves(result):
-        return result, None
-    noise = min(result.cost, 1.0)
-    untrained = as_found(
-        estimator, plain, theta, experiments, watch, SEARCHED, noise=noise
-    )
-    found = OptimizeResult({**result, **untrained})
-    if worse(found) or hangs(found):
-        return None if hung else result, None
-    is_plant = not hung and leaves(found)
-    # folds of a plant that rests in two places would do so, too
-    known = not lost and not latches(result)
-    outweighs = known and ESCAPED * result.cost < found.cost
-    if outweighs or is_plant:
-        return result, None if is_plant else partial(_warn_elsewhere, hung=hung)
-    # without time, the training might have come out of it
-    is_known = watch.reason is None
-    return found, partial(_warn_untrained, hung=hung) if is_known else None
+    if spoiled:
+        return None, decay
+    if watch.reason is None:  # else the training might have come out of it
+        _warn_untrained(estimator, hung)
+    return found, decay
 
 
 def _warn_elsewhere(estimator, hung):
@@ -211,7 +197,7 @@ def as_found(
     )
 
 
-def _worse(estimator, plain, result, *, linear, experiments):
+def _worse(estimator, result, plain, linear, experiments):
     """Tell whether a fit simulates its record worse than the linear model by 2 %."""
     if not experiments.is_here:
         return False
@@ -226,7 +212,7 @@ def _worse(estimator, plain, result, *, linear, experiments):
     return error > 1.02 * least
 
 
-def _hangs(estimator, plain, result, *, linear, experiments):
+def _hangs(estimator, result, plain, linear, experiments):
     """Tell whether the error is twice the linear model's from other states.
 
     It is not asked of predictions over a horizon, and of so many samples that a copy of

@@ -77,6 +77,9 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     controller with a direct path. It is solved at every sample, by Newton's method
     from the operating point. With the true state and a law of it there is none.
 
+    python-control has no samples that were not measured: where y is nan, run a
+    `LinearizingController` by its `simulate` or `step`.
+
     Examples
     --------
     >>> from alssnn.feedback import closed_loop, lqi
