@@ -445,9 +445,9 @@ def measured_home():
 def small_record(monkeypatch):
     """Make the loader expect 10 rows: 0 to 5 for training, 6 to 9 for testing."""
     module = sys.modules[fetch_wiener_hammerstein.__module__]
-    rows = (slice(0, 6), slice(6, 10))
-    monkeypatch.setattr(module, "WIENER_HAMMERSTEIN_LENGTH", 10)
-    monkeypatch.setattr(module, "WIENER_HAMMERSTEIN_SPLITS", {"paper": rows})
+    rows = {"train": slice(0, 6), "test": slice(6, 10)}
+    monkeypatch.setattr(module, "LENGTH", 10)
+    monkeypatch.setattr(module, "SPLITS", {"paper": rows})
     monkeypatch.delenv("ALSSNN_DATA_HOME", raising=False)
     lines = ['"uBenchMark","yBenchMark","fs",', "0,0.5,51200,"]
     return "\n".join([*lines, *(f"{k},{k + 0.5},," for k in range(1, 10)), "\n"])

@@ -184,9 +184,10 @@ def test_mirror_foreign_arrays(tmp_path):
     np.save(tmp_path / "u_100mV_train.npy", np.zeros((8192, 3, 5, 2)))
     with pytest.raises(ValueError, match=r"must have shape \(8192, 3, 6, 2\), got"):
         fetch_fine_steering_mirror(tmp_path)
-    (tmp_path / "u_100mV_train.npy").write_text("no array")
-    with pytest.raises(ValueError, match=r"must be an array of NumPy, got: .*github"):
-        fetch_fine_steering_mirror(tmp_path)
+    for content in ("no array", ""):
+        (tmp_path / "u_100mV_train.npy").write_text(content)
+        with pytest.raises(ValueError, match=r"must be an array of NumPy, got: .*git"):
+            fetch_fine_steering_mirror(tmp_path)
 
 
 def write_classics(folder):

@@ -3,23 +3,15 @@
 import numpy as np
 
 from ..checks import check_option
-from ._files import WEBSITE, _check_length, _find_file, _read_columns
+from ._files import _check_length, _find_file, _must, _read_columns
 from ._record import Record
 
 DRIVES_DT = 0.02  # s
 DRIVES_LENGTH = 500  # samples
 DRIVES_TRAIN = 400  # first samples of every experiment
-DRIVES = {  # excitation: file, its columns, and columns (u, y) of every experiment
-    "uniform": (
-        "DATAUNIF.csv",
-        ["u11", "u12", "z11", "z12"],
-        [("u11", "z11"), ("u12", "z12")],
-    ),
-    "prbs": (
-        "DATAPRBS.csv",
-        ["z1", "u1", "z2", "u2", "z3", "u3"],
-        [("u1", "z1"), ("u2", "z2"), ("u3", "z3")],
-    ),
+DRIVES = {  # excitation: file, and its columns, u and z of every experiment in order
+    "uniform": ("DATAUNIF.csv", ["u11", "u12", "z11", "z12"]),
+    "prbs": ("DATAPRBS.csv", ["z1", "u1", "z2", "u2", "z3", "u3"]),
 }
 
 TANKS_DT = 4.0  # s
@@ -90,12 +82,13 @@ def fetch_coupled_drives(data_home=None, excitation="uniform"):
     Record('coupled drives, uniform 1[:400]', N=400, nu=1, ny=1, dt=0.02 s)
     """
     check_option("excitation", excitation, DRIVES, "The benchmark is 'uniform'.")
-    filename, names, pairs = DRIVES[excitation]
+    filename, names = DRIVES[excitation]
     path = _find_file(data_home, "coupled_electric_drives", filename)
     values = _read_columns(path, names, length=DRIVES_LENGTH)
-    column = dict(zip(names, values, strict=True))
+    is_input = np.array([name[0] == "u" for name in names])
+    pairs = zip(values[is_input], values[~is_input], strict=True)
     parts = [
-        Record(column[u], column[y], DRIVES_DT, f"coupled drives, {excitation} {i}")
+        Record(u, y, DRIVES_DT, f"coupled drives, {excitation} {i}")
         for i, (u, y) in enumerate(pairs, start=1)
     ]
     train, test = zip(*(part.split(DRIVES_TRAIN) for part in parts), strict=True)
@@ -208,14 +201,9 @@ def fetch_silverbox(data_home=None):
     from scipy.io import loadmat  # here, so that importing the datasets stays light
 
     path = _find_file(data_home, "silverbox", SILVERBOX_FILE)
-    try:
+    with _must(path, "be a MATLAB file with the variables V1 and V2"):
         content = loadmat(path, variable_names=["V1", "V2"])
         u, y = (np.ravel(content[name]).astype(float) for name in ("V1", "V2"))
-    except Exception as error:  # the reader fails in many ways on a foreign file
-        raise ValueError(
-            f"`{path}` must be a MATLAB file with the variables V1 and V2, got: "
-            f"{error}. Get the file again from {WEBSITE}."
-        ) from error
     _check_length(path, min(len(u), len(y)), SILVERBOX_LENGTH)
     parts = {"train": SILVERBOX_TRAIN, **SILVERBOX_TESTS}
     records = {

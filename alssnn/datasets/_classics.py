@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._files import _check_length, _find_file
+from ._files import _check_length, _find_file, _must
 from ._record import Record
 
 CLASSICS_SOURCE = "the collection of Z. Dai et al."
@@ -61,13 +61,8 @@ def fetch_classics(data_home=None):
 def _fetch(data_home, name):
     filename, length, dt, variables = CLASSICS[name]
     path = _find_file(data_home, "classics", filename, source=CLASSICS_SOURCE)
-    try:
+    with _must(path, "hold an input and an output", CLASSICS_SOURCE):
         u, y = _read(path, variables)
-    except Exception as error:  # the readers fail in many ways on a foreign file
-        raise ValueError(
-            f"`{path}` must hold an input and an output, got: {error}. "
-            f"Get the file again from {CLASSICS_SOURCE}."
-        ) from error
     _check_length(path, len(u), length, CLASSICS_SOURCE)
     return Record(u, y, dt, name)
 

@@ -6,6 +6,7 @@ redistribution. A further record is one more ``fetch_*`` function: it finds its 
 """
 
 import os
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def _read_columns(path, names, *, length=None, source=WEBSITE):
             f"`{path}` must start with the columns {', '.join(names)}, got "
             f"{header[:60]!r}. Get the file again from {source}."
         )
-    try:
+    with _must(path, "hold numbers below its header", source):
         columns = np.loadtxt(
             path,
             delimiter=",",
@@ -55,13 +56,19 @@ def _read_columns(path, names, *, length=None, source=WEBSITE):
             ndmin=2,
             encoding="utf-8",
         )  # (N, n_columns)
-    except ValueError as error:
-        raise ValueError(
-            f"`{path}` must hold numbers below its header, got: {error}. "
-            f"Get the file again from {source}."
-        ) from error
     _check_length(path, len(columns), length, source)
     return np.ascontiguousarray(columns.T)
+
+
+@contextmanager
+def _must(path, duty, source=WEBSITE):
+    """Refuse a file that cannot be read, by saying what it must do."""
+    try:
+        yield
+    except Exception as error:  # readers fail in many ways on a foreign file
+        raise ValueError(
+            f"`{path}` must {duty}, got: {error}. Get the file again from {source}."
+        ) from error
 
 
 def _check_length(path, found, length, source=WEBSITE):

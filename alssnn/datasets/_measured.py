@@ -4,12 +4,12 @@ from ..checks import check_option
 from ._files import WEBSITE, _find_file, _read_columns
 from ._record import Record
 
-WIENER_HAMMERSTEIN_FILE = "WienerHammerBenchmark.csv"
-WIENER_HAMMERSTEIN_RATE = 51_200  # Hz
-WIENER_HAMMERSTEIN_LENGTH = 188_000  # samples
-WIENER_HAMMERSTEIN_SPLITS = {  # rows of (train, test)
-    "paper": (slice(0, 100_000), slice(100_000, 188_000)),
-    "official": (slice(5_200, 105_200), slice(105_200, 184_000)),
+FILE = "WienerHammerBenchmark.csv"
+DT = 1 / 51_200  # s
+LENGTH = 188_000  # samples
+SPLITS = {
+    "paper": {"train": slice(0, 100_000), "test": slice(100_000, 188_000)},
+    "official": {"train": slice(5_200, 105_200), "test": slice(105_200, 184_000)},
 }
 DOWNLOAD = (
     "Or let the package nonlinear_benchmarks (pip install "
@@ -79,40 +79,31 @@ def fetch_wiener_hammerstein(data_home=None, split="paper", download_if_missing=
     Record('Wiener-Hammerstein, paper train', N=100000, nu=1, ny=1, dt=1.95313e-05 s)
     """
     remedy = "For other rows, slice the signals of the 'paper' records."
-    check_option("split", split, WIENER_HAMMERSTEIN_SPLITS, remedy)
+    check_option("split", split, SPLITS, remedy)
     try:
-        path = _find_file(
-            data_home, "wiener_hammerstein", WIENER_HAMMERSTEIN_FILE, hint=DOWNLOAD
-        )
+        path = _find_file(data_home, "wiener_hammerstein", FILE, hint=DOWNLOAD)
     except FileNotFoundError:
         if not download_if_missing:
             raise
-        u, y = _download("WienerHammerBenchMark")
+        u, y = _download()
         source = "the package nonlinear_benchmarks"
     else:
         u, y = _read_columns(path, ["uBenchMark", "yBenchMark"])
         source = str(path)
-    if len(u) != WIENER_HAMMERSTEIN_LENGTH:
+    if len(u) != LENGTH:
         raise ValueError(
-            f"The record in {source} must hold {WIENER_HAMMERSTEIN_LENGTH} samples, "
+            f"The record in {source} must hold {LENGTH} samples, "
             f"got {len(u)}. Get the complete record again from {WEBSITE}."
         )
     train, test = (
-        Record(
-            u[rows],
-            y[rows],
-            1 / WIENER_HAMMERSTEIN_RATE,
-            f"Wiener-Hammerstein, {split} {part}",
-        )
-        for part, rows in zip(
-            ("train", "test"), WIENER_HAMMERSTEIN_SPLITS[split], strict=True
-        )
+        Record(u[rows], y[rows], DT, f"Wiener-Hammerstein, {split} {part}")
+        for part, rows in SPLITS[split].items()
     )
     return train, test
 
 
-def _download(loader):
-    """Return u and y, each of shape (N,), from a loader of nonlinear_benchmarks."""
+def _download():
+    """Return u and y, each of shape (N,), from the package nonlinear_benchmarks."""
     try:
         import nonlinear_benchmarks
     except ImportError as error:
@@ -121,5 +112,4 @@ def _download(loader):
             'which could not be imported. Install it by pip install "alssnn[data]", or '
             f"get the record yourself from {WEBSITE}."
         ) from error
-    u, y = getattr(nonlinear_benchmarks, loader)(train_test_split=False)
-    return u, y
+    return nonlinear_benchmarks.WienerHammerBenchMark(train_test_split=False)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ._files import _check_length, _find_file
+from ._files import _check_length, _find_file, _must
 from ._record import Record
 
-MIRROR_RATE = 6_400  # Hz
+MIRROR_DT = 1 / 6_400  # s
 MIRROR_LEVELS = (100, 200, 300)  # mV
 MIRROR_LENGTH = 8_192  # samples of a period
 MIRROR_SOURCE = "https://github.com/merijnfloren/fsm-benchmark-data"
@@ -64,10 +64,9 @@ def fetch_fine_steering_mirror(data_home=None):
     """
     train, tests = [], {}
     for level in MIRROR_LEVELS:
-        u, y = (_read(data_home, f"{z}_{level}mV_train.npy", 6) for z in "uy")
-        u, y = u.mean(axis=3), y.mean(axis=3)
+        u, y = (_read(data_home, f"{z}_{level}mV_train.npy", 6).mean(3) for z in "uy")
         train += [
-            Record(u[..., r], y[..., r], 1 / MIRROR_RATE, f"mirror, {level} mV {r + 1}")
+            Record(u[..., r], y[..., r], MIRROR_DT, f"mirror, {level} mV {r + 1}")
             for r in range(u.shape[2])
         ]
         u, y = (_read(data_home, f"{z}_{level}mV_test.npy", 3) for z in "uy")
@@ -75,7 +74,7 @@ def fetch_fine_steering_mirror(data_home=None):
             Record(
                 u[..., r, p],
                 y[..., r, p],
-                1 / MIRROR_RATE,
+                MIRROR_DT,
                 f"mirror, {level} mV test {r + 1}, period {p + 1}",
             )
             for r in range(u.shape[2])
@@ -87,13 +86,8 @@ def fetch_fine_steering_mirror(data_home=None):
 def _read(data_home, filename, n_realizations):
     """Return one array of shape (samples, channels, realizations, periods)."""
     path = _find_file(data_home, "fine_steering_mirror", filename, source=MIRROR_SOURCE)
-    try:
+    with _must(path, "be an array of NumPy", MIRROR_SOURCE):
         z = np.load(path, allow_pickle=False)
-    except ValueError as error:
-        raise ValueError(
-            f"`{path}` must be an array of NumPy, got: {error}. Get the file again "
-            f"from {MIRROR_SOURCE}."
-        ) from error
     _check_length(path, len(z), MIRROR_LENGTH, MIRROR_SOURCE)
     if z.shape[1:] != (3, n_realizations, 2):
         raise ValueError(
