@@ -126,7 +126,7 @@ def make_fan_arm(
     _check_positive("damping", damping, "Give the damping in 1/s.")
     _check_positive("thrust", thrust, "Give that of the full command in rad/s^2.")
     remedy = "Give the smallest and the largest command."
-    limits = _check_range("command", command, 0.0, remedy)
+    limits = _check_range("command", command, remedy)
     holds = _check_hold(hold, FAN_DT)
     rng = check_random_state(random_state)
 
@@ -250,14 +250,9 @@ def make_two_input_arm(
     ((500, 2), (500, 2), 4)
     """
     _check_samples(n_samples, noise)
-    (k1, k2), (d1, d2), (t1, t2) = (
-        _check_joints(name, pair)
-        for name, pair in (
-            ("stiffness", stiffness),
-            ("damping", damping),
-            ("amplitude", amplitude),
-        )
-    )
+    k1, k2 = _check_joints("stiffness", stiffness)
+    d1, d2 = _check_joints("damping", damping)
+    t1, t2 = _check_joints("amplitude", amplitude)
     holds = _check_hold(hold, ARM_DT)
     rng = check_random_state(random_state)
     a, b, c = ARM_LINKS

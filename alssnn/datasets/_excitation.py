@@ -30,13 +30,13 @@ def _stairs(n_samples, hold, rng):
     return np.repeat(levels, holds)[:n_samples]
 
 
-def _check_range(name, values, floor, remedy):
-    """Return lowest and highest level of a signal that must stay above `floor`."""
+def _check_range(name, values, remedy):
+    """Return lowest and highest level of a signal that must not be negative."""
     low, high = _check_numbers(name, values, 2, remedy)
-    if not floor <= low < high:
-        above = f" of at least {floor}" if np.isfinite(floor) else ""
+    if not 0 <= low < high:
         raise ValueError(
-            f"`{name}` must be an increasing pair{above}, got {values!r}. {remedy}"
+            f"`{name}` must be an increasing pair of at least 0.0, got {values!r}. "
+            f"{remedy}"
         )
     return low, high
 

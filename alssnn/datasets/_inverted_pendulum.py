@@ -121,11 +121,12 @@ def make_inverted_pendulum(
             )
         x = _step(x, [u[k] + w[k]])
     names = (["torque"], ["angle"], ["angle", "rate"])
-    plant = _sampled_plant(_step, [0], PENDULUM_DT, names, "inverted_pendulum")
-    part = slice(N_WARMUP, None)
-    y = X[part, 0] + n[part]
+    plant = _sampled_plant(
+        _step, lambda x: x[:1], PENDULUM_DT, names, "inverted_pendulum"
+    )
+    u, X, n = u[N_WARMUP:], X[N_WARMUP:], n[N_WARMUP:]
     name = "simulated inverted pendulum"
-    return Record(u[part], y, PENDULUM_DT, name, plant, X[N_WARMUP])
+    return Record(u, X[:, 0] + n, PENDULUM_DT, name, plant, X[0])
 
 
 def _step(x, u):

@@ -7,8 +7,7 @@ from sklearn.utils import check_random_state
 
 from ._checks import _check_samples
 from ._excitation import _check_hold, _check_range, _levels
-from ._plants import _add_noise, _runge_kutta, _sampled_plant, _simulate
-from ._record import Record
+from ._plants import _recorded, _runge_kutta, _simulate
 
 LEVITATION_DT = 0.002  # s, a tenth of the time in which a deviation grows by e
 LEVITATION_STEPS = 4  # Runge-Kutta steps per sample
@@ -128,9 +127,9 @@ def make_magnetic_levitation(
     True
     """
     _check_samples(n_samples, noise)
-    ends = _check_range("travel", travel, 0.0, "Give both ends in mm.")
+    ends = _check_range("travel", travel, "Give both ends in mm.")
     remedy = "Give the smallest and the largest reference in mm, within `travel`."
-    limits = _check_range("gap", gap, 0.0, remedy)
+    limits = _check_range("gap", gap, remedy)
     if not ends[0] < limits[0] < limits[1] < ends[1]:
         raise ValueError(f"`gap` must lie within {travel}, got {gap!r}. {remedy}")
     holds = _check_hold(hold, LEVITATION_DT)
@@ -147,16 +146,13 @@ def make_magnetic_levitation(
             f"`gap` must keep the ball off the ends {travel}, got {gap!r}. Narrow its "
             "range, or widen `travel`."
         )
-    r, X = r[N_WARMUP:], X[N_WARMUP:]
-    y = _add_noise(X[:, 0], noise, rng)
     if regulated:
-        u, step, name = r, regulated_magnet, "reference"
+        u, step, moved = r, regulated_magnet, "reference"
     else:
-        u = [_regulate(x, r_k) for x, r_k in zip(X.tolist(), r.tolist(), strict=True)]
-        step, name = magnet, "current"
-    names = ([name], ["gap"], ["gap", "speed"])
-    plant = _sampled_plant(step, [0], LEVITATION_DT, names, "levitation")
-    return Record(u, y, LEVITATION_DT, "simulated levitation", plant, X[0])
+        runs = zip(X.tolist(), r.tolist(), strict=True)
+        u, step, moved = np.array([_regulate(*run) for run in runs]), magnet, "current"
+    names = "levitation", "simulated levitation", [moved], ["gap"], ["gap", "speed"]
+    return _recorded(step, u, X, N_WARMUP, [0], LEVITATION_DT, noise, rng, names)
 
 
 def _step(ends, x, u):

@@ -56,21 +56,15 @@ def _add_noise(y, noise, rng):
     return y + noise * y.std(axis=0) * rng.standard_normal(y.shape)
 
 
-def _sampled_plant(step, measured, dt, names, name):
-    """Return x+ = step(x, u) with the states `measured`, as a NonlinearIOSystem."""
+def _sampled_plant(step, output, dt, names, name):
+    """Return x+ = step(x, u), y = output(x), as a NonlinearIOSystem."""
     import control  # here, so that importing the datasets stays light
 
     inputs, outputs, states = names
 
-    def update(t, x, u, params):
-        return np.array(step(x.tolist(), u.tolist()))
-
-    def output(t, x, u, params):
-        return x[measured]
-
     return control.nlsys(
-        update,
-        output,
+        lambda t, x, u, params: np.array(step(x.tolist(), u.tolist())),
+        lambda t, x, u, params: output(x),
         inputs=inputs,
         outputs=outputs,
         states=states,
@@ -84,5 +78,5 @@ def _recorded(step, u, X, warmup, measured, dt, noise, rng, names):
     name, title, *signals = names
     u, X = u[warmup:], X[warmup:]
     y = _add_noise(X[:, measured[0] : measured[-1] + 1], noise, rng)
-    plant = _sampled_plant(step, measured, dt, signals, name)
+    plant = _sampled_plant(step, lambda x: x[measured], dt, signals, name)
     return Record(u, y, dt, title, plant, X[0])

@@ -6,8 +6,7 @@ import numpy as np
 from sklearn.utils import check_random_state
 
 from ._checks import _check_numbers, _check_positive, _check_samples
-from ._plants import _add_noise, _runge_kutta, _sampled_plant, _simulate
-from ._record import Record
+from ._plants import _recorded, _runge_kutta, _simulate
 
 
 def make_prey_predator(
@@ -141,7 +140,7 @@ def make_prey_predator(
             f"`x0` must lead to positive and finite populations, got {x0}. Start from "
             "positive populations, use the default rates, or lower `dt`."
         )
-    y = _add_noise(X[:, 2], noise, check_random_state(random_state))
-    names = (["u1", "u2"], ["x3"], ["x1", "x2", "x3"])
-    plant = _sampled_plant(step, [2], dt, names, "prey_predator")
-    return Record(u, y, dt, "simulated prey and predator", plant, X[0])
+    signals = ["u1", "u2"], ["x3"], ["x1", "x2", "x3"]
+    names = "prey_predator", "simulated prey and predator", *signals
+    rng = check_random_state(random_state)
+    return _recorded(step, u, X, 0, [2], dt, noise, rng, names)

@@ -131,7 +131,7 @@ def make_heat_exchanger(
     (500, 1)
     """
     _check_samples(n_samples, noise)
-    limits = _check_range("flow", flow, 0.0, "Give both ends in l/min.")
+    limits = _check_range("flow", flow, "Give both ends in l/min.")
     holds = _check_hold(hold, EXCHANGER_DT)
     rng = check_random_state(random_state)
     constant = sum(HOT_INLET) / 2
@@ -146,8 +146,7 @@ def make_heat_exchanger(
         )
 
     step = partial(_runge_kutta, derivative, EXCHANGER_DT, EXCHANGER_STEPS)
-    u = _with_disturbance(n_samples, limits, HOT_INLET, holds, rng)
-    u = u if disturbance else u[:, :1]
+    u = _with_disturbance(n_samples, limits, HOT_INLET, holds, rng, disturbance)
     X = _simulate(step, u, [constant, COLD_INLET])  # (N, 2)
     if not np.all((X > 0) & (X <= HOT_INLET[1])):  # it mixes, and cannot be hotter
         raise ValueError(
@@ -263,7 +262,7 @@ def make_valve_tank(
     _check_positive("rangeability", rangeability, remedy)
     if rangeability <= 1:
         raise ValueError(f"`rangeability` must exceed 1, got {rangeability}. {remedy}")
-    limits = _check_range("lift", lift, 0.0, "Give both ends, within 0 and 1.")
+    limits = _check_range("lift", lift, "Give both ends, within 0 and 1.")
     if limits[1] > 1:
         raise ValueError(
             f"`lift` must not exceed 1, got {lift!r}. Give both ends, within 0 and 1."
@@ -280,8 +279,7 @@ def make_valve_tank(
         return ((valve + inflow - outflow) / TANK_AREA,)
 
     step = partial(_runge_kutta, derivative, TANK_DT, TANK_STEPS)
-    u = _with_disturbance(n_samples, limits, INFLOW, holds, rng)
-    u = u if disturbance else u[:, :1]
+    u = _with_disturbance(n_samples, limits, INFLOW, holds, rng, disturbance)
     X = _simulate(step, u, [0.3 * TANK_HEIGHT])  # (N, 1)
     if not X.max() < TANK_HEIGHT:
         raise ValueError(
@@ -293,11 +291,12 @@ def make_valve_tank(
     return _recorded(step, u, X, N_WARMUP, [0], TANK_DT, noise, rng, names)
 
 
-def _with_disturbance(n_samples, limits, disturbed, holds, rng):
+def _with_disturbance(n_samples, limits, disturbed, holds, rng, is_wanted):
     """Draw an input, and a slower disturbance beside it, with the samples to discard.
 
     Both are drawn even if the disturbance is not wanted: the input does not depend on
     it.
     """
     slow = [SLOWER * n for n in holds]
-    return _levels(N_WARMUP + n_samples, [limits, disturbed], [holds, slow], rng)
+    u = _levels(N_WARMUP + n_samples, [limits, disturbed], [holds, slow], rng)
+    return u if is_wanted else u[:, :1]

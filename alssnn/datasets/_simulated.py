@@ -32,6 +32,7 @@ import numpy as np
 from sklearn.utils import check_random_state
 
 from ._checks import _check_positive, _check_samples
+from ._plants import _add_noise, _sampled_plant
 from ._record import Record
 
 SAMPLING_RATE = 51_200.0  # Hz, of the benchmark
@@ -115,8 +116,8 @@ def make_wiener_hammerstein(
     _check_positive("amplitude", amplitude, "Give the standard deviation in volts.")
     rng = check_random_state(random_state)
     dt = 1 / SAMPLING_RATE
-    first, second = _wiener_hammerstein_filters(dt)
-    (A1, B1, C1), (A2, B2, C2) = first, second
+    filters = _wiener_hammerstein_filters(dt)
+    (A1, B1, C1), (A2, B2, C2) = filters
 
     u = amplitude * _band_limited_noise(N_WARMUP + n_samples, dt, rng)  # (N,)
     X1 = _filter_states(A1, B1, u)  # (N, 3)
@@ -125,10 +126,8 @@ def make_wiener_hammerstein(
 
     u, y = u[N_WARMUP:], y[N_WARMUP:]
     x0 = np.concatenate([X1[N_WARMUP], X2[N_WARMUP]])
-    if noise > 0:
-        # Drawn after the input, which therefore does not depend on the noise.
-        y = y + noise * y.std() * rng.standard_normal(n_samples)
-    plant = _wiener_hammerstein_plant(first, second, dt)
+    y = _add_noise(y, noise, rng)
+    plant = _wiener_hammerstein_plant(filters, dt)
     return Record(u, y, dt, "simulated Wiener-Hammerstein", plant, x0)
 
 
@@ -177,26 +176,14 @@ def _saturate(v):
     return np.where(v > 0, SATURATION * np.tanh(v / SATURATION), v)
 
 
-def _wiener_hammerstein_plant(first, second, dt):
+def _wiener_hammerstein_plant(filters, dt):
     """Return the plant as a discrete-time control.NonlinearIOSystem."""
-    import control  # here, so that importing the datasets stays light
-
-    (A1, B1, C1), (A2, B2, C2) = first, second
+    (A1, B1, C1), (A2, B2, C2) = filters
     n1 = len(A1)
 
-    def update(t, x, u, params):
+    def step(x, u):
         x1, x2 = x[:n1], x[n1:]
         return np.concatenate([A1 @ x1 + B1 @ u, A2 @ x2 + B2 @ _saturate(C1 @ x1)])
 
-    def output(t, x, u, params):
-        return C2 @ x[n1:]
-
-    return control.nlsys(
-        update,
-        output,
-        inputs=["u"],
-        outputs=["y"],
-        states=n1 + len(A2),
-        dt=dt,
-        name="wiener_hammerstein",
-    )
+    names = (["u"], ["y"], n1 + len(A2))
+    return _sampled_plant(step, lambda x: C2 @ x[n1:], dt, names, "wiener_hammerstein")
