@@ -1,4 +1,4 @@
-"""Checks of the arguments that the makers share."""
+"""Checks of arguments that the makers and the record share."""
 
 from numbers import Integral, Real
 
@@ -44,7 +44,7 @@ def _check_numbers(name, values, length, remedy):
     return numbers.tolist()
 
 
-def _check_number(name, value):
+def _check_number(name, value, remedy="Give a float."):
     """Check that `value` is a real number."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"`{name}` must be a number, got {value!r}. Give a float.")
+        raise TypeError(f"`{name}` must be a number, got {value!r}. {remedy}")

@@ -131,7 +131,7 @@ def even_step(where, steps):
     dt = float(np.median(steps))
     odd = ~(np.abs(steps - dt) <= UNEVEN * dt)
     if dt <= 0 or odd.any():
-        first = int(np.flatnonzero(odd)[0]) if odd.any() else 0
+        first = int(np.argmax(odd))  # or 0, if none is
         raise ValueError(
             f"The times in {where} must rise evenly, got a step of "
             f"{steps[first]:g} s after sample {first}, and {dt:g} s in the median. Cut "

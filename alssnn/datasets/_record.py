@@ -10,6 +10,7 @@ import numpy as np
 
 from ..checks import is_count, is_positive
 from ..containers import check_rows_meet
+from ._checks import _check_number, _check_positive
 from ._columns import as_list, as_names, as_signal, as_state
 
 
@@ -102,16 +103,9 @@ class Record:
                 f"got {len(u)} and {len(y)}. Time runs down the rows; transpose "
                 "signals stored as (signals, time)."
             )
-        if isinstance(self.dt, bool) or not isinstance(self.dt, Real):
-            raise TypeError(
-                f"`dt` must be a number, got {self.dt!r}. "
-                "Give the sampling time in seconds."
-            )
-        if not 0 < self.dt < np.inf:
-            raise ValueError(
-                f"`dt` must be positive and finite, got {self.dt}. "
-                "Give the sampling time in seconds."
-            )
+        remedy = "Give the sampling time in seconds."
+        _check_number("dt", self.dt, remedy)
+        _check_positive("dt", self.dt, remedy)
         if not isinstance(self.name, str):
             raise TypeError(
                 f"`name` must be a string, got {self.name!r}. "
@@ -420,14 +414,8 @@ class Record:
                 f"`y` must be measured at every sample to change the rate, got a gap "
                 f"at row {row}. Fill it, or cut the record there."
             )
-        return replace(
-            self,
-            u=at_rate(self.u, up, down),
-            y=at_rate(self.y, up, down),
-            dt=self.dt * down / up,
-            plant=None,
-            x0=None,
-        )
+        u, y = (at_rate(z, up, down) for z in self)
+        return replace(self, u=u, y=y, dt=self.dt * down / up, plant=None, x0=None)
 
     def split(self, n: int | float) -> tuple["Record", "Record"]:
         """Split into the first `n` samples and the rest.
@@ -462,23 +450,12 @@ class Record:
                 "Give an int for a number of samples."
             )
         N = len(self)
-        n_first = int(n) if isinstance(n, Integral) else round(float(n) * N)
-        if not 0 < n_first < N:
+        k = int(n) if isinstance(n, Integral) else round(float(n) * N)
+        if not 0 < k < N:
             raise ValueError(
                 f"`n` must leave at least one of the {N} samples to each part, "
                 f"got {n}. Choose 1 to {N - 1} samples, or split a longer record."
             )
-        first = replace(
-            self,
-            u=self.u[:n_first],
-            y=self.y[:n_first],
-            name=f"{self.name}[:{n_first}]",
-        )
-        rest = replace(
-            self,
-            u=self.u[n_first:],
-            y=self.y[n_first:],
-            name=f"{self.name}[{n_first}:]",
-            x0=None,
-        )
-        return first, rest
+        u, y, name = self.u, self.y, self.name
+        first = replace(self, u=u[:k], y=y[:k], name=f"{name}[:{k}]")
+        return first, replace(self, u=u[k:], y=y[k:], name=f"{name}[{k}:]", x0=None)
