@@ -11,7 +11,7 @@ from ..periods import repeated
 from ..shown import percent
 from . import _signals
 from ._findings import Finding, FirstLook
-from ._nonlinearity import nonlinearity
+from ._nonlinearity import nonlinearity, scaled
 from ._recommend import LEVEL, SHORT, recommend
 
 MATTERS = 0.05  # what is not linear, relative to the output, from which it is seen
@@ -112,8 +112,7 @@ def _response(u, y, experiment, dt, period):
 
 def _record(records, dt):
     """Say what there is."""
-    N = sum(len(u) for u, _ in records.pairs)
-    parts = len(records.pairs)
+    N, parts = len(records.u), len(records.pairs)
     sentence = (
         f"{N} samples of {records.nu} inputs and {records.ny} outputs in {parts} "
         f"experiment{'s' if parts > 1 else ''}, {N * dt:.4g} s in all."
@@ -128,15 +127,10 @@ def _record(records, dt):
 
 def _delays(records):
     """Return the delays of the inputs; None if a signal is at rest."""
-    u, y = (np.concatenate(z) for z in zip(*records.pairs, strict=True))
-    u_scale, y_scale = u.std(axis=0), np.nanstd(y, axis=0)
-    if not (np.all(u_scale > 0) and np.all(y_scale > 0)):
+    spreads = np.hstack([records.u.std(axis=0), np.nanstd(records.y, axis=0)])
+    if not np.all(spreads > 0):
         return None
-    pairs = [
-        ((a - u.mean(axis=0)) / u_scale, (b - np.nanmean(y, axis=0)) / y_scale)
-        for a, b in records.pairs
-    ]
-    return estimate_delays(pairs, "auto", max_delay=MAX_DELAY)
+    return estimate_delays(scaled(records.pairs), "auto", max_delay=MAX_DELAY)
 
 
 def _delay(records, delays):
@@ -181,10 +175,8 @@ def _nonlinearity(p, response):
 
 def _model(wanted):
     """Say what to begin with, and why."""
-    if not wanted:
-        sentence = f"No model of this package. {wanted.reason}"
-    else:
-        sentence = f"Begin with {wanted}. {wanted.reason}"
+    begin = f"Begin with {wanted}" if wanted else "No model of this package"
+    sentence = f"{begin}. {wanted.reason}"
     return Finding("model", float(bool(wanted)), sentence, not wanted)
 
 

@@ -69,7 +69,7 @@ def nonlinearity(u, y, experiment=None):
     lags = min(LAGS, samples // (PER_UNKNOWN * (records.ny + records.nu)))
     if lags < 1:
         return np.nan, np.nan
-    rows = [np.hstack([y, _past(u, y, lags)]) for u, y in _scaled(pairs)]
+    rows = [np.hstack([y, _past(u, y, lags)]) for u, y in scaled(pairs)]
     data = np.concatenate(list(complete(rows)))
     ny, n = records.ny, data.shape[1] - records.ny
     if len(data) < PER_UNKNOWN * n / 2:
@@ -89,8 +89,19 @@ def nonlinearity(u, y, experiment=None):
     return float(min(1.0, ny * min(p_values))), float(max(shares))
 
 
-def _scaled(pairs):
-    """Return pairs without units."""
+def scaled(pairs):
+    """Return pairs without units.
+
+    Parameters
+    ----------
+    pairs : list of tuple of ndarray
+        Pairs (u, y); y is nan where it was not measured.
+
+    Returns
+    -------
+    pairs : list of tuple of ndarray
+        The same with columns of zero mean and unit variance; of zeros at rest.
+    """
     u, y = (np.concatenate(z) for z in zip(*pairs, strict=True))
     u_mean, y_mean = u.mean(axis=0), np.nanmean(y, axis=0)
     u_scale, y_scale = u.std(axis=0), np.nanstd(y, axis=0)

@@ -76,7 +76,7 @@ def recommend(records, delays, p, response, dt, period=None):
         Samples by which inputs seem to arrive late; None if a signal is at rest.
     p : float
         How likely a linear plant gives such a record; nan if it cannot tell.
-    response : FrequencyResponse or None
+    response : BestLinearApproximation or None
         Frequency response, if there is one.
     dt : float
         Sampling time, in seconds.
@@ -89,7 +89,7 @@ def recommend(records, delays, p, response, dt, period=None):
         Estimator, options and reason.
     """
     given = {} if dt == 1.0 else {"dt": dt}
-    n_samples, is_linear = sum(len(u) for u, _ in records.pairs), p >= LEVEL
+    n_samples, is_linear = len(records.u), p >= LEVEL
     if delays is None:
         return _none(_what_rests(records))
     if np.isnan(p):
@@ -123,11 +123,11 @@ def recommend(records, delays, p, response, dt, period=None):
     if chosen.name == "AL" and not chosen.options:  # a monotone map needs u in time
         bent = trial(parts, "h(y)", _orders(fits[0], records.ny), **MONOTONE)
         if bent.error <= NEAR * best.error:
-            tried = Recommendation(bent.estimator, {**bent.options, **given})
+            tried = Recommendation(type(bent.model), {**bent.options, **given})
             sentences.append(
                 f"A curve that the input goes through does as well: compare {tried}."
             )
-    return Recommendation(chosen.estimator, options, " ".join(sentences))
+    return Recommendation(type(chosen.model), options, " ".join(sentences))
 
 
 def _none(reason):
@@ -137,9 +137,9 @@ def _none(reason):
 
 def _what_rests(records):
     """Say which columns are at rest, or were never measured."""
-    u, y = (np.concatenate(z) for z in zip(*records.pairs, strict=True))
     names = [*records.input_names, *records.output_names]
-    values = [column[np.isfinite(column)] for column in np.hstack([u, y]).T]
+    columns = np.hstack([records.u, records.y]).T
+    values = [column[np.isfinite(column)] for column in columns]
     still = [
         n for n, z in zip(names, values, strict=True) if not (len(z) and z.std() > 0)
     ]
@@ -151,8 +151,8 @@ def _what_rests(records):
 
 def _too_few(records):
     """Say of which samples there are too few."""
-    whole = [np.isfinite(y).all(axis=1) for _, y in records.pairs]
-    n, n_whole = sum(map(len, whole)), sum(int(w.sum()) for w in whole)
+    whole = np.isfinite(records.y).all(axis=1)
+    n, n_whole = len(whole), whole.sum()
     if n_whole < n:
         return (
             f"Too few samples have all outputs measured, {n_whole} of {n}, or too few "

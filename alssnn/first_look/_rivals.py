@@ -168,13 +168,9 @@ def varying_delay(parts):
         return np.inf, np.inf, 0.0
     still = np.zeros(len(windows), dtype=int)
     fixed, _ = _with_shifts(parts, windows, still, 1)
-    moving, shifts = min(
-        (
-            _with_shifts(parts, windows, start, ROUNDS)
-            for start in (still, _first_shifts(windows))
-        ),
-        key=lambda found: found[0],
-    )
+    starts = still, _first_shifts(windows)
+    found = [_with_shifts(parts, windows, start, ROUNDS) for start in starts]
+    moving, shifts = min(found, key=lambda one: one[0])
     return fixed, moving, float(shifts.std())
 
 

@@ -22,26 +22,6 @@ COLLINEAR = 0.95  # correlation of two inputs
 SQRT12 = np.sqrt(12.0)
 
 
-def stacked(records):
-    """Return all inputs and outputs with their names.
-
-    Parameters
-    ----------
-    records : Records
-        The experiments.
-
-    Returns
-    -------
-    signals : list of tuple
-        Tuples (name, z, is_input), z with one array per experiment.
-    """
-    return [
-        (name, [pair[role][:, i] for pair in records.pairs], role == 0)
-        for role, names in enumerate((records.input_names, records.output_names))
-        for i, name in enumerate(names)
-    ]
-
-
 def gaps(records):
     """Look for outputs that were not measured.
 
@@ -55,10 +35,8 @@ def gaps(records):
     finding : Finding
         The largest share of an output.
     """
-    missing = {}
-    for name, parts, is_input in stacked(records):
-        if not is_input:
-            missing[name] = float(np.mean(np.isnan(np.concatenate(parts))))
+    shares = np.isnan(records.y).mean(axis=0).tolist()
+    missing = dict(zip(records.output_names, shares, strict=True))
     worst = max(missing.values())
     if not worst:
         sentence = "All outputs were measured at all samples."
@@ -85,23 +63,21 @@ def saturation(records):
         The largest share of samples at a limit.
     """
     found = {}
-    for name, parts, is_input in stacked(records):
-        z = np.concatenate(parts)
+    for name, z in zip(records.output_names, records.y.T, strict=True):
         values, counts = np.unique(z[~np.isnan(z)], return_counts=True)
-        if is_input or len(values) < LEVELS:
+        if len(values) < LEVELS:
             continue
         for end, beside in ((0, 1), (-1, -2)):
             piled = counts[end] > PILED_UP * max(counts[beside], 1)
             share = counts[end] / len(z)
             if piled and share > SATURATED:
                 found[f"{name} at {values[end]:.4g}"] = float(share)
-    worst = max(found.values(), default=0.0)
     if not found:
         return Finding("saturation", 0.0, "No output stays at an extreme value.", False)
     said = ", ".join(f"{100 * share:.1f} % of {name}" for name, share in found.items())
     return Finding(
         "saturation",
-        worst,
+        max(found.values()),
         f"Outputs stay at an extreme value: {said}. Where a sensor was at its limit, "
         "set what it hid to nan, or excite less; a stop is part of the plant.",
         True,
@@ -122,18 +98,17 @@ def quantization(records):
         The largest step, relative to the standard deviation of its signal.
     """
     found = {}
-    for name, parts, is_input in stacked(records):
-        step = _step(np.concatenate(parts))
-        spread = np.nanstd(np.concatenate(parts))
-        if step and not is_input:
-            found[name] = step, float(step / spread)
-    worst = max((share for _, share in found.values()), default=0.0)
+    for name, z in zip(records.output_names, records.y.T, strict=True):
+        step = _step(z)
+        if step:
+            found[name] = step, float(step / np.nanstd(z))
     if not found:
         return Finding(
             "quantization", 0.0, "No output shows the step of a converter.", False
         )
     said = ", ".join(f"{step:.3g} of {name}" for name, (step, _) in found.items())
     floor = ", ".join(f"{step / SQRT12:.2g}" for step, _ in found.values())
+    worst = max(share for _, share in found.values())
     sentence = (
         f"Outputs come in steps of {said}; this alone makes errors of {floor} rms."
     )
@@ -171,10 +146,9 @@ def outliers(records):
         Number of spikes.
     """
     found, first = 0, ""
-    for name, parts, is_input in stacked(records):
-        if is_input:
-            continue
-        for z, label in zip(parts, records.labels, strict=True):
+    for i, name in enumerate(records.output_names):
+        for (_, y), label in zip(records.pairs, records.labels, strict=True):
+            z = y[:, i]
             if np.sum(~np.isnan(z)) < 10:
                 continue
             padded = np.pad(z, 3, mode="edge")
@@ -214,8 +188,7 @@ def inputs(records):
     finding : Finding
         Largest correlation of two inputs; 1 if one is at rest.
     """
-    u = np.concatenate([u for u, _ in records.pairs])
-    spread = u.std(axis=0)
+    spread = records.u.std(axis=0)
     rest = [n for n, s in zip(records.input_names, spread, strict=True) if not s > 0]
     if rest:
         return Finding(
@@ -230,7 +203,7 @@ def inputs(records):
             f"{records.input_names[0]} has a standard deviation of {spread[0]:.3g}."
         )
         return Finding("inputs", 0.0, sentence, False)
-    correlation = np.abs(np.corrcoef(u.T)) - np.eye(records.nu)
+    correlation = np.abs(np.corrcoef(records.u.T)) - np.eye(records.nu)
     i, j = np.unravel_index(np.argmax(correlation), correlation.shape)
     worst = float(correlation[i, j])
     a, b = records.input_names[min(i, j)], records.input_names[max(i, j)]

@@ -117,17 +117,14 @@ class Trial:
         Family.
     error : float
         Error on hidden samples, relative to the standard deviation of the output.
-    estimator : type
-        Estimator of the family.
     options : dict
         What makes the estimator this family.
     model : estimator
-        The fitted model.
+        The fitted model, of the class of the family.
     """
 
     name: str
     error: float
-    estimator: type
     options: dict
     model: Any = field(repr=False)
 
@@ -181,5 +178,5 @@ def trial(parts, name, orders=None, **options):
             warnings.simplefilter("ignore")  # that it stops early is meant
             model.fit(u, y)
         pairs = [model.simulate_test(u, y) for u, y in parts.hidden]
-        fits.append(Trial(name, parts.error(pairs), cls, asked, model))
+        fits.append(Trial(name, parts.error(pairs), asked, model))
     return min(fits, key=lambda fit: fit.error)

@@ -35,6 +35,16 @@ class Records:
     output_names: tuple
 
     @property
+    def u(self):
+        """Return the inputs of all experiments, shape (N, nu)."""
+        return np.concatenate([u for u, _ in self.pairs])
+
+    @property
+    def y(self):
+        """Return the outputs of all experiments, shape (N, ny)."""
+        return np.concatenate([y for _, y in self.pairs])
+
+    @property
     def nu(self):
         """Return the number of inputs."""
         return len(self.input_names)
