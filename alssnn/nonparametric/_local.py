@@ -107,13 +107,12 @@ def local_polynomial(
         [np.fft.rfft(z, axis=0)[: (len(z) + 1) // 2] / np.sqrt(len(z)) for z in run]
         for run in runs
     ]
+    freedom = int(np.sum(widths - degree - 1)) - (degree + 1) * records.nu
     rows = [
-        _fit(frequencies[i : i + CHUNK], spectra, runs, widths, degree)
+        _fit(frequencies[i : i + CHUNK], spectra, runs, widths, degree, freedom)
         for i in range(0, len(lines), CHUNK)
     ]
-    G, W, C, freedom, power = (
-        np.concatenate(parts) for parts in zip(*rows, strict=True)
-    )
+    G, W, C, power = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     if np.isnan(G).all():
         raise ValueError(
             "`u` must have inputs that are independent of each other and move at more "
@@ -133,7 +132,7 @@ def local_polynomial(
         G=G,
         covariance=covariance,
         noise_covariance=np.full_like(covariance, np.nan),
-        dof=int(freedom[0]),
+        dof=freedom,
         output=np.sqrt(2 / longest * power),
         noise=unknown,
         distortion=unknown,
@@ -170,8 +169,8 @@ def _lengths(runs):
 def _without_gaps(u, y):
     """Return the stretches (u, y) in which all outputs were measured."""
     measured = ~np.isnan(y).any(axis=1)
-    edges = np.flatnonzero(np.diff(np.r_[False, measured, False]))
-    return [(u[a:b], y[a:b]) for a, b in edges.reshape(-1, 2)]
+    stretches = np.ma.clump_masked(np.ma.array(measured, mask=measured))
+    return [(u[part], y[part]) for part in stretches]
 
 
 def _windows(runs, records, degree, dof):
@@ -197,8 +196,10 @@ def _windows(runs, records, degree, dof):
     )
 
 
-def _fit(frequencies, spectra, runs, widths, degree):
+def _fit(frequencies, spectra, runs, widths, degree, freedom):
     """Fit G and transients around frequencies (n,), in cycles per sample.
+
+    The covariance has as many degrees of freedom as `freedom` says.
 
     Returns
     -------
@@ -208,17 +209,11 @@ def _fit(frequencies, spectra, runs, widths, degree):
         Factor of their covariance, for `error_covariance`.
     C : ndarray of shape (n, ny, ny)
         Covariance of what is left.
-    freedom : ndarray of shape (n,)
-        Its degrees of freedom.
     power : ndarray of shape (n, ny)
         Mean square of Y.
     """
-    blocks, targets, power = (
-        [],
-        [],
-        np.zeros((len(frequencies), spectra[0][1].shape[1])),
-    )
-    freedom = 0
+    blocks, targets = [], []
+    power = np.zeros((len(frequencies), spectra[0][1].shape[1]))
     half = max(width / len(u) for width, (u, _) in zip(widths, runs, strict=True)) / 2
     for (U, Y), (u, _), width in zip(spectra, runs, widths, strict=True):
         center = np.round(frequencies * len(u)).astype(int)
@@ -234,9 +229,8 @@ def _fit(frequencies, spectra, runs, widths, degree):
         A, y = (z - Q @ (np.swapaxes(Q, 1, 2).conj() @ z) for z in (A, y))
         blocks.append(A)
         targets.append(y)
-        freedom += width - P.shape[2]
     A, y = np.concatenate(blocks, axis=1), np.concatenate(targets, axis=1)
-    n, _, p = A.shape
+    p = A.shape[2]
     nu = p // (degree + 1)
     size = np.sqrt(np.sum(np.abs(A) ** 2, axis=1))  # (n, p)
     largest = np.max([np.abs(U[1:]).max(axis=0) for U, _ in spectra], axis=0)  # (nu,)
@@ -248,10 +242,9 @@ def _fit(frequencies, spectra, runs, widths, degree):
     rest = y - Q @ Qy
     size[poor] = 1.0
     inverse = np.linalg.inv(R)[:, :nu] / size[:, :nu, None]  # (n, nu, p): rows of G_0
-    freedom -= p
     C = np.einsum("kri,krj->kij", rest, rest.conj()) / freedom
     G = np.swapaxes(inverse @ Qy, 1, 2)
     W = np.swapaxes(inverse, 1, 2)
     for z in (G, W, C):
         z[poor] = np.nan
-    return G, W, C, np.full(n, freedom), power / np.sum(widths)
+    return G, W, C, power / np.sum(widths)

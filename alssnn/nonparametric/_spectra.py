@@ -8,11 +8,10 @@ leaks more of a steep spectrum into its valleys.
 """
 
 from dataclasses import dataclass
-from numbers import Integral
 
 import numpy as np
 
-from ..checks import count
+from ..checks import count, is_count
 
 EXCITED = 1e-2  # of the largest amplitude: below, a line was not excited
 ABOVE_NOISE = 10.0  # power over that of noise at the input, of an excited line
@@ -68,7 +67,7 @@ def average(pairs, label, period, n_transient):
         If the period does not divide the record, there are no two periods without a gap
         that follow each other, or `u` is not periodic.
     """
-    if isinstance(period, bool) or not isinstance(period, Integral) or period < 4:
+    if not is_count(period, 4):
         raise ValueError(
             f"`period` must be the samples of a period, an integer of at least 4, got "
             f"{period!r}. Records that are not periodic are for `local_polynomial`."
@@ -86,20 +85,21 @@ def average(pairs, label, period, n_transient):
         for parts in zip(*pairs, strict=True)
     )
     measured = ~np.isnan(y).any(axis=(1, 2))
-    edges = np.flatnonzero(np.diff(np.r_[False, measured, False])).reshape(-1, 2)
-    if np.diff(edges, axis=1).max(initial=0) < 2:
+    n_periods = int(measured.sum())
+    runs = np.ma.clump_masked(np.ma.array(measured, mask=measured))
+    if max((len(u[run]) for run in runs), default=0) < 2:
         raise ValueError(
             f"`y` must have two complete periods{name} in a row behind the first "
-            f"{n_transient}, got {measured.sum()} complete of {len(y)}. Record more "
+            f"{n_transient}, got {n_periods} complete of {len(y)}. Record more "
             "periods, or lower `n_transient` if the plant had settled. What needs no "
             "two periods is `local_polynomial`, and a `noise_floor` given as a number."
         )
     means, noise = [], []
-    for a, b in edges:
-        mean, around = _lines(np.concatenate([u[a:b], y[a:b]], axis=2))
-        means.append((b - a) * mean)
+    for run in runs:
+        mean, around = _lines(np.concatenate([u[run], y[run]], axis=2))
+        means.append(len(u[run]) * mean)
         noise.append(around)
-    mean, around = sum(means) / measured.sum(), np.concatenate(noise)
+    mean, around = sum(means) / n_periods, np.concatenate(noise)
     nu = u.shape[2]
     moving = np.sum(np.abs(mean[1:, :nu]) ** 2)
     if np.sum(np.mean(np.abs(around[:, 1:, :nu]) ** 2, axis=0)) > APERIODIC * moving:
@@ -108,11 +108,7 @@ def average(pairs, label, period, n_transient):
             f"that differ{name}. Check `period`, or take `local_polynomial`."
         )
     return Spectra(
-        mean[:, :nu],
-        mean[:, nu:],
-        around[..., :nu],
-        around[..., nu:],
-        int(measured.sum()),
+        mean[:, :nu], mean[:, nu:], around[..., :nu], around[..., nu:], n_periods
     )
 
 
