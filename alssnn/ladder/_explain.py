@@ -84,7 +84,9 @@ def _missed(row):
 
 def _about_accuracy(al, lti):
     ratio = lti.rmse_test.mean() / al.rmse_test.mean()
-    if _missed(al) >= 100 and np.isfinite(al.rmse_test).all():
+    if not np.isfinite(al.rmse_test).all():
+        return "Accuracy: AL-SSNN diverges on the test data and is of no use there."
+    if _missed(al) >= 100:
         return (
             "Accuracy: AL-SSNN follows the test data no better than their mean and is "
             "of no use there."
@@ -93,8 +95,6 @@ def _about_accuracy(al, lti):
         f"Accuracy: on the test data LTI misses {percent(_missed(lti))} of the output,"
         f" AL-SSNN {percent(_missed(al))}"
     )
-    if not np.isfinite(al.rmse_test).all():
-        return "Accuracy: AL-SSNN diverges on the test data and is of no use there."
     if ratio > CLEARLY:
         return f"{facts}, {times(ratio)} times less."
     return (

@@ -14,6 +14,10 @@ from ._explain import TEXT_WIDTH, explain, fault
 
 SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
 ENOUGH_STEPS = 20  # if it took at least so many
+HEADER = (
+    "|para-|RMSE|RMSE|fit|nonlin.|in the|radius|time".split("|"),
+    "model|meters|train|test|%|rest, %|loop, %|of A|s".split("|"),
+)
 PER_OUTPUT = (  # figures of the table
     "rmse_train",
     "rmse_test",
@@ -143,27 +147,13 @@ class Ladder(Rows):
 
     def __str__(self):
         """Return the table as aligned plain text."""
-        header = [
-            ("", "para-", "RMSE", "RMSE", "fit", "nonlin.", "in the", "radius", "time"),
-            (
-                "model",
-                "meters",
-                "train",
-                "test",
-                "%",
-                "rest, %",
-                "loop, %",
-                "of A",
-                "s",
-            ),
-        ]
-        cells = [*header, *(_cells(row) for row in self.rows)]
+        cells = [*HEADER, *(_cells(row) for row in self.rows)]
         if self.noise_floor is not None:
             ratios = [f"{self.over_floor(row).max():.3g}" for row in self.rows]
             column = ["test /", "floor", *ratios]
             cells = [(*c[:4], r, *c[4:]) for c, r in zip(cells, column, strict=True)]
         lines = aligned(cells)
-        lines.insert(len(header), "-" * max(map(len, lines)))
+        lines.insert(len(HEADER), "-" * max(map(len, lines)))
         return "\n".join([*lines, *self._notes()])
 
     def over_floor(self, row):
