@@ -143,8 +143,7 @@ def multisine(
         if reduce_crest:
             phi = _low_peaks(given, phi, lines, period)
         periods[m] = _waveforms(given * np.exp(1j * phi)[:, None, :], lines, period)
-    u = limits.scale(periods, dt)  # (realizations, experiments, period, nu)
-    u = u.reshape(-1, period, nu)
+    u = limits.scale(periods, dt).reshape(-1, period, nu)
     return repeat(u, dt, limits, n_periods, n_realizations, lines, names, "multisine")
 
 

@@ -169,10 +169,9 @@ def prbs(
     bits, _ = max_len_seq(int(n_bits))
     starts = rng.randint(len(bits), size=n_realizations)
     shifts = np.arange(nu) * len(bits) // nu
-    s = np.stack(
-        [np.stack([np.roll(bits, -a - b) for b in shifts], axis=1) for a in starts]
-    )
-    s = np.repeat(2.0 * s - 1.0, hold, axis=1)  # (realizations, period, nu)
+    k = starts[:, None, None] + np.arange(len(bits))[:, None] + shifts
+    s = 2.0 * bits[k % len(bits)] - 1.0
+    s = np.repeat(s, hold, axis=1)  # (realizations, period, nu)
     room = np.minimum(
         limits.high - limits.operating_point, limits.operating_point - limits.low
     )
