@@ -637,7 +637,7 @@ def test_an_unstable_plant_from_its_loop():
     [
         ({"angle": 0.0}, "`angle` must be"),
         ({"angle": 3.0}, "hold the pendulum"),
-        ({"torque_noise": -1.0}, "must be"),
+        ({"torque_noise": -1.0}, "`torque_noise` must be"),
         ({"hold": (1.0, 0.5)}, "`hold` must be"),
     ],
 )

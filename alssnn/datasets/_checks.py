@@ -16,11 +16,15 @@ def _check_samples(n_samples, noise):
             f"`n_samples` must be at least 1, got {n_samples}. "
             "Give a positive number of samples."
         )
-    _check_number("noise", noise)
-    if not 0 <= noise < np.inf:
+    _check_noise("noise", noise, "Use 0.01 for noise of 1 % of the output.")
+
+
+def _check_noise(name, value, remedy):
+    """Check a standard deviation, which may be zero."""
+    _check_number(name, value)
+    if not 0 <= value < np.inf:
         raise ValueError(
-            f"`noise` must be nonnegative and finite, got {noise}. "
-            "Use 0.01 for noise of 1 % of the output."
+            f"`{name}` must be nonnegative and finite, got {value}. {remedy}"
         )
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from sklearn.utils import check_random_state
 
-from ._checks import _check_positive, _check_samples
+from ._checks import _check_noise, _check_positive, _check_samples
 from ._excitation import _check_hold, _levels
 from ._plants import _runge_kutta, _sampled_plant
 from ._record import Record
@@ -100,7 +100,7 @@ def make_inverted_pendulum(
     True
     """
     _check_samples(n_samples, noise)
-    _check_samples(n_samples, torque_noise)
+    _check_noise("torque_noise", torque_noise, "Give its standard deviation in Nm.")
     _check_positive("angle", angle, "Give the largest reference in rad.")
     holds = _check_hold(hold, PENDULUM_DT)
     rng = check_random_state(random_state)
