@@ -13,7 +13,7 @@ from sklearn.utils import check_random_state
 
 from ._checks import _check_numbers, _check_positive, _check_samples
 from ._excitation import _check_hold, _check_range, _levels
-from ._plants import _recorded, _runge_kutta, _simulate
+from ._plants import _check_slow, _recorded, _runge_kutta, _simulate
 
 FAN_DT = 0.05  # s, 40 samples per period of small swings
 FAN_STEPS = 2  # Runge-Kutta steps per sample: 1e-6 rad from the exact solution
@@ -90,7 +90,8 @@ def make_fan_arm(
     ValueError
         If a scalar argument is not positive (`noise`: negative), if `command` is not
         an increasing pair that is not negative, if `hold` is not an increasing pair of
-        at least one sample, or if the arm swings over the top.
+        at least one sample, or if the arm swings over the top or is too fast for the
+        sampling time.
 
     See Also
     --------
@@ -138,6 +139,7 @@ def make_fan_arm(
     step = partial(_runge_kutta, derivative, FAN_DT, FAN_STEPS)
     u = _levels(FAN_WARMUP + n_samples, [limits], [holds], rng)  # (N, 1)
     X = _simulate(step, u, [0.0, 0.0])  # (N, 2)
+    _check_slow(X, "damping", damping, "arm", FAN_DT, "Lower it, or the `thrust`.")
     highest = np.abs(X[:, 0]).max()
     if not highest < np.pi:
         raise ValueError(
@@ -269,15 +271,9 @@ def make_two_input_arm(
     step = partial(_runge_kutta, derivative, ARM_DT, ARM_STEPS)
     ranges = [(-t1, t1), (-t2, t2)]
     u = _levels(ARM_WARMUP + n_samples, ranges, [holds, holds], rng)  # (N, 2)
-    try:
-        X = _simulate(step, u, [0.0] * 4)  # (N, 4)
-    except ValueError:  # math.sin refuses infinity
-        X = np.full((1, 4), np.inf)
-    if not np.all(np.isfinite(X)):
-        raise ValueError(
-            f"`amplitude` must keep the arm slow for its sampling time of {ARM_DT} s, "
-            f"got {amplitude}. Lower it, `stiffness` or `damping`."
-        )
+    X = _simulate(step, u, [0.0] * 4)  # (N, 4)
+    remedy = "Lower it, `stiffness` or `damping`."
+    _check_slow(X, "amplitude", amplitude, "arm", ARM_DT, remedy)
     signals = ["tau1", "tau2"], ["q1", "q2"], ["q1", "q2", "omega1", "omega2"]
     names = "two_input_arm", "simulated arm of two links", *signals
     return _recorded(step, u, X, ARM_WARMUP, [0, 1], ARM_DT, noise, rng, names)

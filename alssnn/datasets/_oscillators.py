@@ -9,7 +9,7 @@ from sklearn.utils import check_random_state
 from ..checks import check_option
 from ._checks import _check_positive, _check_samples
 from ._excitation import _check_hold, _stairs
-from ._plants import _recorded, _runge_kutta, _simulate
+from ._plants import _check_slow, _recorded, _runge_kutta, _simulate
 
 PENDULUM_DT = 0.05  # s, 40 samples per period of small swings
 PENDULUM_STEPS = 2  # Runge-Kutta steps per sample: 1e-6 rad from the exact solution
@@ -82,8 +82,8 @@ def make_pendulum(
         If `n_samples` is not an integer, or another argument not a number.
     ValueError
         If an argument is not positive (`noise`: negative), if `hold` is not an
-        increasing pair of at least one sample, or if the arm swings over the top
-        and `full_turns` is False.
+        increasing pair of at least one sample, if the arm is too fast for the sampling
+        time, or if it swings over the top and `full_turns` is False.
 
     See Also
     --------
@@ -128,6 +128,8 @@ def make_pendulum(
     step = partial(_runge_kutta, derivative, PENDULUM_DT, PENDULUM_STEPS)
     u = amplitude * _stairs(N_WARMUP + n_samples, holds, rng)[:, None]  # (N, 1)
     X = _simulate(step, u, [0.0, 0.0])  # (N, 2)
+    remedy = "Lower it, or the `amplitude`."
+    _check_slow(X, "damping", damping, "arm", PENDULUM_DT, remedy)
     highest = np.abs(X[:, 0]).max()
     if not highest < (np.inf if full_turns else np.pi):
         raise ValueError(
@@ -254,11 +256,8 @@ def make_duffing(
         u = math.sqrt(3) * _stairs(N_WARMUP + n_samples, DUFFING_HOLD, rng)
     u = amplitude * u[:, None]  # (N, 1)
     X = _simulate(step, u, [0.0, 0.0])  # (N, 2)
-    if not np.all(np.isfinite(X)):
-        raise ValueError(
-            f"`amplitude` must keep the oscillator slow for its sampling time of "
-            f"{DUFFING_DT} s, got {amplitude}. Lower `amplitude`, `k1` or `k3`."
-        )
+    remedy = "Lower `amplitude`, `k1` or `k3`."
+    _check_slow(X, "amplitude", amplitude, "oscillator", DUFFING_DT, remedy)
     signals = ["u"], ["y"], ["position", "velocity"]
     names = "duffing", "simulated Duffing oscillator", *signals
     return _recorded(step, u, X, N_WARMUP, [0], DUFFING_DT, noise, rng, names)

@@ -39,14 +39,29 @@ def _runge_kutta(derivative, dt, n_steps, x, u):
 
 
 def _simulate(step, u, x):
-    """Return the states, of shape (N, nx), visited under u of shape (N, nu)."""
-    X = []
+    """Return the states, of shape (N, nx), visited under u of shape (N, nu).
+
+    Those of a run that diverges are one row of infinities.
+    """
+    X, diverged = [], np.full((1, len(x)), np.inf)
     for u_k in u.tolist():
         X.append(x)
-        if not math.isfinite(sum(x)):  # math.sin refuses infinity
-            break
-        x = step(x, u_k)
+        if not math.isfinite(sum(x)):
+            return diverged
+        try:
+            x = step(x, u_k)
+        except ValueError:  # math.sin refuses infinity
+            return diverged
     return np.array(X)
+
+
+def _check_slow(X, name, value, what, dt, remedy):
+    """Refuse a run that has diverged."""
+    if not np.all(np.isfinite(X)):
+        raise ValueError(
+            f"`{name}` must keep the {what} slow for its sampling time of {dt} s, got "
+            f"{value}. {remedy}"
+        )
 
 
 def _add_noise(y, noise, rng):
