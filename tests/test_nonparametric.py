@@ -3,6 +3,7 @@
 import control
 import numpy as np
 import pandas as pd
+import polars
 import pytest
 from scipy.signal import butter, freqz, lfilter
 from scipy.stats import f as f_distribution
@@ -355,6 +356,19 @@ def test_the_sampling_time_is_that_of_the_excitation_or_given():
     series = pd.Series(excitation.u[:, 0], name="valve")  # has a `dt` of its own
     result = local_polynomial(series, y)
     assert result.dt == 1.0 and result.input_names == ("valve",)
+
+
+def test_names_of_series_are_those_that_a_fit_remembers():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = plant(u[:, None])[:, 0] + 0.1 * rng.standard_normal(300)
+    for series, name in (
+        (pd.Series(y, name="level"), "level"),
+        (pd.Series(y, name=3), "3"),
+        (pd.Series(y), "y[0]"),
+        (polars.Series(y), "y[0]"),  # its name is empty
+    ):
+        assert local_polynomial(u, series).output_names == (name,)
 
 
 def test_a_wider_window_is_smoother():

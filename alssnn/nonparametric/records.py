@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks import unmasked
+from ..containers import Container
 from ..excitation import Excitation
 from ..experiments import join_records, split_experiments
 from ..names import signal_names
@@ -86,8 +87,8 @@ class Records:
                 experiment = u.experiment if experiment is None else experiment
                 u = u.u
         u, y, experiment = join_records(u, y, experiment)
-        names = _names(u) if names is None else names
-        output_names = _names(y)
+        names = Container.of(u).output_names if names is None else names
+        output_names = Container.of(y).output_names
         u, y = _signal(u, "u"), _signal(y, "y")
         if len(u) != len(y):
             raise ValueError(
@@ -106,14 +107,6 @@ class Records:
 def _is_list(y):
     """Tell whether y is a list of records, which may have one dimension."""
     return isinstance(y, list | tuple) and all(np.ndim(part) > 0 for part in y)
-
-
-def _names(z):
-    """Return names of columns, or None."""
-    if hasattr(z, "columns"):
-        return [str(name) for name in z.columns]
-    name = getattr(z, "name", None)
-    return [str(name)] if isinstance(name, str) else None
 
 
 def _signal(z, name):
