@@ -55,16 +55,14 @@ def fetch_classics(data_home=None):
     >>> records["two tanks"]  # doctest: +SKIP
     Record('two tanks', N=2500, nu=1, ny=2, dt=0.2 s)
     """
-    return {name: _fetch(data_home, name) for name in CLASSICS}
-
-
-def _fetch(data_home, name):
-    filename, length, dt, variables = CLASSICS[name]
-    path = _find_file(data_home, "classics", filename, source=CLASSICS_SOURCE)
-    with _must(path, "hold an input and an output", CLASSICS_SOURCE):
-        u, y = _read(path, variables)
-    _check_length(path, len(u), length, CLASSICS_SOURCE)
-    return Record(u, y, dt, name)
+    records = {}
+    for name, (filename, length, dt, variables) in CLASSICS.items():
+        path = _find_file(data_home, "classics", filename, source=CLASSICS_SOURCE)
+        with _must(path, "hold an input and an output", CLASSICS_SOURCE):
+            u, y = _read(path, variables)
+        _check_length(path, len(u), length, CLASSICS_SOURCE)
+        records[name] = Record(u, y, dt, name)
+    return records
 
 
 def _read(path, variables):

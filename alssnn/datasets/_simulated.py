@@ -152,11 +152,10 @@ def _wiener_hammerstein_filters(dt):
         signal.cheby1(3, 0.5, 4_400 * radians, analog=True, output="zpk"),
         signal.cheby2(3, 40, 5_000 * radians, analog=True, output="zpk"),
     )
-    filters = []
-    for zpk in designs:
-        A, B, C, _, _ = signal.cont2discrete(signal.zpk2ss(*zpk), 1.0, method="zoh")
-        filters.append((A, B, C))
-    return filters
+    return [
+        signal.cont2discrete(signal.zpk2ss(*zpk), 1.0, method="zoh")[:3]
+        for zpk in designs
+    ]
 
 
 def _filter_states(A, B, u):

@@ -35,7 +35,7 @@ def as_times(t, name):
         raise ValueError(
             f"`{name}` must be times in seconds or dates, got {t.dtype}. Convert them."
         )
-    lost = ~np.isfinite(t) if t.dtype.kind == "f" else np.isnat(t)
+    lost = ~np.isfinite(t)
     if t.ndim != 1 or not len(t) or lost.any():
         raise ValueError(
             f"`{name}` must be finite times of shape (n,), got shape {t.shape} with "

@@ -226,7 +226,10 @@ def model_ladder(
     if floor is not None and noise == "output":
         options["noise_floor"] = floor
     estimators = _estimators(models, options)
-    train, test = _train_and_test(u, y, experiment, test, test_size)
+    if test is None:
+        train, test = hold_out_last(u, y, experiment, test_size)
+    else:
+        train, test = (u, y, experiment), _test_data(test)
     rows = []
     for name, model in estimators.items():
         seconds, interrupt = _fit(model, train)
@@ -339,13 +342,6 @@ def _estimators(models, options):
 
 
 # -- data ------------------------------------------------------------------------------
-
-
-def _train_and_test(u, y, experiment, test, test_size):
-    """Return training and test data as tuples (u, y, experiment)."""
-    if test is not None:
-        return (u, y, experiment), _test_data(test)
-    return hold_out_last(u, y, experiment, test_size)
 
 
 def hold_out_last(u, y, experiment, test_size, *, name="test_size"):
