@@ -137,12 +137,13 @@ class Lure:
             The layers in the order of evaluation. The neurons of one do not see each
             other, unless it is one of `implicit`.
         """
-        columns = np.arange(self.nw)
+        row, column = np.nonzero(self.E)
         # the last that a neuron sees of those before it, and of itself and those behind
-        before, last = (
-            np.where(part, columns, -1).max(axis=1, initial=-1).tolist()
-            for part in (np.tril(self.E, -1), np.triu(self.E))
-        )
+        parts = column < row, column >= row
+        before, last = np.full((2, self.nw), -1)
+        for end, part in zip((before, last), parts, strict=True):
+            np.maximum.at(end, row[part], column[part])
+        before, last = before.tolist(), last.tolist()
         layers, start = [], 0
         while start < self.nw:
             stop = start + 1

@@ -29,7 +29,6 @@ from scipy.linalg import (
     LinAlgWarning,
     block_diag,
     cholesky,
-    eigh,
     matrix_balance,
     schur,
     solve_discrete_lyapunov,
@@ -66,7 +65,7 @@ def contraction(Q):
     K : ndarray of shape (nx, nx)
         Contraction.
     """
-    eigenvalues, V = eigh(np.eye(len(Q)) + Q.T @ Q)
+    eigenvalues, V = np.linalg.eigh(np.eye(len(Q)) + Q.T @ Q)
     if not eigenvalues[-1] < LARGEST:
         U, size, Vt = svd(Q)
         return U @ (np.minimum(size / np.sqrt(1 + size**2), 1.0)[:, None] * Vt)
@@ -92,7 +91,7 @@ def contraction_derivative(Q):
     V (F * V' dS V) V', F the divided differences of s^(-1/2) (Daleckii and Krein).
     """
     n = len(Q)
-    s, V = eigh(np.eye(n) + Q.T @ Q)
+    s, V = np.linalg.eigh(np.eye(n) + Q.T @ Q)
     if not s[-1] < LARGEST:
         _, size, Vt = svd(Q)
         s, V = 1 + size**2, Vt.T
@@ -175,7 +174,7 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
     r = (np.abs(np.linalg.eigvals(A)).max() + limit) / 2  # radius < r < limit
     r = max(r, MARGIN * limit)
     # where A / r is a contraction already, P = I is the solution
-    excess, V = eigh(np.eye(len(A)) - (A / r).T @ (A / r))
+    excess, V = np.linalg.eigh(np.eye(len(A)) - (A / r).T @ (A / r))
     if excess.min() >= -ROUNDING:
         return replace(model, A=A)  # nothing to do: keep the basis
     with warnings.catch_warnings():  # the search tells what it is worth
@@ -184,7 +183,7 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
     try:
         T = cholesky(P)  # P = T'T
     except np.linalg.LinAlgError:  # P >= I has lost its digits
-        values, V = eigh(P)
+        values, V = np.linalg.eigh(P)
         T = np.sqrt(np.maximum(values, 1.0))[:, None] * V.T
     T /= np.sqrt(np.mean(T**2) * len(T))
     T_inv = np.linalg.inv(T)
