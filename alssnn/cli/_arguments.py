@@ -3,6 +3,7 @@
 import argparse
 import math
 import re
+from functools import partial
 from pathlib import Path
 
 # numbers that argparse takes for options
@@ -57,33 +58,23 @@ def with_numbers(argv):
     return [f" {text}" if NEGATIVE.fullmatch(text) else text for text in argv]
 
 
-def add_command(commands, name, run, description, epilog, **options):
-    """Return the parser of a command, which calls `run` with its arguments.
+def add_command(commands, module):
+    """Add the command of a module, and the options that every command has.
 
     Parameters
     ----------
     commands : argparse._SubParsersAction
         Where the command is added.
-    name : str
-        Name.
-    run : callable
-        What runs the command; it returns the exit code, or None for 0.
-    description : str
-        First lines of the help.
-    epilog : str
-        Last lines of the help, with examples.
-    **options : dict
-        Further options.
-
-    Returns
-    -------
-    parser : argparse.ArgumentParser
-        The parser of the command.
+    module : module
+        Its name is that of the command behind a ``_``. It has the line in the list of
+        commands, HELP, first and last lines of the help, DESCRIPTION and EPILOG,
+        ``add(parser)``, which adds its own options, and ``run(args)``, which returns
+        the exit code, or None for 0.
     """
-    parser = new_parser(
-        lambda **rest: commands.add_parser(name, **rest), description, epilog, **options
-    )
-    parser.set_defaults(run=run, parser=parser, result=None)
+    name = module.__name__.rpartition("_")[2]
+    make = partial(commands.add_parser, name, help=module.HELP)
+    parser = new_parser(make, module.DESCRIPTION, module.EPILOG)
+    parser.set_defaults(run=module.run, parser=parser, result=None)
     parser.add_argument(
         "-q", "--quiet", action="store_true", help="do not report progress"
     )
@@ -92,7 +83,7 @@ def add_command(commands, name, run, description, epilog, **options):
         action="store_true",
         help="print numbers for another program instead of text for you",
     )
-    return parser
+    module.add(parser)
 
 
 def add_common(parser):
@@ -112,29 +103,14 @@ def add_common(parser):
     )
 
 
-def integer(text, smallest):
-    """Return an integer that is not too small.
-
-    Parameters
-    ----------
-    text : str
-        Text.
-    smallest : int
-        Smallest value that is accepted.
-
-    Returns
-    -------
-    value : int
-        The integer.
-    """
+def _checked(text, kind, holds, convert=float):
+    """Return a number for which a condition holds, or say which kind was wanted."""
     try:
-        value = int(text)
+        value = convert(text)
     except ValueError:
-        value = None
-    if value is None or value < smallest:
-        raise argparse.ArgumentTypeError(
-            f"must be an integer of at least {smallest}, got {text}"
-        )
+        value = math.nan
+    if not holds(value):
+        raise argparse.ArgumentTypeError(f"must be {kind}, got {text}")
     return value
 
 
@@ -151,7 +127,7 @@ def count(text):
     value : int
         The integer.
     """
-    return integer(text, 1)
+    return _checked(text, "an integer of at least 1", lambda n: n >= 1, int)
 
 
 def count_or_zero(text):
@@ -167,7 +143,7 @@ def count_or_zero(text):
     value : int
         The integer.
     """
-    return integer(text, 0)
+    return _checked(text, "an integer of at least 0", lambda n: n >= 0, int)
 
 
 def order(text):
@@ -209,31 +185,6 @@ def delay(text):
     return text if text == "auto" else count_or_zero(text)
 
 
-def number(text):
-    """Return a number, nan for another text.
-
-    Parameters
-    ----------
-    text : str
-        Text.
-
-    Returns
-    -------
-    value : float
-        The number.
-    """
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
-
-
-def _checked(text, holds, kind):
-    if not holds(value := number(text)):
-        raise argparse.ArgumentTypeError(f"must be {kind}, got {text}")
-    return value
-
-
 def finite(text):
     """Return a finite number.
 
@@ -247,7 +198,7 @@ def finite(text):
     value : float
         The number.
     """
-    return _checked(text, math.isfinite, "a number")
+    return _checked(text, "a number", math.isfinite)
 
 
 def positive(text):
@@ -263,7 +214,7 @@ def positive(text):
     value : float
         The number.
     """
-    return _checked(text, lambda value: 0 < value < math.inf, "a positive number")
+    return _checked(text, "a positive number", lambda value: 0 < value < math.inf)
 
 
 def weight(text):
@@ -279,7 +230,7 @@ def weight(text):
     value : float
         The number.
     """
-    return _checked(text, lambda value: 0 <= value < math.inf, "a number of at least 0")
+    return _checked(text, "a number of at least 0", lambda value: 0 <= value < math.inf)
 
 
 def weight_or_auto(text):
@@ -311,7 +262,7 @@ def fraction(text):
     value : float
         The share.
     """
-    return _checked(text, lambda value: 0 < value <= 1, "a share above 0 and at most 1")
+    return _checked(text, "a share above 0 and at most 1", lambda value: 0 < value <= 1)
 
 
 def figure_name(text):

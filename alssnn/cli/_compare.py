@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, add_figure
+from ._arguments import add_figure
 from ._comparison import prepare_figure, report, row_numbers
 from ._record import add_data, read_record
 
+HELP = "compare saved models on one record"
+DESCRIPTION = "Compare saved models on one record, in a table and a figure."
 EPILOG = """\
 The models may be of any kind and order, but of the same outputs and sampling time. Each
 reads its inputs by the names that it was fitted to. The record should not have trained
@@ -17,24 +19,16 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "compare",
-        run,
-        "Compare saved models on one record, in a table and a figure.",
-        EPILOG,
-        help="compare saved models on one record",
-        # models first: behind --input they would be taken for columns
-        usage="alssnn compare MODEL.npz [MODEL.npz ...] --data FILE.csv [options]",
-    )
+    # models first: behind --input they would be taken for columns
+    parser.usage = "alssnn compare MODEL.npz [MODEL.npz ...] --data FILE.csv [options]"
     parser.add_argument(
         "models", nargs="+", type=Path, metavar="MODEL.npz", help="saved models"
     )

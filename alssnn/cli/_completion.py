@@ -2,8 +2,8 @@
 
 import re
 
-from ._arguments import add_command
-
+HELP = "print a script for completion in bash and zsh"
+DESCRIPTION = "Print a script that completes commands and options in bash and zsh."
 EPILOG = """\
 Commands and options complete at the tab key, and names of files. For the running shell,
 and for those to come:
@@ -33,23 +33,14 @@ _alssnn() {{
 complete -o filenames -F _alssnn alssnn"""
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add no options: it has none of its own.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "completion",
-        run,
-        "Print a script that completes commands and options in bash and zsh.",
-        EPILOG,
-        help="print a script for completion in bash and zsh",
-    )
-    parser.set_defaults(commands=commands)
 
 
 def run(args):
@@ -60,7 +51,7 @@ def run(args):
     args : argparse.Namespace
         Arguments of the command.
     """
-    options = {name: _options(one) for name, one in args.commands.choices.items()}
+    options = {name: _options(one) for name, one in args.commands.items()}
     cases = "\n".join(
         f'        {name}) known="{" ".join(flags)}" ;;'
         for name, flags in options.items()

@@ -7,7 +7,6 @@ import numpy as np
 
 from ..shown import percent
 from ._arguments import (
-    add_command,
     add_figure,
     add_limits,
     add_output,
@@ -29,6 +28,8 @@ from ._record import (
 TEXT_WIDTH = 79  # columns
 RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
 
+HELP = "design a controller for a saved model"
+DESCRIPTION = "Design a linear-quadratic controller with integrators for a saved model."
 EPILOG = """\
 The controller is u = v - h(s), v = u_e - K [x; z], z+ = z + y - r: the law cancels h,
 the linear-quadratic regulator with integrators makes y settle at r. All weights are
@@ -49,22 +50,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "control",
-        run,
-        "Design a linear-quadratic controller with integrators for a saved model.",
-        EPILOG,
-        help="design a controller for a saved model",
-    )
     add_model(parser)
     add_data(parser, required=False)
     parser.add_argument(
@@ -135,13 +128,14 @@ def run(args):
     K = lqi(model, Q, R)
     step = scalar(args.step)
     responses = step_comparison(model, K, step=step, n_samples=args.samples, law=law)
-    folder = args.output_file
+    files = [args.output_file / name for name in ("gain.csv", "step.csv", args.figure)]
+    gain_file, step_file, figure = files
     states, integrators = gain_columns(model)
     columns = [*states, *integrators]
-    write_csv(folder / "gain.csv", columns, K.tolist())
+    write_csv(gain_file, columns, K.tolist())
     header, table = _table(responses)
-    write_csv(folder / "step.csv", header, table.tolist())
-    display = _draw(model, responses, step, folder / args.figure)
+    write_csv(step_file, header, table.tolist())
+    display = _draw(model, responses, step, figure)
     print(f"K, columns {' '.join(columns)} =")
     print(np.array2string(K, precision=6))
     _print_distances(display, responses["design"])
@@ -150,16 +144,14 @@ def run(args):
     u = responses["model"].outputs[-nu:]
     if np.isfinite(u).all():
         _compare_inputs(names, u, input_range(model), law)
-    print(
-        f"Files: {folder / 'gain.csv'}, {folder / 'step.csv'}, {folder / args.figure}"
-    )
+    print(f"Files: {', '.join(map(str, files))}")
     if args.data is None:
         print(textwrap.fill(_unknown(model), TEXT_WIDTH))
     args.result = {
         "columns": columns,
         "gain": K,
         "distance": display.distance_["model"],
-        "files": [folder / name for name in ("gain.csv", "step.csv", args.figure)],
+        "files": files,
     }
     if not np.isfinite(table).all():
         print("The loop of the model diverges: choose slower weights.")

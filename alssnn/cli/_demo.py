@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from ._arguments import add_command, add_common, add_figure, count, weight
+from ._arguments import add_common, add_figure, count, weight
 
 # By plant: samples to simulate and largest number of trial steps; the same, if quick;
 # noise over std(y), small enough to tell the models apart.
@@ -18,7 +18,11 @@ MEASURED_START = 5_200
 MEASURED_QUICK = 15_000  # samples for training and for testing
 MEASURED_MAX_ITER = 300
 
-DEMO_EPILOG = """\
+HELP = "identify a pendulum and run its loop, in half a minute"
+DESCRIPTION = (
+    "Identify a pendulum and run its loop, or compare four models of a circuit."
+)
+EPILOG = """\
 pendulum: a record of a simulated pendulum, a linear model and one with h(x), and the
 loop of each on the true pendulum. The first two thirds train, the last third tests.
 
@@ -40,35 +44,27 @@ names.
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    demo = add_command(
-        commands,
-        "demo",
-        run,
-        "Identify a pendulum and run its loop, or compare four models of a circuit.",
-        DEMO_EPILOG,
-        help="identify a pendulum and run its loop, in half a minute",
-    )
-    demo.add_argument(
+    parser.add_argument(
         "plant",
         nargs="?",
         choices=[PENDULUM, CIRCUIT],
         default=PENDULUM,
         help="what is identified (default: %(default)s)",
     )
-    demo.add_argument(
+    parser.add_argument(
         "--measured",
         action="store_true",
         help="the measured benchmark instead of a simulated circuit",
     )
-    demo.add_argument(
+    parser.add_argument(
         "-o",
         "--output-dir",
         type=Path,
@@ -76,15 +72,15 @@ def add(commands):
         metavar="DIR",
         help="folder of the figure, made if missing (default: the current one)",
     )
-    add_figure(demo, "name of the figure in it", Path(DEMO_FIGURE))
-    demo.add_argument(
+    add_figure(parser, "name of the figure in it", Path(DEMO_FIGURE))
+    parser.add_argument(
         "--noise",
         type=weight,
         metavar="RATIO",
         help="std of the simulated measurement noise relative to that of the output "
         f"(default: {NOISE[PENDULUM]}; {NOISE[CIRCUIT]} for the circuit)",
     )
-    demo.add_argument(
+    parser.add_argument(
         "--samples",
         type=count,
         metavar="N",
@@ -92,10 +88,10 @@ def add(commands):
         f"{QUICK[PENDULUM][0]} if quick; {SIZES[CIRCUIT][0]}, or {QUICK[CIRCUIT][0]}, "
         "for the circuit)",
     )
-    demo.add_argument(
+    parser.add_argument(
         "--quick", action="store_true", help="fewer samples and iterations"
     )
-    add_common(demo)
+    add_common(parser)
 
 
 def run(args):

@@ -4,7 +4,6 @@ import inspect
 from pathlib import Path
 
 from ._arguments import (
-    add_command,
     add_figure,
     add_output,
     count,
@@ -16,22 +15,8 @@ from ._arguments import (
 
 KINDS = ("multisine", "steps", "prbs", "swept-sine")
 
-# what the command takes for itself
-NOT_OF_SIGNALS = (
-    "run",
-    "parser",
-    "result",
-    "command",
-    "kind",
-    "input",
-    "seed",
-    "output_file",
-    "overwrite",
-    "figure",
-    "quiet",
-    "json",
-)
-
+HELP = "write a signal to record a plant with"
+DESCRIPTION = "Write an excitation that keeps the limits of the actuators."
 EPILOG = """\
 Columns of the file: time, the inputs, experiment. Play every experiment from the same
 operating point, add the columns of the measured outputs, and the file is a record for
@@ -47,22 +32,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "excite",
-        run,
-        "Write an excitation that keeps the limits of the actuators.",
-        EPILOG,
-        help="write a signal to record a plant with",
-    )
     parser.add_argument("kind", choices=KINDS, help="kind of signal")
     parser.add_argument(
         "--input", nargs="+", default=["u"], metavar="COL", help="names of the inputs"
@@ -119,25 +96,23 @@ def run(args):
     """
     from .. import excitation as signals
 
-    make = getattr(signals, args.kind.replace("-", "_"))
-    given = {name: value for name, value in vars(args).items() if value is not None}
-    for name in NOT_OF_SIGNALS:
-        given.pop(name, None)
+    makers = {kind: getattr(signals, kind.replace("-", "_")) for kind in KINDS}
+    options = {kind: inspect.signature(makers[kind]).parameters for kind in KINDS}
+    known, every = options[args.kind], {"bit"}.union(*options.values())
+    values = vars(args).items()
+    given = {name: z for name, z in values if name in every and z is not None}
     if "bit" in given:
         given["hold"] = given.pop("bit")
     elif args.kind == "prbs" and "hold" in given:
         args.parser.error("--hold belongs to steps: take --bit-samples for prbs")
-    known = inspect.signature(make).parameters
     foreign = sorted(set(given) - set(known))
-    if "hold" in given and args.kind not in ("steps", "prbs"):
-        foreign = sorted({*foreign, "hold"})
     if foreign:
         args.parser.error(f"{', '.join(foreign)} does not belong to {args.kind}")
     if "n_samples" in known and "n_samples" not in given:
         args.parser.error(f"{args.kind} needs --samples")
     given |= {"nu": len(args.input), "names": args.input, "random_state": args.seed}
     refuse_existing(args, args.output_file)
-    excitation = make(**given)
+    excitation = makers[args.kind](**given)
     excitation.to_csv(args.output_file)
     print(f"{excitation!r}: {args.output_file}")
     args.result = {"file": args.output_file, "figure": args.figure}

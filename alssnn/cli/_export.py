@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 from ._arguments import (
-    add_command,
     add_limits,
     add_overwrite,
     refuse_existing,
@@ -32,6 +31,10 @@ TARGETS = {
     "fmu": (False, "FMU for co-simulation", ("gain", "gate", "both", "fmi", "units")),
 }
 
+HELP = "write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX, FMI"
+DESCRIPTION = (
+    "Write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX or FMI."
+)
 EPILOG = """\
 C sources, Structured Text, Modelica, the file for MATLAB and that of Simulink hold the
 model, its law and an observer, and with --gain the controller. ONNX graphs hold one
@@ -89,22 +92,14 @@ OPTIONS: dict[str, dict[str, Any]] = {  # that not every target has
 }
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "export",
-        run,
-        "Write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX or FMI.",
-        EPILOG,
-        help="write a saved model for C, PLCs, MATLAB, Simulink, Modelica, ONNX, FMI",
-    )
     add_model(parser)
     parser.usage = (
         "%(prog)s [options] MODEL.npz TARGET PATH\n"
@@ -123,26 +118,9 @@ def add(commands):
     add_overwrite(parser)
     add_limits(parser)
     for name, options in OPTIONS.items():
-        add_option(parser, name, **options)
-
-
-def add_option(parser, name, help, **options):
-    """Add an option that not every target has.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the command.
-    name : str
-        Name of the option.
-    help : str
-        What it does.
-    **options : object
-        As for ``parser.add_argument``; the default is None.
-    """
-    of = ", ".join(f"--{target}" for target in _targets_with(name))
-    help = f"{help}; with {of}"
-    parser.add_argument(f"--{name}", default=None, help=help, **options)
+        of = ", ".join(f"--{target}" for target in _targets_with(name))
+        help = f"{options['help']}; with {of}"
+        parser.add_argument(f"--{name}", **{"default": None, **options, "help": help})
 
 
 def _targets_with(option):
@@ -184,8 +162,7 @@ def run(args):
 
 def _options(args, target, known):
     """Return the options of the target by their names in Python, checked."""
-    every = {option for _, _, options in TARGETS.values() for option in options}
-    for name in sorted(every):
+    for name in sorted({*OPTIONS, "gain"}):
         value = getattr(args, name.replace("-", "_"))
         if value is not None and name not in known:
             others = " or ".join(f"--{other}" for other in _targets_with(name))

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from ._arguments import (
-    add_command,
     add_common,
     add_figure,
     add_overwrite,
@@ -24,14 +23,16 @@ from ._fit_options import (
     add_time,
     add_weights,
 )
-from ._record import TIME_TOL, report_gaps, sampling_time, source_of
+from ._record import TIME_TOL, common_step, report_gaps, sampling_time, source_of
 
 TEXT_WIDTH = 79  # columns
 AS_GIVEN = (  # options of the ladder
     "nx n_h n_g n_f gamma gamma_h alpha feedback input_map drift horizon max_iter "
     "n_init"
 ).split()
-FIT_EPILOG = """\
+HELP = "compare models of your own record in a CSV file"
+DESCRIPTION = "Compare models of your own record of a plant."
+EPILOG = """\
 The file has one header line with the names of the columns and one line per sample, in
 time order, sampled at a fixed rate; columns are separated by comma, semicolon or tab.
 A cell of an output is empty or nan where it was not measured; inputs have no gaps.
@@ -64,44 +65,37 @@ best model that was found up to then.
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    fit = add_command(
-        commands,
-        "fit",
-        run,
-        "Compare models of your own record of a plant.",
-        FIT_EPILOG,
-        help="compare models of your own record in a CSV file",
-        # FILE.csv first: behind --output it would be taken for a column
-        usage="alssnn fit FILE.csv --input COL [COL ...] --output COL [COL ...] "
-        "[options]",
+    # FILE.csv first: behind --output it would be taken for a column
+    parser.usage = (
+        "alssnn fit FILE.csv --input COL [COL ...] --output COL [COL ...] [options]"
     )
-    add_data(fit.add_argument_group("data"))
-    models = fit.add_argument_group("models")
+    add_data(parser.add_argument_group("data"))
+    models = parser.add_argument_group("models")
     for add_some in (add_models, add_weights, add_form, add_time, add_effort):
         add_some(models)
-    fit.add_argument(
+    parser.add_argument(
         "--save",
         type=Path,
         metavar="MODEL.npz",
         help="save the fitted model, with the names of its columns; needs one model",
     )
-    add_figure(fit)
-    fit.add_argument(
+    add_figure(parser)
+    parser.add_argument(
         "--force",
         action="store_true",
         help="save a model that is worse than the linear one or than the mean, too",
     )
-    add_overwrite(fit)
-    add_common(fit)
-    fit.set_defaults(output_dir=Path())
+    add_overwrite(parser)
+    add_common(parser)
+    parser.set_defaults(output_dir=Path())
 
 
 def run(args):
@@ -292,16 +286,16 @@ def _compare_times(args, source, dt):
     name, steps = read_steps(source)
     if not len(steps):
         return
-    middle = float(np.median(steps))
-    if middle <= 0 or np.abs(steps - middle).max() > TIME_TOL * middle:
+    step = common_step(steps)
+    if not step:
         warnings.warn(
             f"The steps of the column {name!r} are between {steps.min():g} and "
             f"{steps.max():g}. Models need a fixed rate: resample the record.",
             stacklevel=2,
         )
-    elif abs(middle - dt) > TIME_TOL * dt:
+    elif abs(step - dt) > TIME_TOL * dt:
         warnings.warn(
-            f"The steps of the column {name!r} are {middle:g}, but the sampling time "
-            f"is {dt:g} s. If the column is in seconds, use --dt {middle:g}.",
+            f"The steps of the column {name!r} are {step:g}, but the sampling time "
+            f"is {dt:g} s. If the column is in seconds, use --dt {step:g}.",
             stacklevel=2,
         )

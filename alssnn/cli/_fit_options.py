@@ -11,7 +11,7 @@ from ._arguments import (
     weight,
     weight_or_auto,
 )
-from ._record import add_sampling
+from ._record import add_columns, add_file, add_sampling
 
 # Said again here, for --help would take seconds to import them from where they belong.
 MODELS = ("lti", "fl", "al", "al-paper", "gr")  # the keys of `ladder.PRESETS`
@@ -27,16 +27,8 @@ def add_data(data):
     data : argparse._ArgumentGroup
         Group of the parser.
     """
-    data.add_argument(
-        "file",
-        type=Path,
-        metavar="FILE.csv",
-        help="record to read; - is the standard input",
-    )
-    for flag, what in (("--input", "inputs"), ("--output", "outputs")):
-        data.add_argument(
-            flag, nargs="+", required=True, metavar="COL", help=f"columns of the {what}"
-        )
+    add_file(data)
+    add_columns(data, required=True)
     data.add_argument(
         "--disturbance",
         nargs="+",

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from ._arguments import add_command
 from ._record import add_model
 
+HELP = "say what a saved model is"
+DESCRIPTION = "Say what a saved model is: signals, sizes, accuracy, poles."
 EPILOG = """\
 Poles are those of the linear part (A, B, C); a pole in continuous time is per second,
 one in discrete time is stable within the unit circle.
@@ -15,22 +16,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "info",
-        run,
-        "Say what a saved model is: signals, sizes, accuracy, poles.",
-        EPILOG,
-        help="say what a saved model is",
-    )
     add_model(parser)
 
 

@@ -1,10 +1,10 @@
 """`alssnn look`: a record in words, before anything is fitted."""
 
-from pathlib import Path
+from ._arguments import count
+from ._record import add_columns, add_file, add_sampling, sampling_time, source_of
 
-from ._arguments import add_command, count
-from ._record import add_sampling, sampling_time, source_of
-
+HELP = "say what is in a record before a fit"
+DESCRIPTION = "Say what is in a record: gaps, spikes, delays, nonlinearity, accuracy."
 EPILOG = """\
 An exclamation mark stands where something is to be done, or to be known. With --period
 the record is periodic, and its noise and its nonlinear part are told apart.
@@ -16,36 +16,16 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "look",
-        run,
-        "Say what is in a record: gaps, spikes, delays, nonlinearity, accuracy.",
-        EPILOG,
-        help="say what is in a record before a fit",
-    )
-    parser.add_argument(
-        "file",
-        type=Path,
-        metavar="FILE.csv",
-        help="record to read; - is the standard input",
-    )
-    for flag in ("--input", "--output"):
-        parser.add_argument(
-            flag,
-            nargs="+",
-            required=True,
-            metavar="COL",
-            help=f"columns of {flag[2:]}s",
-        )
+    add_file(parser)
+    add_columns(parser, "columns of {}", required=True)
     parser.add_argument("--experiment", metavar="COL", help="column of labels")
     add_sampling(parser)
     parser.add_argument(

@@ -29,7 +29,7 @@ from . import (
     _simulate,
     _validate,
 )
-from ._arguments import new_parser, with_numbers
+from ._arguments import add_command, new_parser, with_numbers
 
 COMMANDS = (
     _demo,
@@ -167,6 +167,7 @@ def _parser():
     commands = parser.add_subparsers(
         title="commands", metavar="COMMAND", required=True, dest="command"
     )
+    parser.set_defaults(commands=commands.choices)
     for module in COMMANDS:
-        module.add(commands)
+        add_command(commands, module)
     return parser

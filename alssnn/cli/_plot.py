@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, add_output, figure_name, refuse_existing
+from ._arguments import add_output, figure_name, refuse_existing
 from ._comparison import FIGURE_DPI
 from ._record import add_data, add_model, read_record
 
 PARTS = ("simulation", "residual", "h", "g")
+HELP = "draw simulation, residual, h and g of a saved model"
+DESCRIPTION = "Draw what a saved model misses of a record, and its networks h and g."
 EPILOG = """\
 One figure with up to four parts: the measured output beside the simulated one, the
 correlations of the residual, h, which the law cancels, and what g leaves at the output.
@@ -18,22 +20,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "plot",
-        run,
-        "Draw what a saved model misses of a record, and its networks h and g.",
-        EPILOG,
-        help="draw simulation, residual, h and g of a saved model",
-    )
     add_model(parser)
     add_data(parser)
     parser.add_argument(

@@ -23,6 +23,44 @@ def add_model(parser):
     parser.add_argument("model", type=Path, metavar="MODEL.npz", help="saved model")
 
 
+def add_file(parser):
+    """Add the record, which comes first.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command, or a group of it.
+    """
+    parser.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE.csv",
+        help="record to read; - is the standard input",
+    )
+
+
+def add_columns(parser, help="columns of the {}", **options):
+    """Add the options that name the columns of inputs and outputs.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a command, or a group of it.
+    help : str, default="columns of the {}"
+        What they are, with {} for inputs or outputs.
+    **options : dict
+        As for ``parser.add_argument``.
+    """
+    for what in ("inputs", "outputs"):
+        parser.add_argument(
+            f"--{what[:-1]}",
+            nargs="+",
+            metavar="COL",
+            help=help.format(what),
+            **options,
+        )
+
+
 def add_data(parser, *, required=True):
     """Add the options that name a record.
 
@@ -42,13 +80,7 @@ def add_data(parser, *, required=True):
         help=("record to read" if required else "record to validate the model on first")
         + "; - is the standard input",
     )
-    for flag, what in (("--input", "inputs"), ("--output", "outputs")):
-        data.add_argument(
-            flag,
-            nargs="+",
-            metavar="COL",
-            help=f"columns of the {what} (default: those the model was fitted to)",
-        )
+    add_columns(data, "columns of the {} (default: those the model was fitted to)")
     data.add_argument(
         "--experiment",
         metavar="COL",
@@ -97,9 +129,7 @@ def read_record(args, model):
     record, before : tuple or None
         Both as (u, y, experiment); nothing lies before the whole.
     """
-    outputs = _columns(
-        args, "--output", args.output, model.output_names_, len(model.C_)
-    )
+    outputs = _columns(args, "output", model.output_names_, len(model.C_))
     record, before = _read(args, model, outputs)
     report_gaps(record[1], outputs)
     return record, before
@@ -132,7 +162,7 @@ def _read(args, model, outputs):
     from ..tables import read_csv
 
     fitted = getattr(model, "feature_names_in_", None)
-    inputs = _columns(args, "--input", args.input, fitted, model.n_features_in_)
+    inputs = _columns(args, "input", fitted, model.n_features_in_)
     if str(args.data) == "-":  # once, for all models that read it
         args.data = source_of(args.data)
     u, y, experiment = read_csv(args.data, inputs, outputs, args.experiment)
@@ -169,28 +199,23 @@ def source_of(path):
     return StandardInput(data.decode("utf-8-sig", errors="replace"), newline="")
 
 
-def sampling_steps(source, column, experiment=None):
-    """Return the steps of a column of time, within the experiments.
+def common_step(steps):
+    """Return the step that all steps of a column of time are like.
 
     Parameters
     ----------
-    source : Path or StandardInput
-        Record.
-    column : str
-        Column of time, in seconds.
-    experiment : str or None, default=None
-        Column of labels.
+    steps : ndarray of shape (n,)
+        Differences.
 
     Returns
     -------
-    steps : ndarray of shape (n,)
-        Differences, in seconds.
+    step : float
+        Their median; 0 if there are none, or they are not all alike.
     """
-    from ..tables import read_csv
-
-    t, _, labels = read_csv(source, [column], [], experiment)
-    steps = np.diff(t[:, 0])
-    return steps if labels is None else steps[labels[1:] == labels[:-1]]
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    if middle <= 0 or np.abs(steps - middle).max() > TIME_TOL * middle:
+        return 0.0
+    return middle
 
 
 def sampling_time(args, source):
@@ -213,13 +238,17 @@ def sampling_time(args, source):
     ValueError
         If the steps of the column are not all alike.
     """
+    from ..tables import read_csv
+
     if args.time_column is None:
         return 1.0 if args.dt is None else args.dt
     if args.dt is not None:
         args.parser.error("--dt and --time-column exclude each other")
-    steps = sampling_steps(source, args.time_column, args.experiment)
-    middle = float(np.median(steps)) if len(steps) else 0.0
-    if middle <= 0 or np.abs(steps - middle).max() > TIME_TOL * middle:
+    t, _, labels = read_csv(source, [args.time_column], [], args.experiment)
+    steps = np.diff(t[:, 0])
+    if labels is not None:
+        steps = steps[labels[1:] == labels[:-1]]
+    if not common_step(steps):
         found = f"{steps.min():g} to {steps.max():g}" if len(steps) else "none"
         raise ValueError(
             f"`--time-column` must have equal steps above zero, got {found} in "
@@ -268,14 +297,15 @@ def report_gaps(y, names):
             )
 
 
-def _columns(args, flag, given, fitted, size):
+def _columns(args, option, fitted, size):
     """Return the names of the columns, given or those of the fit."""
+    given = getattr(args, option)
     names = fitted if given is None else given
     if names is None:
-        args.parser.error(f"{flag} is needed: the model has no names of columns")
+        args.parser.error(f"--{option} is needed: the model has no names of columns")
     if len(names) != size:
         args.parser.error(
-            f"{flag} must name {size} columns as the model has, got {len(names)}"
+            f"--{option} must name {size} columns as the model has, got {len(names)}"
         )
     return [str(name) for name in names]
 

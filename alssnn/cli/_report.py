@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
-from ._arguments import add_command, add_law, add_output, refuse_existing
+from ._arguments import add_law, add_output, refuse_existing
 from ._record import add_data, add_model, read_record
 
+HELP = "write an HTML page about a saved model"
+DESCRIPTION = "Write a self-contained HTML page about a saved model."
 EPILOG = """\
 The page begins with the verdict. Accuracy, validation, linearizability, certificates,
 a proposal for a controller and the equations with their numbers follow. It needs no
@@ -17,22 +19,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "report",
-        run,
-        "Write a self-contained HTML page about a saved model.",
-        EPILOG,
-        help="write an HTML page about a saved model",
-    )
     add_model(parser)
     add_data(parser)
     add_law(parser)

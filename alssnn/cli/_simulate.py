@@ -2,14 +2,15 @@
 
 import csv
 import sys
-from pathlib import Path
 
 import numpy as np
 
-from ._arguments import add_command, add_figure, add_output, refuse_existing
+from ._arguments import add_figure, add_output, refuse_existing
 from ._comparison import FIGURE_DPI
 from ._record import add_data, add_model, read_inputs, read_record, write_csv
 
+HELP = "simulate a saved model with recorded inputs"
+DESCRIPTION = "Simulate a saved model with the inputs of a record."
 EPILOG = """\
 The simulation is free-run: measured outputs are not fed back. By default it starts at
 the operating point, and the file needs the inputs alone. With --x0 estimate it starts
@@ -24,22 +25,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "simulate",
-        run,
-        "Simulate a saved model with the inputs of a record.",
-        EPILOG,
-        help="simulate a saved model with recorded inputs",
-    )
     add_model(parser)
     add_data(parser)
     parser.add_argument(
@@ -67,6 +60,7 @@ def run(args):
         0, or 1 if the simulation diverges.
     """
     from ..estimators import load
+    from ..experiments import split_experiments
     from ..metrics import fit_percent
     from ..validation import column_names
 
@@ -84,20 +78,18 @@ def run(args):
     y_hat = np.reshape(model.predict(u, labels, x0=x0), (len(u), -1))
     diverges = not np.isfinite(y_hat).all()
     if args.x0 == "estimate" and not diverges:
-        fit = [_fit(fit_percent, y[:, i], y_hat[:, i]) for i in range(len(names))]
+        fit = [fit_percent(*pair) for pair in zip(y.T, y_hat.T, strict=True)]
         if not args.quiet:
             for name, value in zip(names, fit, strict=True):
                 print(f"{name}: fit {value:.2f} %", file=sys.stderr)
         _draw(args, model, u, y, labels)
-    steps = _samples(labels, len(u))
-    header = ["time", *names] + ([] if labels is None else [args.experiment])
-    rows = [
-        [f"{model.dt * k:.10g}", *(f"{z:.10g}" for z in row)]
-        + ([] if labels is None else [label])
-        for k, row, label in zip(
-            steps, y_hat, steps if labels is None else labels, strict=True
-        )
-    ]
+    parts, _ = split_experiments(len(u), labels)
+    steps = np.concatenate([np.arange(part.stop - part.start) for part in parts])
+    columns = [[f"{z:.10g}" for z in column] for column in (model.dt * steps, *y_hat.T)]
+    header = ["time", *names]
+    if labels is not None:
+        header, columns = [*header, args.experiment], [*columns, labels]
+    rows = zip(*columns, strict=True)
     if args.output_file is not None:
         write_csv(args.output_file, header, rows)
         print(f"Simulation: {args.output_file}")
@@ -118,20 +110,6 @@ def run(args):
     return int(diverges)
 
 
-def _fit(fit_percent, y, y_hat):
-    """Return the fit of one output where it was measured."""
-    measured = np.isfinite(y)
-    return float(fit_percent(y[measured], y_hat[measured]))
-
-
-def _samples(labels, n):
-    """Return the number of every sample within its experiment."""
-    if labels is None:
-        return range(n)
-    starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
-    return np.arange(n) - np.repeat(starts, np.diff(np.append(starts, n)))
-
-
 def _draw(args, model, u, y, labels):
     """Draw the first experiment, if a figure is wanted."""
     if args.figure is None:
@@ -139,6 +117,6 @@ def _draw(args, model, u, y, labels):
     # matplotlib takes a while: only for those who want a figure
     from ..plotting import SimulationDisplay
 
-    Path(args.figure).parent.mkdir(parents=True, exist_ok=True)
+    args.figure.parent.mkdir(parents=True, exist_ok=True)
     display = SimulationDisplay.from_estimator(model, u, y, labels)
     display.figure_.savefig(args.figure, dpi=FIGURE_DPI)

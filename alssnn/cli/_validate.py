@@ -1,8 +1,10 @@
 """`alssnn validate`: whether a model deserves trust."""
 
-from ._arguments import add_command, add_law, add_output, count, refuse_existing
+from ._arguments import add_law, add_output, count, refuse_existing
 from ._record import add_data, add_model, read_record, write_csv
 
+HELP = "check a saved model on a record; exit code 1 if it fails"
+DESCRIPTION = "Check a saved model on a record that it was not trained on."
 EPILOG = """\
 The record should not have trained the model: --last 0.5 takes the half that `fit` kept
 for testing, or name another file. The exit code is 0 if all checks passed that decide,
@@ -14,22 +16,14 @@ examples:
 """
 
 
-def add(commands):
-    """Add the command.
+def add(parser):
+    """Add the options.
 
     Parameters
     ----------
-    commands : argparse._SubParsersAction
-        Where the command is added.
+    parser : argparse.ArgumentParser
+        Parser of the command.
     """
-    parser = add_command(
-        commands,
-        "validate",
-        run,
-        "Check a saved model on a record that it was not trained on.",
-        EPILOG,
-        help="check a saved model on a record; exit code 1 if it fails",
-    )
     add_model(parser)
     add_data(parser)
     parser.add_argument(
