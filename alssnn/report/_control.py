@@ -316,7 +316,7 @@ def _beyond(model, responses):
 
     low, high = input_range(model)
     inputs, outputs = column_names(model)
-    moved = [z for i, z in enumerate(inputs) if i not in set(model.disturbances_)]
+    moved = [inputs[i] for i in model.plant_.moved]
     u = responses["model"].outputs[len(outputs) + len(moved) :]
     said = [
         f"{name} goes from {number(np.min(z), 3)} to {number(np.max(z), 3)}, but the "

@@ -158,15 +158,13 @@ def table(header, rows, kind=""):
     html : str
         HTML.
     """
-    head = (
-        "".join(
+    head = ""
+    if header:
+        cells = (
             f'<th scope="col"{_kind(column)}>{escape(name)}</th>'
             for name, *column in zip(header, *rows, strict=True)
         )
-        if header
-        else ""
-    )
-    head = f"<thead><tr>{head}</tr></thead>" if head else ""
+        head = f"<thead><tr>{''.join(cells)}</tr></thead>"
     body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
     attribute = f' class="{kind}"' if kind else ""
     return (

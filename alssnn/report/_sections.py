@@ -79,13 +79,9 @@ def _in_words(value):
 
 def _verdict(model, outputs, test, validation, reason):
     """Return whether the model passed, and the two numbers that matter most."""
-    if validation is None:
-        parts = [paragraph(f"Not validated. {reason}", "verdict fail")]
-    elif validation.passed:
-        parts = [paragraph("Passed: all required checks.", "verdict pass")]
-    else:
-        words = f"The model {validation.verdict}. See the checks below."
-        parts = [paragraph(words, "verdict fail")]
+    parts = [paragraph(f"Not validated. {reason}", "verdict fail")]
+    if validation is not None:
+        parts = [_passed(validation, "verdict ")]
     y_true, y_pred = model.simulate_test(*test)
     said = "The simulation of this record diverges."
     if np.isfinite(y_pred).all():
@@ -103,6 +99,14 @@ def _verdict(model, outputs, test, validation, reason):
         linear = validation["linearizability"].sentence
         parts.append(paragraph(f"Linearizability: {linear}"))
     return "".join(parts)
+
+
+def _passed(validation, kind=""):
+    """Return whether all checks passed that decide."""
+    if validation.passed:
+        return paragraph("Passed: all required checks.", f"{kind}pass")
+    words = f"The model {validation.verdict}. See the checks below."
+    return paragraph(words, f"{kind}fail")
 
 
 def equations(model):
@@ -406,12 +410,7 @@ def checks(validation, reason):
         )
         for check in validation
     ]
-    verdict = (
-        "Passed: all required checks."
-        if validation.passed
-        else f"The model {validation.verdict}. See the checks below."
-    )
-    content = paragraph(verdict, "pass" if validation.passed else "fail")
+    content = _passed(validation)
     content += table(("", "check", "value", "quantity", "meaning"), rows, "checks")
     if validation.residuals is not None:
         content += attempt(lambda: _residuals(validation), "Figure of the residuals")

@@ -120,18 +120,12 @@ def summarize(model, u=None, y=None, experiment=None):
     else:
         lines += _of_record(model, outputs, u, y, experiment)
     n, settled = model.n_init_samples, "" if model.converged_ else "not settled: "
-    return Summary(
-        type(model).__name__,
-        (
-            *lines,
-            ("|poles|", _poles(model)),
-            ("initial", f"states estimated from {n} samples, which are not scored"),
-            (
-                "training",
-                f"{settled}{model.message_}",
-            ),
-        ),
-    )
+    lines += [
+        ("|poles|", _poles(model)),
+        ("initial", f"states estimated from {n} samples, which are not scored"),
+        ("training", f"{settled}{model.message_}"),
+    ]
+    return Summary(type(model).__name__, tuple(lines))
 
 
 def _of_record(model, outputs, u, y, experiment):
