@@ -77,6 +77,36 @@ def replace_file(path, content):
         raise
 
 
+def write_files(directory, contents):
+    """Write files into a folder, which is made if need be.
+
+    Parameters
+    ----------
+    directory : str or path-like
+        Folder; files of the same names are replaced.
+    contents : dict of str to (bytes or str)
+        What `replace_file` takes, by the paths within the folder.
+
+    Returns
+    -------
+    paths : list of Path
+        The files.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    TypeError
+        If `directory` is neither a string nor a path.
+    """
+    folder = as_path("directory", directory)
+    paths = [folder / name for name in contents]
+    for path, content in zip(paths, contents.values(), strict=True):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, content)
+    return paths
+
+
 def _mode(path):
     """Return the permissions of a file, those of a new one if there is none."""
     if path.exists():

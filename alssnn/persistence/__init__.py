@@ -6,7 +6,7 @@ layer by layer (`walk`): `_c` writes C, `_fmu` puts it behind the interface of F
 `_st` writes Structured Text, which `_plcopen` turns into XML, `_modelica` a package,
 `_onnx` graphs, `_casadi` makes functions, and `_mat` writes a struct for MATLAB, to
 which `_simulink` adds a diagram. What C, Structured Text and Modelica share is derived
-in `_parts`.
+in `_parts`, and `_assigned` has what the last two share besides.
 """
 
 from ._c import to_c

@@ -7,13 +7,14 @@ is compared with Python in the tests, step by step.
 
 import re
 
+from ..checks import check_option
 from ..walk import walk
-from ..whole_files import as_path, replace_file
+from ..whole_files import write_files
 from ._archive import release
 from ._c_map import SUFFIX, Function, Numbers, Slope
 from ._c_test import SAMPLES, vectors
 from ._export import Export
-from ._parts import Parts, fill, plain
+from ._parts import Parts, check_prefix, fill, plain
 
 LAYOUTS = {  # templates, and the files that become of them
     "flat": {
@@ -88,16 +89,9 @@ def to_c(
         If an argument does not fit the model, a value is beyond the range of `dtype`,
         or an activation has no expression in C.
     """
-    if dtype not in SUFFIX:
-        raise ValueError(f"`dtype` must be 'double' or 'float', got {dtype!r}.")
-    if not isinstance(prefix, str) or not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", prefix):
-        raise ValueError(
-            "`prefix` must begin with a letter and consist of letters, digits and _, "
-            f"got {prefix!r}. It begins names in C."
-        )
-    if layout not in LAYOUTS:
-        known = " or ".join(map(repr, LAYOUTS))
-        raise ValueError(f"`layout` must be {known}, got {layout!r}.")
+    check_option("dtype", dtype, SUFFIX)
+    check_prefix(prefix, "C")
+    check_option("layout", layout, LAYOUTS)
     export = Export.of(model, law, observer, gain)
     numbers = Numbers(dtype)
     Parts(export).blanks(numbers)  # refuses what is beyond the range, by its name
@@ -105,12 +99,7 @@ def to_c(
     values = {"vectors": known, "samples": SAMPLES}
     flags = {"FLAT": layout == "flat"}
     texts = sources(export, LAYOUTS[layout], dtype, prefix, flags, values)
-    folder = as_path("directory", directory)
-    paths = [folder / name for name in texts]
-    for path, content in zip(paths, texts.values(), strict=True):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, content)
-    return paths
+    return write_files(directory, texts)
 
 
 def sources(export, templates, dtype, prefix, flags=None, values=None):
@@ -151,15 +140,12 @@ def sources(export, templates, dtype, prefix, flags=None, values=None):
 def _blanks(parts, flags, numbers):
     """Return what stands for the blanks of C alone."""
     export, plant, by_state = parts.export, parts.plant, flags["BY_STATE"]
-    if flags["INTEGRATES"]:
-        demo = plant.y_offset + 0.5 * plant.y_scale
-    else:
-        demo = plant.u_offset + plant.u_scale
-        if flags["CONTROL"]:
-            demo = plant.v_offset + 0.5 * plant.v_scale
-    what = "a step response of the model"
+    what, demo = "a step response of the model", plant.u_offset + plant.u_scale
     if flags["CONTROL"]:
         what = "a step of the reference in closed loop"
+        demo = plant.v_offset + 0.5 * plant.v_scale
+    if flags["INTEGRATES"]:
+        demo = plant.y_offset + 0.5 * plant.y_scale
     signals = list(parts.signals())
     letters = [("y", plant.ny), ("u", plant.nu)]
     return {

@@ -36,10 +36,8 @@ class Inverse:
         Returns
         -------
         arrays : dict of str to ndarray
-            The constants by their names in C.
+            The constants by their names in C, without numbers where no neuron sees u.
         """
-        if not self.n_inner:
-            return {"phi_D": self.D}
         return {"phi_D": self.D, "phi_U": self.U, "phi_W": self.W}
 
     def maps(self):

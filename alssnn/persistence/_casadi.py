@@ -15,10 +15,20 @@ differentiates by the implicit function theorem.
 import numpy as np
 
 from ..walk import static_map, walk
-from ._export import Export
+from ._export import Export, extra
+from ._parts import Parts
 
 # Newton's method on a residual in sizes of u, by steps to rounding
 NEWTON = {"abstol": 1e-13, "abstolStep": 1e-15, "max_iter": 200, "error_on_fail": False}
+
+
+SIGNALS = {  # arguments and results of the functions
+    "step": ("xu", ["x_next"]),
+    "output": ("xu", ["y"]),
+    "law": ("vsd", ["u", "cut"]),
+    "correct": ("xyu", ["x_hat"]),
+    "control": ("xzryd", ["u", "x_next", "z_next"]),
+}
 
 
 def to_casadi(model, *, law=None, observer=None, gain=None):
@@ -66,19 +76,9 @@ def to_casadi(model, *, law=None, observer=None, gain=None):
     controller, are expanded to scalars; those hold a Newton iteration (eq. inverse).
     """
     export = Export.of(model, law, observer, gain)
-    return _Functions(_casadi(), export).every()
-
-
-def _casadi():
-    try:
+    with extra("casadi", "`to_c` or `to_onnx`"):
         import casadi
-    except ImportError as error:
-        raise ImportError(
-            "`to_casadi` needs the package casadi, which could not be imported. "
-            'Install it by pip install "alssnn[casadi]", or write the model by `to_c` '
-            "or `to_onnx`."
-        ) from error
-    return casadi
+    return _Functions(casadi, export).every()
 
 
 class _Expressions:
@@ -109,45 +109,26 @@ class _Functions:
     def __init__(self, casadi, export):
         self.casadi, self.export = casadi, export
         self.plant, self.late = export.plant, export.late
-        plant, late = self.plant, self.late
-        self.sizes = {
-            "x": late.nx,
-            "u": plant.nu,
-            "y": plant.ny,
-            "v": plant.nv,
-            "s": plant.law_form.nu - plant.nu,
-            "d": plant.nd,
-            "z": plant.ny if export.integrates else 0,
-            "r": plant.ny if export.integrates else plant.nv,
-        }
+        self.sizes = {**Parts(export).sizes, "x": self.late.nx}
 
     def every(self):
         """Return all functions by their names, every one with its Jacobian."""
-        export, made = self.export, {}
-        made["step"] = self.function("step", "xu", x_next=self.step)
-        made["output"] = self.function("output", "xu", y=self.output)
-        if export.law is not None:
-            made["law"] = self.function("law", "vsd", ("u", "cut"), self.law)
-        if export.M is not None:
-            made["correct"] = self.function("correct", "xyu", x_hat=self.correct)
-        if export.K_x is not None:
-            outputs = "u", "x_next", "z_next"
-            made["control"] = self.function("control", "xzryd", outputs, self.control)
+        export = self.export
+        parts = {"law": export.law, "correct": export.M, "control": export.K_x}
+        missing = {name for name, part in parts.items() if part is None}
+        made = {name: self.function(name) for name in SIGNALS if name not in missing}
         jacobians = {f"{n}_jacobian": self.jacobian(f) for n, f in made.items()}
         return {**made, **jacobians}
 
-    def function(self, name, letters, outputs=(), rule=None, **one):
-        """Return a function of signals, in scalars where no root is sought."""
-        casadi = self.casadi
-        if one:
-            ((output, rule),) = one.items()
-            outputs = (output,)
+    def function(self, name):
+        """Return the function of a method, in scalars where no root is sought."""
+        casadi, (letters, outputs) = self.casadi, SIGNALS[name]
         is_root = name in ("law", "control") and self.plant.is_solved
         symbol = casadi.MX.sym if is_root else casadi.SX.sym
         signals = [symbol(letter, self.sizes[letter]) for letter in letters]
-        values = rule(*signals)
-        values = values if len(outputs) > 1 else [values]
-        return casadi.Function(name, signals, values, list(letters), list(outputs))
+        values = getattr(self, name)(*signals)
+        values = list(values) if len(outputs) > 1 else [values]
+        return casadi.Function(name, signals, values, list(letters), outputs)
 
     def jacobian(self, function):
         """Return the derivatives of all outputs by all inputs."""

@@ -1,5 +1,6 @@
 """What an export holds besides the equations of a plant: law, observer and gain."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -157,6 +158,32 @@ class Export:
         gain = np.hstack([self.K_x, self.K_z])
         parts = {"law": self.law, "observer": self.observer}
         return LinearizingController(self.plant, gain, **parts)
+
+
+@contextmanager
+def extra(name, others):
+    """Say what to do without a package that is imported in this context.
+
+    Parameters
+    ----------
+    name : str
+        Name of the package, and of the extra that installs it.
+    others : str
+        Methods that write a model without it.
+
+    Raises
+    ------
+    ImportError
+        If it is not installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise ImportError(
+            f"`to_{name}` needs the package {name}, which could not be imported. "
+            f'Install it by pip install "alssnn[{name}]", or write the model by '
+            f"{others}."
+        ) from error
 
 
 def _law(plant, law, required):

@@ -10,9 +10,9 @@ import textwrap
 
 import numpy as np
 
-from ..walk import walk
 from ..whole_files import as_path, replace_file
-from ._c_map import WIDTH, Numbers
+from ._assigned import Literals, Map, sources
+from ._c_map import WIDTH
 from ._export import Export
 from ._parts import Parts, fill
 
@@ -71,32 +71,27 @@ def to_modelica(model, path, *, law=None, observer=None, gain=None):
             "`path` must end in the name of a package: a letter, then letters, digits "
             f"and _, then .mo, got {path.name!r}. Take one such as 'Motor.mo'."
         )
-    numbers, parts = (
-        _Literals("double"),
-        Parts(Export.of(model, law, observer, gain), first=1),
-    )
-    maps = []
-    for value, (comment, lure, inputs) in parts.maps().items():
-        function = _Function(f"{value}_of", comment, inputs, numbers)
-        walk(lure, inputs, function, "value")
-        maps.append(function.source(lure.nz))
+    numbers = _Literals("double")
+    parts = Parts(Export.of(model, law, observer, gain), first=1)
+    maps = sources(_Function, "{}_of".format, parts, numbers)
     if name in TAKEN:
         raise ValueError(
             f"`path` must not be a word of Modelica, got {path.name!r}. Take a name "
             "such as 'Motor.mo'."
         )
-    flags, given = parts.flags, parts.flags["DISTURBED"]
+    flags = parts.flags
+    respond = numbers.respond(parts.inverse) if flags["INNER"] else []
     v = "v_offset - K_x * now - K_z * z" if flags["INTEGRATES"] else "r - K_x * now"
     blanks = {
         **parts.blanks(numbers),
         "package": name,
         "largest": numbers.literal("largest", numbers.largest),
         "signals": "\n".join(f"     {line}" for line in parts.signals()),
-        "maps": "\n\n".join(maps),
-        "respond": _respond(parts.inverse, numbers) if flags["INNER"] else "",
+        "maps": maps,
+        "respond": "\n".join(f"    {line}" for line in respond),
         "a": "a, " if flags["INNER"] else "",
         "only_z": "z, a" if flags["INNER"] else "z",
-        "law_d": ", d" if given else "",
+        "law_d": ", d" if flags["DISTURBED"] else "",
         "v_words": v,
     }
     text = fill("plant.mo", "plant", flags, blanks)
@@ -105,15 +100,11 @@ def to_modelica(model, path, *, law=None, observer=None, gain=None):
     return path
 
 
-class _Literals(Numbers):
+class _Literals(Literals):
     """Write numbers in Modelica, arrays by their rows."""
 
-    largest = float(np.finfo(float).max)
-
-    def literal(self, name, value):
-        if np.isinf(value) and name in ("u_min", "u_max"):
-            value = np.copysign(self.largest, value)
-        return super().literal(name, value)
+    language, first, size = "modelica", 1, "abs"
+    for_each = "for {} in {}:{} loop", "  ", "end for;"
 
     def array(self, name, values):
         values = np.asarray(values)
@@ -141,12 +132,8 @@ class _Literals(Numbers):
         return "\n".join([head, *(f"        {line}" for line in lines)]) + ";"
 
 
-class _Function:
+class _Function(Map):
     """Write a static map as a function, see `walk`."""
-
-    def __init__(self, name, comment, inputs, numbers):
-        self.name, self.comment, self.inputs = name, comment, inputs
-        self.numbers, self.declared, self.lines = numbers, [], []
 
     def affine(self, value, terms, constant):
         n = len(constant[1])
@@ -156,19 +143,6 @@ class _Function:
         total = " + ".join([self.constant(*constant), *parts])
         self.lines.append(f"{value} := {total};")
         return value
-
-    def activate(self, value, size, sigma):
-        v = f"{value}[i]"
-        self.lines.append(f"for i in 1:{size} loop")
-        self.lines.append(f"  {v} := {sigma.expression('modelica', v=v)};")
-        self.lines.append("end for;")
-        return value
-
-    def constant(self, name, values):
-        """Return the name of a constant, which a w of the same letters has not."""
-        name = f"k_{name}".rstrip("_")
-        self.declared.append(self.numbers.array(name, values))
-        return name
 
     def source(self, size):
         """Return the function, whose value has a size."""
@@ -189,21 +163,3 @@ class _Function:
                 f"  end {self.name};",
             ]
         )
-
-
-def _respond(inverse, numbers):
-    """Return the statements that turn what neurons see into w and its slope."""
-    lines, small = [], numbers.literal("h", np.sqrt(numbers.eps))
-    for layer in inverse.layers:
-        sigma = inverse.sigma[layer.start]
-        value = sigma.expression("modelica", v="sees")
-        lines += [f"for j in {layer.start + 1}:{layer.stop} loop", "  sees := w[j];"]
-        lines.append(f"  w[j] := {value};")
-        if "modelica_slope" in sigma.expressions:
-            slope = sigma.expression("modelica_slope", v="sees", w="w[j]")
-        else:  # of an activation that says nothing of its derivative
-            lines.append(f"  part := {small} * (1.0 + abs(sees));")
-            ahead = sigma.expression("modelica", v="(sees + part)")
-            slope = f"(({ahead}) - w[j]) / part"
-        lines += [f"  rise[j] := {slope};", "end for;"]
-    return "\n".join(f"    {line}" for line in lines)

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..walk import static_map, walk
-from ..whole_files import as_path, replace_file
+from ..whole_files import write_files
 from ._archive import release
-from ._export import Export
+from ._export import Export, extra
 
 OPSET = 17
 SOLVED = (
@@ -71,30 +71,16 @@ def to_onnx(model, directory, *, law=None, prefix="plant"):
     export = Export.of(model, law, observer=False)
     if export.law is not None and export.plant.is_solved:
         export = replace(export, law=None, no_law=SOLVED)
-    onnx = _onnx()
+    with extra("onnx", "`to_c` or `to_mat`"):
+        import onnx
     graphs = {"step": _step(export.late)}
     if export.law is not None:
         graphs["law"] = _law(export)
-    directory = as_path("directory", directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, graph in graphs.items():
-        paths.append(directory / f"{prefix}_{name}.onnx")
-        written = graph.model(onnx, name, _metadata(export))
-        replace_file(paths[-1], written.SerializeToString())
-    return paths
-
-
-def _onnx():
-    try:
-        import onnx
-    except ImportError as error:
-        raise ImportError(
-            "`to_onnx` needs the package onnx, which could not be imported. Install "
-            'it by pip install "alssnn[onnx]", or write the model by `to_c` or '
-            "`to_mat`."
-        ) from error
-    return onnx
+    contents = {
+        f"{prefix}_{name}.onnx": graph.model(onnx, name, _metadata(export))
+        for name, graph in graphs.items()
+    }
+    return write_files(directory, contents)
 
 
 def _step(plant):
@@ -222,4 +208,4 @@ class _Graph:
         )
         helper.set_model_props(model, metadata)
         onnx.checker.check_model(model, full_check=True)
-        return model
+        return model.SerializeToString()

@@ -46,6 +46,7 @@ class Parts:
             "v": plant.nv,
             "d": plant.nd,
             "s": ns,
+            "z": plant.ny if export.integrates else 0,
             "r": plant.ny if export.integrates else plant.nv,
             "mid": export.middle.nz if plant.looks_ahead else ns,
             "seen": plant.solved_map.form.nu - plant.nv,
@@ -170,6 +171,31 @@ class Parts:
         for name in ("delay", "moved", "given"):
             values = getattr(plant, name)
             yield name, numbers.integers(name, values) if len(values) else ""
+
+
+def check_prefix(prefix, language, line="_"):
+    """Refuse what cannot begin names.
+
+    Parameters
+    ----------
+    prefix : object
+        What was given.
+    language : str
+        Language of the names.
+    line : {"_", "single _"}, default="_"
+        What may stand beside letters and digits.
+
+    Raises
+    ------
+    ValueError
+        If it is no beginning of a name.
+    """
+    later = "[A-Za-z0-9_]" if line == "_" else "([A-Za-z0-9]|_(?!_))"
+    if not isinstance(prefix, str) or not re.fullmatch(f"[A-Za-z]{later}*", prefix):
+        raise ValueError(
+            f"`prefix` must begin with a letter and consist of letters, digits and "
+            f"{line}, got {prefix!r}. It begins names in {language}."
+        )
 
 
 def fill(template, prefix, flags, values):

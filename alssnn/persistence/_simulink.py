@@ -4,22 +4,21 @@ The numbers are those of `to_mat`, and the blocks call the functions for MATLAB
 (templates ``*.m``), so that no equation is written twice.
 """
 
-import re
 from importlib.resources import files
 
 import numpy as np
 
-from ..whole_files import as_path, replace_file
+from ..whole_files import as_path, write_files
 from ._c_map import Numbers
 from ._export import Export
 from ._mat import to_mat
-from ._parts import Parts, fill
+from ._parts import Parts, check_prefix, fill
 
 FUNCTIONS = (
     *("channels", "law_alssnn", "solve_alssnn"),
     *("correct_alssnn", "control_alssnn", "simulate_alssnn"),
 )
-OWN = ("plant_data", "plant_step", "plant_respond")
+OWN = ("build_plant", "plant_data", "plant_step", "plant_respond")
 
 
 def to_simulink(
@@ -67,15 +66,11 @@ def to_simulink(
     The blocks are of the kind Interpreted MATLAB Function: they simulate, and generate
     no code. For code, take `to_c`, `to_st` or `to_fmu`.
     """
-    if not isinstance(prefix, str) or not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", prefix):
-        raise ValueError(
-            "`prefix` must begin with a letter and consist of letters, digits and _, "
-            f"got {prefix!r}. It begins names in MATLAB."
-        )
+    check_prefix(prefix, "MATLAB")
     export = Export.of(model, law, observer, gain)
     parts = Parts(export, first=1)
     sizes, plant = parts.sizes, parts.plant
-    nw = sizes["state"] + (plant.ny if export.integrates else 0)
+    nw = sizes["state"] + sizes["z"]
     inputs = {name: sizes[name] for name in "ryd" if sizes[name]}
     blanks = {
         **parts.blanks(Numbers("double")),
@@ -88,18 +83,18 @@ def to_simulink(
         "order": " ".join(str(i + 1) for i in np.argsort([*plant.moved, *plant.given])),
     }
     names = [*OWN, "plant_control"] if parts.flags["CONTROL"] else OWN
-    texts = {"build_plant": fill("build_plant.m", prefix, parts.flags, blanks)}
-    texts |= {name: fill(f"{name}.m", prefix, parts.flags, blanks) for name in names}
+    texts = {
+        f"{name.replace('plant', prefix)}.m": fill(
+            f"{name}.m", prefix, parts.flags, blanks
+        )
+        for name in names
+    }
+    templates = files(__package__) / "templates"
+    for name in FUNCTIONS:
+        texts[f"{name}.m"] = (templates / f"{name}.m").read_text("ascii")
     folder = as_path("directory", directory)
     folder.mkdir(parents=True, exist_ok=True)
     data = folder / f"{prefix}.mat"
     to_mat(model, data, law=law, observer=observer, gain=gain)
-    paths = []
-    for name, text in texts.items():
-        paths.append(folder / f"{name.replace('plant', prefix)}.m")
-        replace_file(paths[-1], text)
-    for name in FUNCTIONS:
-        paths.append(folder / f"{name}.m")
-        text = (files(__package__) / "templates" / f"{name}.m").read_text("ascii")
-        replace_file(paths[-1], text)
-    return [paths[0], data, *paths[1:]]
+    script, *others = write_files(folder, texts)
+    return [script, data, *others]

@@ -7,16 +7,16 @@ SIN and COS is used.  Names differ by more than the case of their letters, which
 count.
 """
 
-import re
 import textwrap
 
 import numpy as np
 
-from ..walk import walk
+from ..checks import check_option
 from ..whole_files import as_path, replace_file
-from ._c_map import SUFFIX, WIDTH, Numbers
+from ._assigned import Literals, Map, sources
+from ._c_map import WIDTH
 from ._export import Export
-from ._parts import Parts, fill
+from ._parts import Parts, check_prefix, fill
 from ._plcopen import plcopen
 
 TYPES = {"double": "LREAL", "float": "REAL"}
@@ -71,15 +71,8 @@ def to_st(
         If an argument does not fit the model, a value is beyond the range of `dtype`,
         or an activation has no expression in Structured Text.
     """
-    if dtype not in TYPES:
-        raise ValueError(f"`dtype` must be 'double' or 'float', got {dtype!r}.")
-    if not isinstance(prefix, str) or not re.fullmatch(
-        "[A-Za-z]([A-Za-z0-9]|_(?!_))*", prefix
-    ):
-        raise ValueError(
-            "`prefix` must begin with a letter and consist of letters, digits and "
-            f"single _, got {prefix!r}. It begins names in Structured Text."
-        )
+    check_option("dtype", dtype, TYPES)
+    check_prefix(prefix, "Structured Text", "single _")
     numbers = _Literals(dtype, prefix)
     parts = Parts(Export.of(model, law, observer, gain))
     blanks = parts.blanks(numbers) | _blanks(parts, numbers)
@@ -91,20 +84,20 @@ def to_st(
     return path
 
 
-class _Literals(Numbers):
+class _Literals(Literals):
     """Write numbers of one type in Structured Text."""
+
+    language, first, size = "st", 0, "ABS"
+    for_each = "FOR {} := {} TO {} DO", "    ", "END_FOR;"
 
     def __init__(self, dtype, prefix):
         super().__init__(dtype)
         self.type, self.prefix = TYPES[dtype], prefix
         self.begin, self.tanh = f"{self.type}#", f"{prefix}_tanh("
-        self.largest = float(np.finfo(self.kind).max)
         self.blanks = {"t": self.begin, "p": f"{prefix}_"}
 
     def literal(self, name, value):
-        if np.isinf(value) and name in ("u_min", "u_max"):
-            value = np.copysign(self.largest, value)
-        text = super().literal(name, value).removesuffix(SUFFIX[self.dtype])
+        text = super().literal(name, value).removesuffix(self.suffix)
         mantissa, _, exponent = text.partition("e")
         mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
         return f"{self.begin}{mantissa}{exponent and 'E'}{exponent}"
@@ -125,41 +118,20 @@ class _Literals(Numbers):
         return "\n".join([head, *(f"        {row}" for row in rows)]) + "];"
 
 
-class _Map:
+class _Map(Map):
     """Write a static map as a function block, see `walk`."""
 
-    def __init__(self, name, comment, inputs, numbers):
-        self.name, self.comment, self.inputs = name, comment, inputs
-        self.numbers, self.locals, self.constants, self.lines = numbers, [], [], []
-
     def affine(self, value, terms, constant):
-        n = len(constant[1])
+        n, v, loop = len(constant[1]), f"{value}[i]", self.numbers.loop
         if value != "value":
             self.locals.append((value, n))
-        start = self.constant(*constant)
-        self.lines += [f"FOR i := 0 TO {n - 1} DO", f"    {value}[i] := {start}[i];"]
+        body = [f"{v} := {self.constant(*constant)}[i];"]
         for name, matrix, signal in terms:
             W, m = self.constant(name, matrix), matrix.shape[1]
-            self.lines += [
-                f"    FOR j := 0 TO {m - 1} DO",
-                f"        {value}[i] := {value}[i] + {W}[i * {m} + j] * {signal}[j];",
-                "    END_FOR;",
-            ]
-        self.lines.append("END_FOR;")
+            total = f"{v} := {v} + {W}[i * {m} + j] * {signal}[j];"
+            body += loop("j", slice(0, m), [total])
+        self.lines += loop("i", slice(0, n), body)
         return value
-
-    def activate(self, value, size, sigma):
-        v = f"{value}[i]"
-        expression = sigma.expression("st", v=v, **self.numbers.blanks)
-        self.lines += [f"FOR i := 0 TO {size - 1} DO", f"    {v} := {expression};"]
-        self.lines.append("END_FOR;")
-        return value
-
-    def constant(self, name, values):
-        """Return the name of a constant, which a w of the same letters has not."""
-        name = f"k_{name}".rstrip("_")
-        self.constants.append(self.numbers.array(name, values))
-        return name
 
     def source(self, size):
         """Return the block, whose value has a size."""
@@ -167,7 +139,6 @@ class _Map:
         def array(name, n):
             return f"    {name} : ARRAY[0..{n - 1}] OF {self.numbers.type};"
 
-        constants = [f"    {line}" for line in self.constants]
         return "\n".join(
             [
                 f"(* {self.comment} *)",
@@ -179,7 +150,7 @@ class _Map:
                 array("value", size),
                 "END_VAR",
                 "VAR CONSTANT",
-                *constants,
+                *(f"    {line}" for line in self.declared),
                 "END_VAR",
                 "VAR",
                 *(array(name, n) for name, n in self.locals),
@@ -193,11 +164,9 @@ class _Map:
 
 def _blanks(parts, numbers):
     """Return what stands for the blanks of Structured Text alone."""
-    upper, maps = numbers.prefix.upper(), []
-    for value, (comment, lure, inputs) in parts.maps().items():
-        block = _Map(f"{upper}_MAP_{value.upper()}", comment, inputs, numbers)
-        walk(lure, inputs, block, "value")
-        maps.append(block.source(lure.nz))
+    prefix = f"{numbers.prefix}_MAP_"
+    maps = sources(_Map, lambda value: f"{prefix}{value}".upper(), parts, numbers)
+    respond = numbers.respond(parts.inverse) if parts.sizes["inner"] else []
     sizes = {**parts.sizes, "slope": parts.plant.nv**2}
     return {
         **{f"last_{name}": size - 1 for name, size in sizes.items()},
@@ -206,24 +175,6 @@ def _blanks(parts, numbers):
         "largest": numbers.literal("largest", numbers.largest),
         "signals": "\n".join(f"   {line}" for line in parts.signals()),
         "of_u": "of the same sample" if parts.flags["FEEDS"] else "not used",
-        "maps": "\n\n".join(maps),
-        "respond": _respond(parts.inverse, numbers) if parts.sizes["inner"] else "",
+        "maps": maps,
+        "respond": "\n".join(respond),
     }
-
-
-def _respond(inverse, numbers):
-    """Return the statements that turn what neurons see into w and its slope."""
-    lines, small = [], numbers.literal("h", np.sqrt(numbers.eps))
-    for layer in inverse.layers:
-        sigma, blanks = inverse.sigma[layer.start], numbers.blanks
-        value = sigma.expression("st", v="sees", **blanks)
-        lines += [f"FOR j := {layer.start} TO {layer.stop - 1} DO", "    sees := w[j];"]
-        lines.append(f"    w[j] := {value};")
-        if "st_slope" in sigma.expressions:
-            slope = sigma.expression("st_slope", v="sees", w="w[j]", **blanks)
-        else:  # of an activation that says nothing of its derivative
-            lines.append(f"    part := {small} * ({numbers.begin}1.0 + ABS(sees));")
-            ahead = sigma.expression("st", v="(sees + part)", **blanks)
-            slope = f"(({ahead}) - w[j]) / part"
-        lines += [f"    rise[j] := {slope};", "END_FOR;"]
-    return "\n".join(lines)
