@@ -18,7 +18,7 @@ import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from ..names import signal_names
 from ..whole_files import as_path, replace_file
@@ -30,8 +30,11 @@ WHAT = ("model", "controller", "both")
 VERSIONS = ("3.0", "2.0")
 SHIPPED = "Its sources are there: a program that imports them can compile them."
 MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64"}
-SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
-SYSTEMS["Windows"] = ("windows", ".dll")
+SYSTEMS = {  # in folders of FMI 3.0, folder of FMI 2.0, and ending of libraries
+    "Linux": ("linux", "linux64", ".so"),
+    "Darwin": ("darwin", "darwin64", ".dylib"),
+    "Windows": ("windows", "win64", ".dll"),
+}
 FLAGS = "-std=c99 -O2 -shared -fPIC"
 
 
@@ -129,17 +132,14 @@ def to_fmu(
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     is_name = re.match("[A-Za-z]", name) and name not in ("fmu", "fmi2", "fmi3")
     name = name if is_name else f"fmu_{name}"  # these are files of ours
-    if what == "model":
-        export = Export.of(model, law, observer=False)
-    else:
-        export = Export.of(model, law, observer, gain)
+    observer = False if what == "model" else observer
+    export = Export.of(model, law, observer, gain)
     variables = _Variables(export, what, units or {})
     files = _sources(export, variables, what, version, name)
     token = hashlib.sha256("".join(files.values()).encode()).hexdigest()[:32]
     files = {key: text.replace("@TOKEN@", token) for key, text in files.items()}
     library, binary, no_binary = _compiled(files, name, version)
-    with_slopes = what == "model"
-    entries = {"modelDescription.xml": variables.xml(version, name, token, with_slopes)}
+    entries = {"modelDescription.xml": variables.xml(version, name, token)}
     entries |= {f"sources/{key}": text.encode() for key, text in files.items()}
     if version == "3.0":
         entries["sources/buildDescription.xml"] = _build(name, files)
@@ -156,10 +156,8 @@ def _check(model, what, version, gain):
 
     is_controller = isinstance(model, LinearizingController)
     what = ("controller" if is_controller else "model") if what is None else what
-    for argument, value, known in (
-        ("what", what, WHAT),
-        ("version", version, VERSIONS),
-    ):
+    options = ("what", what, WHAT), ("version", version, VERSIONS)
+    for argument, value, known in options:
         if value not in known:
             names = ", ".join(map(repr, known))
             raise ValueError(f"`{argument}` must be one of {names}, got {value!r}.")
@@ -220,7 +218,7 @@ class _Variables:
         self.places = {name: i + 1 for i, name in enumerate(inputs)}
         self.export, self.what = export, what
 
-    def xml(self, version, name, token, with_slopes):
+    def xml(self, version, name, token):
         """Return the description of the FMU."""
         is_3 = version == "3.0"
         plant = self.export.plant
@@ -232,7 +230,7 @@ class _Variables:
             "generationTool": f"alssnn {release()}",
             "variableNamingConvention": "flat",
         }
-        root = ElementTree.Element("fmiModelDescription", attributes)
+        root = Element("fmiModelDescription", attributes)
         can = {
             "modelIdentifier": name,
             "canHandleVariableCommunicationStepSize": "true",
@@ -240,27 +238,27 @@ class _Variables:
             "canGetAndSetFMUState" if is_3 else "canGetAndSetFMUstate": "true",
         }
         word = "providesDirectionalDerivative" + ("s" if is_3 else "")
-        can[word] = "true" if with_slopes else "false"
+        can[word] = "true" if self.what == "model" else "false"
         if is_3:
             can["fixedInternalStepSize"] = repr(float(plant.dt))
         else:
             can["canNotUseMemoryManagementFunctions"] = "true"
-        simulation = ElementTree.SubElement(root, "CoSimulation", can)
+        simulation = SubElement(root, "CoSimulation", can)
         if not is_3:
-            listed = ElementTree.SubElement(simulation, "SourceFiles")
+            listed = SubElement(simulation, "SourceFiles")
             for file in (f"{name}.c", "fmi2.c"):
-                ElementTree.SubElement(listed, "File", {"name": file})
-        definitions = ElementTree.SubElement(root, "UnitDefinitions")
+                SubElement(listed, "File", {"name": file})
+        definitions = SubElement(root, "UnitDefinitions")
         for unit in dict.fromkeys(["s", *filter(None, self.units)]):
-            unit_element = ElementTree.SubElement(definitions, "Unit", {"name": unit})
+            unit_element = SubElement(definitions, "Unit", {"name": unit})
             if unit == "s":
-                ElementTree.SubElement(unit_element, "BaseUnit", {"s": "1"})
+                SubElement(unit_element, "BaseUnit", {"s": "1"})
         times = {"startTime": "0.0", "stepSize": repr(float(plant.dt))}
-        ElementTree.SubElement(root, "DefaultExperiment", times)
-        self._variables(ElementTree.SubElement(root, "ModelVariables"), is_3)
-        self._structure(ElementTree.SubElement(root, "ModelStructure"), is_3)
-        ElementTree.indent(root)
-        return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+        SubElement(root, "DefaultExperiment", times)
+        self._variables(SubElement(root, "ModelVariables"), is_3)
+        self._structure(SubElement(root, "ModelStructure"), is_3)
+        indent(root)
+        return tostring(root, encoding="utf-8", xml_declaration=True)
 
     def _variables(self, parent, is_3):
         n_in, n_out, n_states = self.sizes
@@ -283,34 +281,26 @@ class _Variables:
         for reference, (name, row) in enumerate(rows):
             shared = {"name": name, "valueReference": str(reference)}
             if is_3:
-                ElementTree.SubElement(parent, "Float64", {**shared, **row})
+                SubElement(parent, "Float64", {**shared, **row})
                 continue
             real: dict[str, str] = {}
             for key in {"unit", "start"} & {*row}:
                 real[key] = row.pop(key)
-            variable = ElementTree.SubElement(
-                parent, "ScalarVariable", {**shared, **row}
-            )
-            ElementTree.SubElement(variable, "Real", real)
+            variable = SubElement(parent, "ScalarVariable", {**shared, **row})
+            SubElement(variable, "Real", real)
 
     def _structure(self, parent, is_3):
-        n_in = self.sizes[0]
+        # FMI 2.0 means places in the list, from one
+        word, first = ("valueReference", 0) if is_3 else ("index", 1)
         for kind in ("Output", "InitialUnknown"):
-            if not is_3:
-                group = ElementTree.SubElement(parent, f"{kind}s")
-            for i, seen in enumerate(self.dependencies):
-                reference = 1 + n_in + i
+            group = parent if is_3 else SubElement(parent, f"{kind}s")
+            for reference, seen in enumerate(self.dependencies, 1 + self.sizes[0]):
                 places = [self.places[name] for name in seen]
                 if kind == "InitialUnknown":  # they follow from the first states, too
                     places += range(1 + sum(self.sizes[:2]), 1 + sum(self.sizes))
-                if is_3:
-                    row = {"valueReference": str(reference)}
-                    row["dependencies"] = " ".join(map(str, places))
-                    ElementTree.SubElement(parent, kind, row)
-                else:  # by places in the list, from one
-                    row = {"index": str(reference + 1)}
-                    row["dependencies"] = " ".join(str(i + 1) for i in places)
-                    ElementTree.SubElement(group, "Unknown", row)
+                row = {word: str(reference + first)}
+                row["dependencies"] = " ".join(str(i + first) for i in places)
+                SubElement(group, kind if is_3 else "Unknown", row)
 
 
 def _unique(names):
@@ -351,21 +341,15 @@ def _sources(export, variables, what, version, name):
 
 def _compiled(files, name, version):
     """Return the library, its place in the archive, or why there is none."""
-    system, ending = SYSTEMS.get(platform.system(), ("", ""))
+    system, folder, ending = SYSTEMS.get(platform.system(), ("", "", ""))
     machine = platform.machine().lower()
     machine = MACHINES.get(machine, machine)
-    folder = f"{machine}-{system}"
-    if version == "2.0":
-        folder = {"linux": "linux64", "darwin": "darwin64", "windows": "win64"}.get(
-            system, ""
-        )
-        folder = folder if machine == "x86_64" else ""
-    compiler = next(
-        filter(
-            None, map(shutil.which, [os.environ.get("CC", ""), "cc", "gcc", "clang"])
-        ),
-        None,
-    )
+    if version == "3.0":
+        folder = f"{machine}-{system}"
+    elif machine != "x86_64":
+        folder = ""
+    programs = (os.environ.get("CC", ""), "cc", "gcc", "clang")
+    compiler = next(filter(None, map(shutil.which, programs)), None)
     if not system or not folder:
         where = f"{platform.system()} on {machine}"
         return b"", "", f"FMI {version} has no name for {where}. {SHIPPED}"
@@ -389,16 +373,14 @@ def _compiled(files, name, version):
 
 def _build(name, files):
     """Return the description of how sources are compiled (FMI 3.0)."""
-    root = ElementTree.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
-    build = ElementTree.SubElement(
-        root, "BuildConfiguration", {"modelIdentifier": name}
-    )
-    rows = ElementTree.SubElement(build, "SourceFileSet", {"language": "C99"})
+    root = Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    build = SubElement(root, "BuildConfiguration", {"modelIdentifier": name})
+    rows = SubElement(build, "SourceFileSet", {"language": "C99"})
     for key in files:
         if key.endswith(".c"):
-            ElementTree.SubElement(rows, "SourceFile", {"name": key})
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+            SubElement(rows, "SourceFile", {"name": key})
+    indent(root)
+    return tostring(root, encoding="utf-8", xml_declaration=True)
 
 
 def _archive(entries):

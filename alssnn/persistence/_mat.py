@@ -8,6 +8,7 @@ from ..whole_files import replace_file
 from ._archive import release
 from ._export import Export
 
+UNITS = ("u_offset", "y_offset", "u_scale", "y_scale")
 BLOCKS = ("M", "W", "c", "V", "E", "b")  # of Theta (eq. lure)
 LAYER = [(name, object) for name in ("first", "last", "activation", "value", "slope")]
 
@@ -63,10 +64,7 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         "lure": _form(export.late.form),
         "feedback": plant.feedback,
         "input_delay": _column(plant.delay),
-        "u_offset": _column(plant.u_offset),
-        "y_offset": _column(plant.y_offset),
-        "u_scale": _column(plant.u_scale),
-        "y_scale": _column(plant.y_scale),
+        **{name: _column(getattr(plant, name)) for name in UNITS},
         "x0": getattr(model, "x0_", nothing),
         "inputs": _cell(plant.inputs),
         "outputs": _cell(plant.outputs),
