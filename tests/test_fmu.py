@@ -1,6 +1,7 @@
 """FMUs are valid, and do what Python does, sample by sample."""
 
 import functools
+import re
 import shutil
 import subprocess
 import sys
@@ -453,6 +454,16 @@ def test_the_same_model_is_the_same_file(tmp_path):
     plant = make_plant("al")
     files = [to_fmu(plant, tmp_path / name / "a.fmu") for name in "ab"]
     assert files[0].path.read_bytes() == files[1].path.read_bytes()
+
+
+def test_attributes_have_one_order_whatever_the_seed_of_hashes(tmp_path):
+    plant = make_plant("al")
+    units = dict.fromkeys(plant.inputs, "V")
+    fmu = to_fmu(plant, tmp_path / "a.fmu", version="2.0", units=units)
+    with zipfile.ZipFile(fmu.path) as archive:
+        description = archive.read("modelDescription.xml").decode()
+    found = re.findall(r"<Real (\w+)=\S+ (\w+)=", description)
+    assert found == [("unit", "start")] * plant.nu
 
 
 @pytest.mark.parametrize("name", ["fmu", "fmi2", "fmi3"])

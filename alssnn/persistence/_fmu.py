@@ -265,29 +265,24 @@ class _Variables:
         kinds = ["input"] * n_in + ["output"] * n_out + ["local"] * n_states
         starts = [*self.rest, *[None] * n_out, *[0.0] * n_states]
         units = [*self.units, *[""] * n_states]
-        time = {"causality": "independent", "variability": "continuous", "unit": "s"}
-        rows = [("time", time)]
+        time = {"causality": "independent", "variability": "continuous"}
+        rows = [("time", time, {"unit": "s"})]
         for name, kind, start, unit in zip(
             self.names, kinds, starts, units, strict=True
         ):
             row = {"causality": kind, "variability": "discrete"}
             if kind == "local":
                 row["initial"] = "exact"
-            if unit:
-                row["unit"] = unit
+            real = {"unit": unit} if unit else {}
             if start is not None:
-                row["start"] = repr(float(start))
-            rows.append((name, row))
-        for reference, (name, row) in enumerate(rows):
-            shared = {"name": name, "valueReference": str(reference)}
+                real["start"] = repr(float(start))
+            rows.append((name, row, real))
+        for reference, (name, row, real) in enumerate(rows):
+            row = {"name": name, "valueReference": str(reference), **row}
             if is_3:
-                SubElement(parent, "Float64", {**shared, **row})
-                continue
-            real: dict[str, str] = {}
-            for key in {"unit", "start"} & {*row}:
-                real[key] = row.pop(key)
-            variable = SubElement(parent, "ScalarVariable", {**shared, **row})
-            SubElement(variable, "Real", real)
+                SubElement(parent, "Float64", {**row, **real})
+            else:
+                SubElement(SubElement(parent, "ScalarVariable", row), "Real", real)
 
     def _structure(self, parent, is_3):
         # FMI 2.0 means places in the list, from one
