@@ -1,5 +1,7 @@
 """Numbers and static maps in C: constant arrays, and one function per map."""
 
+import textwrap
+
 import numpy as np
 
 WIDTH = 88  # columns of the sources
@@ -71,13 +73,10 @@ class Numbers:
         one_line = f"{head}{', '.join(literals)}}};"
         if len(one_line) <= WIDTH:
             return one_line
-        lines, line = [head], "   "
-        for literal in literals:
-            if len(line) + len(literal) + 2 > WIDTH:
-                lines.append(line)
-                line = "   "
-            line += f" {literal},"
-        return "\n".join([*lines, line.rstrip(","), "};"])
+        words = ", ".join(literals) + ","
+        rows = textwrap.wrap(words, WIDTH - 4, break_on_hyphens=False)
+        body = "\n".join(f"    {row}" for row in rows)
+        return f"{head}\n{body.rstrip(',')}\n}};"
 
     def integers(self, name, values):
         """Return the definition of a constant array of integers.
