@@ -138,6 +138,21 @@ def test_the_standard_input_is_a_record(folder, piped, monkeypatch, capsys, argv
     assert through == again and len(again) > 100
 
 
+def test_a_report_says_that_its_record_came_through_a_pipe(
+    folder, piped, monkeypatch, tmp_path
+):
+    said: dict = {}
+
+    def report(model, *args, **options):
+        said.update(options)
+
+    monkeypatch.setattr(alssnn.LinearStateSpace, "report", report)
+    path = tmp_path / "report.html"
+    assert run("report", folder / "large.npz", *data("-"), "-o", path) == 0
+    source = "Model large.npz, record from the standard input, its last 50 %"
+    assert said["source"] == source
+
+
 def test_messages_name_the_standard_input(folder, monkeypatch, capsys):
     stream = io.TextIOWrapper(io.BytesIO(b"a,b\n1,2\n"))
     monkeypatch.setattr(sys, "stdin", stream)

@@ -48,9 +48,10 @@ def run(args):
 
     refuse_existing(args, args.output_file)
     model = load(args.model)
+    # before it is read, which puts what came through a pipe in its place
+    data = "from the standard input" if str(args.data) == "-" else args.data.name
     record, before = read_record(args, model)
     law = {"law_dt": args.law_dt, "ahead": args.ahead}
-    data = "from the standard input" if str(args.data) == "-" else args.data.name
     source = f"Model {args.model.name}, record {data}"
     if args.last != 1:
         source += f", its last {100 * args.last:g} %"
