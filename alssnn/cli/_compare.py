@@ -34,7 +34,6 @@ def add(parser):
     )
     add_data(parser)
     add_figure(parser)
-    parser.set_defaults(output_dir=Path())
 
 
 def run(args):
@@ -52,7 +51,7 @@ def run(args):
     names = [path.stem for path in args.models]
     if len(set(names)) != len(names):
         args.parser.error("two models have the same name: rename a file")
-    figure = prepare_figure(args)
+    prepare_figure(args.figure)
     models = {name: load(path) for name, path in zip(names, args.models, strict=True)}
     outputs = {tuple(column_names(model)[1]) for model in models.values()}
     if args.output is None and len(outputs) != 1:
@@ -63,5 +62,6 @@ def run(args):
     for name, model in models.items():
         (inputs[name], y, experiment), _ = read_record(args, model)
     ladder = judge_models(models, inputs, y, experiment)
-    report(ladder, figure, label=(args.output or outputs.pop())[0])
-    args.result = {"models": [row_numbers(row) for row in ladder], "figure": figure}
+    report(ladder, args.figure, label=(args.output or outputs.pop())[0])
+    rows = [row_numbers(row) for row in ladder]
+    args.result = {"models": rows, "figure": args.figure}

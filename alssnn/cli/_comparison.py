@@ -5,27 +5,19 @@ import sys
 from importlib.util import find_spec
 
 FIGURE_DPI = 150
+TEXT_WIDTH = 79  # columns
 
 
-def prepare_figure(args):
-    """Return the path of the figure, whose folder exists, or None.
+def prepare_figure(path):
+    """Make the folder of a figure, before a computation that may take long.
 
     Parameters
     ----------
-    args : argparse.Namespace
-        Arguments of the command.
-
-    Returns
-    -------
     path : Path or None
-        The path.
+        The figure; None if there will be none.
     """
-    if args.figure is None:
-        return None
-    path = args.output_dir / args.figure
-    # before the fits: a folder that cannot be made should not cost minutes
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
 
 
 def run_ladder(args, u, y, **options):

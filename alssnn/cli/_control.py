@@ -15,7 +15,7 @@ from ._arguments import (
     scalar,
     weight,
 )
-from ._comparison import FIGURE_DPI
+from ._comparison import FIGURE_DPI, TEXT_WIDTH
 from ._record import (
     add_data,
     add_model,
@@ -25,7 +25,6 @@ from ._record import (
     write_csv,
 )
 
-TEXT_WIDTH = 79  # columns
 RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
 
 HELP = "design a controller for a saved model"

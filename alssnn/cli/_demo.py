@@ -109,7 +109,8 @@ def run(args):
         args.parser.error(f"--measured belongs to {CIRCUIT}")
     if args.measured and not (args.noise is None and args.samples is None):
         args.parser.error("--noise and --samples belong to a simulated record")
-    figure = prepare_figure(args)
+    figure = args.output_dir / args.figure
+    prepare_figure(figure)
     samples, max_iter = (QUICK if args.quick else SIZES)[args.plant]
     samples = samples if args.samples is None else args.samples
     noise = NOISE[args.plant] if args.noise is None else args.noise

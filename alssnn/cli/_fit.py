@@ -13,7 +13,7 @@ from ._arguments import (
     add_overwrite,
     refuse_existing,
 )
-from ._comparison import prepare_figure, report, row_numbers, run_ladder
+from ._comparison import TEXT_WIDTH, prepare_figure, report, row_numbers, run_ladder
 from ._fit_options import (
     FOUR,
     add_data,
@@ -25,7 +25,6 @@ from ._fit_options import (
 )
 from ._record import TIME_TOL, common_step, report_gaps, sampling_time, source_of
 
-TEXT_WIDTH = 79  # columns
 AS_GIVEN = (  # options of the ladder
     "nx n_h n_g n_f gamma gamma_h alpha feedback input_map drift horizon max_iter "
     "n_init"
@@ -95,7 +94,6 @@ def add(parser):
     )
     add_overwrite(parser)
     add_common(parser)
-    parser.set_defaults(output_dir=Path())
 
 
 def run(args):
@@ -129,7 +127,7 @@ def run(args):
     chosen = models[0] if len(models) == 1 else None
     if chosen not in (None, "lti"):
         models = ["lti", chosen]  # to compare with
-    figure = prepare_figure(args)
+    prepare_figure(args.figure)
     source = source_of(args.file)
     dt = sampling_time(args, source)
     if args.time_column is None:
@@ -158,7 +156,7 @@ def run(args):
     saves = args.save is not None and not (refused and not args.force)
     if saves:
         _save(args, ladder[name].model)  # before a figure that may fail
-    report(ladder, figure, label=args.output[0])
+    report(ladder, args.figure, label=args.output[0])
     for reason in faults.values():
         print("\n" + textwrap.fill(f"Caution: {reason}", TEXT_WIDTH))
     if saves:
@@ -169,7 +167,7 @@ def run(args):
         "models": [row_numbers(row) for row in ladder],
         "cautions": faults,
         "saved": args.save if saves else None,
-        "figure": figure,
+        "figure": args.figure,
     }
     return int(refused and not args.force)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..estimators import FlSsnn, LinearStateSpace
 from ..shown import times
+from ._comparison import TEXT_WIDTH
 
 AMPLITUDE = 4.5  # rad/s2: the record covers the angles of the reference
 REFERENCE = ((0.0, 10), (1.0, 80), (-0.8, 80))  # rad, samples
@@ -22,7 +23,6 @@ WEIGHTS = {"integral": 0.02, "control": 0.05}  # settles in about 2 s
 OPTIONS = {"nx": 2, "operating_point": "zero"}
 LAW_OPTIONS = {"gamma_h": 1e-4, "n_init": 1}  # one start, for speed
 CLEARLY = 1.1  # ratio below which two loops count as equally good
-TEXT_WIDTH = 79  # columns
 LINEAR, LAW = "linear model", "model with h"
 
 

@@ -33,6 +33,7 @@ def page(title, origin, sections):
     html : str
         HTML.
     """
+    style, script = (path.read_text(encoding="utf-8") for path in (STYLE, SCRIPT))
     links = "".join(f'<a href="#{key}">{escape(text)}</a>' for key, text, _ in sections)
     body = "".join(
         f'<section id="{key}"><h2>{escape(text)}</h2>{content}</section>\n'
@@ -41,10 +42,9 @@ def page(title, origin, sections):
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{STYLE.read_text(encoding='utf-8')}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
         f"<h1>{escape(title)}</h1>\n{paragraph(origin, 'note')}\n<nav>{links}</nav>\n"
-        f"{body}<script>{SCRIPT.read_text(encoding='utf-8')}</script>\n"
-        "</body>\n</html>\n"
+        f"{body}<script>{script}</script>\n</body>\n</html>\n"
     )
 
 
