@@ -12,6 +12,7 @@ from ._arguments import (
     positive,
     refuse_existing,
 )
+from ._comparison import FIGURE_DPI, prepare_figure
 
 KINDS = ("multisine", "steps", "prbs", "swept-sine")
 
@@ -117,6 +118,6 @@ def run(args):
     print(f"{excitation!r}: {args.output_file}")
     args.result = {"file": args.output_file, "figure": args.figure}
     if args.figure is not None:
-        args.figure.parent.mkdir(parents=True, exist_ok=True)
-        excitation.plot().figure_.savefig(args.figure)
+        prepare_figure(args.figure)
+        excitation.plot().figure_.savefig(args.figure, dpi=FIGURE_DPI)
         print(f"Figure: {args.figure}")
