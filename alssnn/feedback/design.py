@@ -64,11 +64,7 @@ def lqr(model, Q, R, N=None):
     ((1, 4), True)
     """
     A, B, _ = linear_part(model)
-    Q = check_weight("Q", Q, len(A))
-    R = check_weight("R", R, B.shape[1], definite=True)
-    cross = _check_cross(Q, R, N)
-    _check_controllable(A, B, as_plant(model).late().x_scale, radius=1.0)
-    return _solve(control.dlqr, A, B, Q, R, *cross)
+    return _regulator(A, B, Q, R, N, as_plant(model).late().x_scale)
 
 
 def weigh_outputs(model, Q, R):
@@ -162,21 +158,15 @@ def lqi(model, Q, R, N=None):
     (1, 5)
     """
     A, B, C, D = linear_system(model)
-    nx, (ny, nu) = len(A), (len(C), B.shape[1])
+    nx, (ny, nu) = len(A), D.shape
     if ny > nu:
         raise ValueError(
             f"`model` must have at most as many outputs as inputs, got {ny} outputs "
             f"and {nu} inputs. Identify a model of the outputs that have a reference."
         )
-    Q = check_weight("Q", Q, nx + ny)
-    R = check_weight("R", R, nu, definite=True)
-    cross = _check_cross(Q, R, N)
-    states, eye = np.hstack([A, np.zeros((nx, ny))]), np.eye(ny)
-    A, B = np.vstack([states, np.hstack([C, eye])]), np.vstack([B, D])
+    A, B = np.block([[A, np.zeros((nx, ny))], [C, np.eye(ny)]]), np.vstack([B, D])
     plant = as_plant(model).late()
-    size = np.append(plant.x_scale, plant.y_scale)
-    _check_controllable(A, B, size, radius=1.0)
-    return _solve(control.dlqr, A, B, Q, R, *cross)
+    return _regulator(A, B, Q, R, N, np.append(plant.x_scale, plant.y_scale))
 
 
 def place(model, poles):
@@ -342,10 +332,26 @@ def linear_system(model):
     return as_plant(model).late().linear()
 
 
+def _regulator(A, B, Q, R, N, x_size):
+    """Return the gain for x+ = A x + B v, of states of given sizes."""
+    Q = check_weight("Q", Q, len(A))
+    R = check_weight("R", R, B.shape[1], definite=True)
+    N = np.zeros(B.shape) if N is None else _check_cross(Q, R, N)
+    _check_controllable(A, B, x_size, radius=1.0)
+    # in units that give R a diagonal near one: those of u do not matter
+    size = 2.0 ** np.round(np.log2(np.diag(R)) / 2)
+    try:
+        K, _, _ = control.dlqr(A, B / size, Q, R / np.outer(size, size), N / size)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "`Q` and `R` must give a stable loop, got a Riccati equation without "
+            "solution. Weigh every state in `Q`, or make the weights more alike."
+        ) from error
+    return np.asarray(K) / size[:, None]
+
+
 def _check_cross(Q, R, N):
-    """Return the weight of states times inputs as a tuple, empty without one."""
-    if N is None:
-        return ()
+    """Return the weight of states times inputs."""
     shape, N = (len(Q), len(R)), np.asarray(N, dtype=float)
     if N.shape != shape or not np.isfinite(N).all():
         raise ValueError(
@@ -361,7 +367,7 @@ def _check_cross(Q, R, N):
             "`N` must leave [Q N; N' R] positive semidefinite, got a cost that falls "
             "without limit. Use `weigh_outputs`, or a smaller one."
         )
-    return (N,)
+    return N
 
 
 def _check_controllable(A, B, x_size, radius):
@@ -380,17 +386,3 @@ def _check_controllable(A, B, x_size, radius):
                 f"{mode:.6g} that v does not reach. Lower `nx`, or leave out the "
                 "outputs that the inputs do not move."
             )
-
-
-def _solve(design, A, B, Q, R, N=None):
-    # in units that give R a diagonal near one: those of u do not matter
-    size = 2.0 ** np.round(np.log2(np.diag(R)) / 2)
-    cross = () if N is None else (N / size,)
-    try:
-        K, _, _ = design(A, B / size, Q, R / np.outer(size, size), *cross)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            "`Q` and `R` must give a stable loop, got a Riccati equation without "
-            "solution. Weigh every state in `Q`, or make the weights more alike."
-        ) from error
-    return np.asarray(K) / size[:, None]
