@@ -14,7 +14,7 @@ import alssnn
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_inverted_pendulum
 from alssnn.estimators import _horizon, _ssnn
-from alssnn.feedback import Observer, closed_loop, lqi
+from alssnn.feedback import DisturbanceObserver, Observer, closed_loop, lqi
 from alssnn.innovations import (
     free_run,
     has_innovations,
@@ -481,6 +481,12 @@ def test_observer_predicts_as_the_fit_did(loop_record, linear):
     assert not other.has_fitted_gain
     assert not linear.observer(kind="ekf").has_fitted_gain
     assert plant.with_disturbance("output").K is None
+
+
+def test_a_gain_with_a_disturbance_that_was_not_identified_is_not_fitted(linear):
+    observer = DisturbanceObserver(linear)
+    assert linear.plant_.K is not None and observer.plant.K is None
+    assert not observer.has_fitted_gain
 
 
 @pytest.mark.parametrize("K", [np.array([[0.3], [0.2]]), np.array([[0.3], [0.0]])])

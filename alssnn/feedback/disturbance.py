@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from ..checks import check_option
 from .checks import check_weight
-from .observer import FIT_FLOOR, PROCESS_NOISE, Observer, stationary_covariance
+from .observer import FIT_FLOOR, PROCESS_NOISE, Observer
 
 RANK = 1e-9  # smallest singular value, relative, of what must have full rank
 
@@ -89,18 +89,13 @@ class DisturbanceObserver(Observer):
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
         self.Q = block_diag(self.Q, Q_d)
         self._start = block_diag(self._start, np.diag(scale**2))
-        A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
         if not _tells(plant):
             raise ValueError(
                 "`disturbance` must be visible at rest in the outputs, got a model "
                 "that does not tell it from the state. If the model integrates, use "
                 "'input'; if it has more inputs than outputs, use 'output'."
             )
-        self._P_inf = stationary_covariance(A, C, self.Q, self.R)
-        self._set_gain(C)
-        if plant.K is not None and is_free:
-            self._take_gain(A, C, plant.K)
-        self.reset()
+        self._set_gain(plant.K if is_free else None)
 
 
 def _told_kind(plant):

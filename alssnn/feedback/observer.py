@@ -119,13 +119,7 @@ class Observer:
                 R = plant.noise_covariance + least
         self.Q = block_diag(check_weight("Q", Q, nx), np.zeros((n_late, n_late)))
         self.R = check_weight("R", R, ny, definite=True)
-        A, _, C, _ = plant.jacobian(np.zeros(plant.nx), plant.u_offset)
-        self._P_inf = stationary_covariance(A, C, self.Q, self.R)
-        self._set_gain(C)
-        self.has_fitted_gain = False
-        if K is not None and is_free and kind == "kalman":
-            self._take_gain(A, C, K)
-        self.reset()
+        self._set_gain(K if is_free and kind == "kalman" else None)
 
     def __repr__(self):
         """Return kind, number of states and gate."""
@@ -370,23 +364,28 @@ class Observer:
         S = C @ PC + self.R
         return np.linalg.solve(S, PC.T).T, S
 
-    def _set_gain(self, C):
-        """Set the stationary gain, and the innovations that go with it."""
+    def _set_gain(self, K):
+        """Set the stationary gain, that of K if there is one, and start anew."""
+        A, _, C, _ = self.plant.jacobian(np.zeros(self.plant.nx), self.plant.u_offset)
+        self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self.gain, S = self._gain(self._P_inf, C)
         self._deviation = np.sqrt(np.diag(S))
+        self.has_fitted_gain = K is not None and self._take_gain(A, C, K)
+        self.reset()
 
     def _take_gain(self, A, C, K):
-        """Take the gain that predicts as K does, if there is one that is stable."""
+        """Take the stable gain that predicts as K does; tell whether there is one."""
         known = np.diag(self._start) > 0  # the past of late inputs is
         A, C = A[np.ix_(known, known)], C[:, known]
         M = np.linalg.lstsq(A, K, rcond=None)[0]
         predicts = np.linalg.norm(A @ M - K) <= SAME_GAIN * np.linalg.norm(K)
         poles = np.linalg.eigvals(A - K @ C)  # at the operating point: h sees y there
-        if predicts and np.abs(poles).max() < 1:
-            self.gain = np.zeros_like(self.gain)
-            self.gain[known] = M
-            self._deviation = np.sqrt(np.diag(self.R))
-            self.has_fitted_gain = True
+        if not predicts or not np.abs(poles).max() < 1:
+            return False
+        self.gain = np.zeros_like(self.gain)
+        self.gain[known] = M
+        self._deviation = np.sqrt(np.diag(self.R))
+        return True
 
     @np.errstate(over="ignore", invalid="ignore")
     def _correct(self, x, P, y, u=None):
