@@ -210,7 +210,7 @@ def test_what_is_not_finite_never_reaches_a_state(plants, name):
     controller = LinearizingController(
         plant, gain_of(plant, plant.nv >= plant.ny), law=limited(plant)
     )
-    r, _ = references(plant, *controller._at_rest)
+    r, _ = references(plant, *controller.at_rest)
     d = plant.d_offset + 0.1
     inputs = []
     for bad in (np.nan, np.inf, 1e200, None):
@@ -250,7 +250,7 @@ def test_it_is_what_it_exports(plants, name, integrates, tmp_path):
     state, u_c = np.zeros(200), np.zeros(plant.nv)
     function.plant_reset(state.ctypes)
     rng = np.random.default_rng(2)
-    r, d = references(plant, *controller._at_rest)
+    r, d = references(plant, *controller.at_rest)
     y = plant.y_offset + 0.3 * plant.y_scale * rng.standard_normal((len(r), plant.ny))
     y[rng.random(y.shape) < 0.1] = np.nan
     y[rng.random(y.shape) < 0.05] *= 1e6

@@ -11,6 +11,7 @@ noise leaves open are all seen in the loop, which weighs them in its own way.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import dlsim
 
 from ..plants import as_plant
 from ..shown import short_repr
@@ -107,8 +108,7 @@ def design_distance(model, records, controller=None, reference=None, d=None):
     design = designed_loop(plant, gain)
     if reference is None:
         reference = _steps(controller, design)
-    nr = own.ny if controller.tracks else own.nv
-    r = check_signal("reference", reference, None, nr)
+    r = check_signal("reference", reference, None, len(controller.at_rest[0]))
     if d is None:
         du = np.vstack([record.du for record in records])
         d = np.resize(du[:, plant.given] + plant.d_offset, (len(r), plant.nd))
@@ -148,12 +148,7 @@ def _checked(plant, controller):
 
 def _steps(controller, design):
     """Return random steps of all references, within one standard deviation."""
-    own = controller.own
-    rest, size = (
-        (own.y_offset, own.y_scale)
-        if controller.tracks
-        else (own.v_offset, own.v_scale)
-    )
+    rest, size = controller.at_rest
     radius = float(np.abs(design.poles()).max())
     settled = np.log(SETTLED) / np.log(radius) if 0 < radius < 1 else LEAST
     hold = int(np.clip(np.ceil(settled), LEAST, MOST))
@@ -165,14 +160,9 @@ def _steps(controller, design):
 def _designed(controller, design, r, d):
     """Return the output of the linear loop."""
     own = controller.own
-    rest = own.y_offset if controller.tracks else own.v_offset
-    driven = np.hstack([r - rest, d - own.d_offset])
-    A, B, C, D = (np.asarray(M) for M in (design.A, design.B, design.C, design.D))
-    x, y = np.zeros(len(A)), np.empty((len(r), own.ny))
-    for k, e in enumerate(driven):
-        y[k] = (C @ x + D @ e)[: own.ny]
-        x = A @ x + B @ e
-    return y + own.y_offset
+    driven = np.hstack([r - controller.at_rest[0], d - own.d_offset])
+    linear = design.A, design.B, design.C, design.D, design.dt
+    return dlsim(linear, driven)[1][:, : own.ny] + own.y_offset
 
 
 def _run(controller, missed, r, d):
@@ -187,9 +177,6 @@ def _run(controller, missed, r, d):
         theta = np.vstack([np.zeros_like(missed.mean), missed.mean, draws])
     n, nv = len(theta), own.nv
     arrived = _Arrived(controller.model)
-    M = np.zeros((own.nx, own.ny))
-    if controller.observer is not None:
-        M = controller.observer.gain
     X = X_next = np.zeros((n, own.nx))
     z, u = np.zeros((n, len(linear.A))), np.tile(own.v_offset, (n, 1))
     scale = own.x_scale
@@ -201,9 +188,10 @@ def _run(controller, missed, r, d):
         d_k, r_k = (np.tile(row, (n, 1)) for row in (d[k], r[k]))
         U = own.every_input(u, d_k)  # of the last sample: no algebraic loop
         y = own.output(X, U)
-        x_hat = X_next + (y - own.output(X_next, U)) @ M.T
-        if controller.observer is None:
-            x_hat = X
+        x_hat = X
+        if controller.observer is not None:
+            gain = controller.observer.gain
+            x_hat = X_next + (y - own.output(X_next, U)) @ gain.T
         none = np.zeros((n, nv if controller.integrates else 0))  # is cut off v
         e = np.hstack([r_k, y, x_hat, none]) - linear.offset
         v = linear.v_offset + z @ linear.C.T + e @ linear.D.T

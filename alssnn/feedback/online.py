@@ -184,7 +184,7 @@ class LinearizingController(Controller):
         return self.gain is not None and len(self.linear.A) > 0
 
     @property
-    def _at_rest(self):
+    def at_rest(self):
         """Return the reference at rest and the size of its steps, each (nr,)."""
         if self.tracks:
             return self.own.y_offset, self.own.y_scale
@@ -207,7 +207,7 @@ class LinearizingController(Controller):
         own = self.own
         x0 = check_point("x0", x0, own.nx)
         self._z = np.zeros(len(self.linear.A))
-        self._r, self._d, self._u = self._at_rest[0], own.d_offset, own.v_offset
+        self._r, self._d, self._u = self.at_rest[0], own.d_offset, own.v_offset
         self._x = x0 if self.observer is None else self.observer.initial_state(x0)
         self._y, self._last = own.y_offset, None
         self.info_ = None

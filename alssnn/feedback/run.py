@@ -175,7 +175,7 @@ class Controller(ABC):
         """
 
     @property
-    def _at_rest(self):
+    def at_rest(self):
         """Return the reference at rest and the size of its steps, each (nr,)."""
         plant = self.law.plant
         return plant.y_offset, plant.y_scale
@@ -241,7 +241,7 @@ class Controller(ABC):
                 f"{preview!r}. Use `model.mpc`."
             )
         plant = check_plant(plant, own)
-        reference = check_signal("reference", reference, None, len(self._at_rest[0]))
+        reference = check_signal("reference", reference, None, len(self.at_rest[0]))
         n = len(reference)
         push = check_signal("input_disturbance", input_disturbance, n, own.nv)
         noise = check_signal("output_noise", output_noise, n, own.ny)
@@ -292,7 +292,7 @@ class Controller(ABC):
         """
         plant = self.law.plant if plant is None else plant
         if reference is None:
-            at_rest, size = self._at_rest
+            at_rest, size = self.at_rest
             reference = np.tile(at_rest + size, (N_SAMPLES, 1))
             reference[: N_SAMPLES // 20] = at_rest
         return self.simulate(plant, reference).plot(ax, **kwargs)
