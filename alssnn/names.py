@@ -3,17 +3,17 @@
 import re
 
 
-def signal_names(names, letter, size):
+def signal_names(names, letter="", size=0):
     """Return names of signals that python-control accepts.
 
     Parameters
     ----------
     names : sequence of str or None
         Names in the user's data, such as DataFrame columns.
-    letter : str
+    letter : str, default=""
         Letter of default names ``letter[0]``, ``letter[1]``, ...
-    size : int
-        Number of signals.
+    size : int, default=0
+        Number of default names.
 
     Returns
     -------

@@ -75,7 +75,8 @@ class DisturbanceObserver(Observer):
         super().__init__(model, Q, R, gate=gate)
         is_free = Q is None and R is None and Q_d is None
         if disturbance is None:
-            disturbance = self.plant.drift or _told_kind(self.plant)
+            output = self.plant.with_disturbance("output")
+            disturbance = self.plant.drift or ("output" if _tells(output) else "input")
         remedy = "Use 'input' if the model integrates."
         check_option("disturbance", disturbance, ("output", "input"), remedy)
         self.disturbance = disturbance
@@ -96,11 +97,6 @@ class DisturbanceObserver(Observer):
                 "'input'; if it has more inputs than outputs, use 'output'."
             )
         self._set_gain(plant.K if is_free else None)
-
-
-def _told_kind(plant):
-    """Return the kind of disturbance that the outputs tell from the state."""
-    return "output" if _tells(plant.with_disturbance("output")) else "input"
 
 
 def _tells(plant):

@@ -124,15 +124,39 @@ def to_nlsys(model):
         it responds as `predict` does.
     """
     plant = as_plant(model).late()
-    block = Block(plant)
+    signals = plant.inputs, plant.outputs, signal_names(None, "x", plant.nx)
+    return as_system(Block(plant), *signals, plant.dt, plant.name)
+
+
+def as_system(block, inputs, outputs, states, dt, name):
+    """Return an object with `update` and `output` as a system of python-control.
+
+    Parameters
+    ----------
+    block : object
+        The object.
+    inputs, outputs : list of str
+        Names of the signals.
+    states : list of str or int
+        Names of the states, or how many there are.
+    dt : float
+        Sampling time, in seconds.
+    name : str
+        Name of the system.
+
+    Returns
+    -------
+    sys : control.NonlinearIOSystem
+        Discrete-time system.
+    """
     return control.nlsys(
         block.update,
         block.output,
-        inputs=plant.inputs,
-        outputs=plant.outputs,
-        states=signal_names(None, "x", plant.nx),
-        dt=plant.dt,
-        name=plant.name,
+        inputs=inputs,
+        outputs=outputs,
+        states=states,
+        dt=dt,
+        name=name,
     )
 
 

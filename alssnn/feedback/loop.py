@@ -12,7 +12,7 @@ import numpy as np
 from ..plants import as_plant, is_model
 from .algebraic import AlgebraicLoop, feeds_through
 from .controller import from_gain
-from .export import Block, check_plant, signal_names, to_statespace
+from .export import Block, as_system, check_plant, signal_names, to_statespace
 from .online import LinearizingController
 
 
@@ -208,8 +208,8 @@ class _Names:
     def __init__(self, parts):
         own = parts.own
         nx, nv, ny = own.nx, own.nv, own.ny
-        self.own, self.dt, self.by_state = own, own.dt, parts.gain is not None
-        self.of_y = parts.tracks
+        self.own, self.by_state = own, parts.gain is not None
+        self.r_at_rest = parts.at_rest[0]
         self.x = signal_names(None, "x_hat", nx)
         self.u, self.v = (signal_names(None, letter, nv) for letter in "uv")
         self.d = signal_names(None, "d", own.nd)
@@ -219,32 +219,26 @@ class _Names:
         # what the controller, its integrators and a law of y take for y
         self.seen = signal_names(None, "y_seen", ny) if gated else self.y
         self.cut = signal_names(None, "cut", nv) if parts.integrates else []
-        self.r = signal_names(None, "r", ny if self.of_y else nv)
-
-    def _block(self, block, inputs, outputs, states, name):
-        return control.nlsys(
-            block.update,
-            block.output,
-            inputs=inputs,
-            outputs=outputs,
-            states=states,
-            dt=self.dt,
-            name=name,
-        )
+        self.r = signal_names(None, "r", len(self.r_at_rest))
+        given, moved = ([own.inputs[i] for i in z] for z in (own.given, own.moved))
+        # those of the loop, made unique
+        self.external = signal_names([*self.r, *given])
+        self.shown = signal_names([*own.outputs, *moved, *self.v])
 
     def plant(self, plant, with_state):
+        own = self.own
         if with_state:
-            block = Block(self.own, with_state=True)
-            signals = self.inputs, self.y + self.x
-            return self._block(block, *signals, self.own.nx, "plant")
-        plant = check_plant(plant, self.own)
+            signals = self.inputs, self.y + self.x, own.nx
+            return as_system(Block(own, with_state=True), *signals, own.dt, "plant")
+        plant = check_plant(plant, own)
         plant = plant.copy(name="plant", use_prefix_suffix=False)
         plant.update_names(inputs=self.inputs, outputs=self.y)
         return plant
 
     def controller(self, block):
         inputs = self.r + self.seen + (self.x if self.by_state else []) + self.cut
-        return self._block(block, inputs, self.v, len(block.A), "controller")
+        signals = inputs, self.v, len(block.A)
+        return as_system(block, *signals, self.own.dt, "controller")
 
     def law(self, law):
         s = self.x[: law.n_seen] if law.feedback == "state" else self.seen
@@ -253,30 +247,20 @@ class _Names:
         return sys
 
     def observer(self, observer):
-        sys = observer.to_nlsys()
+        sys, inputs = observer.to_nlsys(), self.inputs + self.y
         if self.seen is self.y:
-            sys.update_names(inputs=self.inputs + self.y, outputs=self.x)
+            sys.update_names(inputs=inputs, outputs=self.x)
             return sys
-        signals = self.inputs + self.y, self.x + self.seen
-        return self._block(_Gated(observer), *signals, sys.state_labels, "observer")
-
-    def _outputs(self):
-        outputs = [*self.own.outputs, *(self.own.inputs[i] for i in self.own.moved)]
-        outputs += self.v
-        return signal_names(outputs, "", len(outputs))  # makes them unique
-
-    def _external(self):
-        names = [*self.r, *(self.own.inputs[i] for i in self.own.given)]
-        return signal_names(names, "", len(names))  # makes them unique
+        signals = inputs, self.x + self.seen, sys.state_labels
+        return as_system(_Gated(observer), *signals, sys.dt, "observer")
 
     def solve(self, blocks):
-        own, shown = self.own, [*self.y, *self.u, *self.v]
-        external = self.r + self.d
-        loop = AlgebraicLoop(blocks, external, self.u, shown, own.v_offset, own.v_scale)
-        at_rest = own.y_offset if self.of_y else own.v_offset
-        loop.check(np.concatenate([at_rest, own.d_offset]))
+        own = self.own
+        signals = self.r + self.d, self.u, self.y + self.u + self.v
+        loop = AlgebraicLoop(blocks, *signals, own.v_offset, own.v_scale)
+        loop.check(np.concatenate([self.r_at_rest, own.d_offset]))
         states = [f"{b.name}_{state}" for b in blocks for state in b.state_labels]
-        return self._block(loop, self._external(), self._outputs(), states, "loop")
+        return as_system(loop, self.external, self.shown, states, own.dt, "loop")
 
     def connect(self, blocks):
         return control.interconnect(
@@ -293,8 +277,8 @@ class _Names:
                 *(f"law.{name}" for name in self.u),
                 *(f"controller.{name}" for name in self.v),
             ],
-            inputs=self._external(),
-            outputs=self._outputs(),
+            inputs=self.external,
+            outputs=self.shown,
             name="loop",
             check_unused=False,
         )

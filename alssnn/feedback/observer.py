@@ -17,6 +17,8 @@ no further than noise may, and an estimate that is truly off still comes back, i
 of that size, whereas an observer that drops what surprises it can lock itself out.
 """
 
+from copy import copy
+
 import control
 import numpy as np
 from scipy.linalg import block_diag
@@ -24,7 +26,7 @@ from scipy.linalg import block_diag
 from ..checks import as_numbers, check_option
 from ..plants import as_plant
 from .checks import check_gate, check_point, check_weight
-from .export import signal_names
+from .export import as_system, signal_names
 
 PROCESS_NOISE = 1e-4  # variance per sample of states that have a variance of about one
 SAME_GAIN = 1e-6  # relative: of K, that a correction may miss
@@ -242,8 +244,7 @@ class Observer:
                 f"`u` and `y` must have shapes (N, {nu}) and (N, {ny}), got {u.shape} "
                 f"and {y.shape}. Time runs down the rows, at least one."
             )
-        runner = object.__new__(type(self))
-        runner.__dict__.update(self.__dict__)
+        runner = copy(self)
         runner.reset(x0)
         before = np.vstack([u[:1], u[:-1]])
         return np.array([runner.step(*z) for z in zip(before, y, u, strict=True)])
@@ -312,19 +313,13 @@ class Observer:
             Kalman filter has their covariance less that of the start, row by row: from
             zeros, as loops begin, it starts as `filter` does.
         """
-        nx, inputs = len(self.Q), [*self.plant.inputs, *self.plant.outputs]
+        nx = len(self.Q)
         states = signal_names(None, "x", nx)
         if self.kind == "ekf":
             states += [f"P[{i},{j}]" for i in range(nx) for j in range(nx)]
-        return control.nlsys(
-            self.update,
-            self.output,
-            inputs=signal_names(inputs, "", len(inputs)),
-            outputs=signal_names(None, "x_hat", nx),
-            states=states,
-            dt=self.plant.dt,
-            name="observer",
-        )
+        inputs = signal_names([*self.plant.inputs, *self.plant.outputs])
+        signals = inputs, signal_names(None, "x_hat", nx), states
+        return as_system(self, *signals, self.plant.dt, "observer")
 
     def initial_state(self, x0=None):
         """Return where the system of `to_nlsys` starts as `filter` does.

@@ -300,7 +300,7 @@ class _Variables:
 
 def _unique(names):
     """Return names that a description may hold, each once."""
-    clean = signal_names(list(map(_text, names)), "", len(names))
+    clean = signal_names(list(map(_text, names)))
     taken: set[str] = {"time"}
     unique = []
     for name in clean:
