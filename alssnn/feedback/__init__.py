@@ -20,12 +20,12 @@ from .design import balanced_weights, linear_part, lqi, lqr, place, weigh_output
 from .deviation import DesignDistance, design_distance
 from .disturbance import DisturbanceObserver
 from .export import linearize, signal_names, to_nlsys, to_statespace
-from .law import LinearizingLaw
+from .law import LinearizingLaw, input_range
 from .loop import closed_loop, designed_loop
 from .missed import Missed, what_is_missed
 from .observer import Observer
 from .online import LinearizingController
-from .proposal import input_range, step_comparison
+from .proposal import step_comparison
 from .run import Controller, LoopRecord, LoopStep
 from .tracking import tracking_comparison
 

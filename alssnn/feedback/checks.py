@@ -240,23 +240,6 @@ def check_dt(name, sys, dt):
         )
 
 
-def seen_inputs(plant):
-    """Return the range of the inputs that are moved, in the training data.
-
-    Parameters
-    ----------
-    plant : Plant
-        Plant with a region.
-
-    Returns
-    -------
-    low, high : ndarray of shape (nv,)
-        Smallest and largest value of every input, in the units of u.
-    """
-    low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
-    return low + plant.v_offset, high + plant.v_offset
-
-
 def check_disturbances(name, part, plant):
     """Refuse a part of a loop that takes other inputs for measured disturbances.
 

@@ -21,7 +21,7 @@ import numpy as np
 from ..checks import as_numbers
 from ..plants import as_plant
 from ..warn import warn_user
-from .checks import check_limits, seen_inputs
+from .checks import check_limits
 from .export import signal_names
 
 BEYOND = 0.1  # of the range of an input in training, by which a limit may exceed it
@@ -256,7 +256,7 @@ class LinearizingLaw:
         u : ndarray of shape (nu,)
             Input for the plant, within the limits whatever the signals are.
         """
-        return self._split(*self._parts(signals))[0]
+        return self.output_and_cut(t, x, signals, params)[: len(self.u_min)]
 
     def output_and_cut(self, t, x, signals, params):
         """Return u and the part cut off for the stacked inputs (v, s, d).
@@ -277,13 +277,9 @@ class LinearizingLaw:
         u_cut : ndarray of shape (2 nv,)
             Input for the plant, then what `split` says was cut off.
         """
-        return np.concatenate(self._split(*self._parts(signals)))
-
-    def _parts(self, signals):
-        """Return v, s and d of the stacked inputs."""
         nv = len(self.u_min)
         v, s, d = np.split(signals, [nv, nv + self.n_seen])
-        return v, s, d if len(d) else None
+        return np.concatenate(self._split(v, s, d if len(d) else None))
 
     def to_nlsys(self, with_cut=False):
         """Return the law as a static block of python-control.
@@ -310,16 +306,51 @@ class LinearizingLaw:
         return control.nlsys(
             None,
             self.output_and_cut if with_cut else self.output,
-            inputs=signal_names(seen, "", len(seen)),  # unique
+            inputs=signal_names(seen),  # unique
             outputs=[*(plant.inputs[i] for i in plant.moved), *cut],
             dt=plant.dt,
             name="law",
         )
 
 
+def input_range(model):
+    """Return the range of the inputs that are moved, in the training data.
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
+
+    Returns
+    -------
+    low, high : ndarray of shape (nv,)
+        Smallest and largest value of every input, in the units of u.
+
+    Raises
+    ------
+    NotFittedError
+        If the model is not fitted.
+
+    See Also
+    --------
+    step_comparison : What u is in a step response.
+
+    Examples
+    --------
+    >>> from alssnn.feedback import input_range
+    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
+    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> bool(np.isclose(input_range(model)[1], record.u.max()).all())
+    True
+    """
+    plant = as_plant(model)
+    low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
+    return low + plant.v_offset, high + plant.v_offset
+
+
 def _warn_of_limits(plant, u_min, u_max):
     """Warn of limits far from the inputs of the training, where phi is a guess."""
-    low, high = seen_inputs(plant)
+    low, high = input_range(plant)
     slack = BEYOND * (high - low)
     for i, name in enumerate(plant.inputs[j] for j in plant.moved):
         for limit, beyond in (

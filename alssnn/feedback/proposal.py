@@ -3,16 +3,14 @@
 `step_comparison` puts the step response that was designed beside that of the whole
 model: the gap is what the law does not cancel.  With it comes u, what the actuators
 have to do: they do not see v, and under a law with a large h it is far from u.
-`input_range` says what they did in the training data; outside of it the model is a
-guess.
+`input_range` of `law` says what they did in the training data; outside of it the model
+is a guess.
 """
-
-from numbers import Integral
 
 import numpy as np
 
+from ..checks import is_count
 from ..plants import as_plant
-from .checks import seen_inputs
 from .loop import closed_loop, designed_loop
 from .tracking import as_responses, compared
 
@@ -82,7 +80,7 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
         radius = float(np.abs(designed.poles()).max())
         slow = np.log(SETTLED) / np.log(radius) if 0 < radius < 1 else MAX_SAMPLES
         n_samples = int(np.clip(np.ceil(slow), MIN_SAMPLES, MAX_SAMPLES))
-    if not isinstance(n_samples, Integral) or n_samples < 2:
+    if not is_count(n_samples, 2):
         raise ValueError(
             f"`n_samples` must be at least 2 and an integer, got {n_samples!r}. Use "
             "None to wait for the slowest mode."
@@ -91,36 +89,3 @@ def step_comparison(model, gain, *, step=None, n_samples=None, law=None, observe
     pair = r + plant.y_offset[:, None], r
     t, _, found = compared(plant, designed, loop, *pair)
     return as_responses(t, {"design": found["design"], "model": found["loop"]})
-
-
-def input_range(model):
-    """Return the range of the inputs that are moved, in the training data.
-
-    Parameters
-    ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
-
-    Returns
-    -------
-    low, high : ndarray of shape (nv,)
-        Smallest and largest value of every input, in the units of u.
-
-    Raises
-    ------
-    NotFittedError
-        If the model is not fitted.
-
-    See Also
-    --------
-    step_comparison : What u is in a step response.
-
-    Examples
-    --------
-    >>> from alssnn.feedback import input_range
-    >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
-    >>> bool(np.isclose(input_range(model)[1], record.u.max()).all())
-    True
-    """
-    return seen_inputs(as_plant(model))
