@@ -169,6 +169,17 @@ def test_draws_on_own_and_given_axes(name, model, data):
     assert dict(mpl.rcParams) == before
 
 
+def takes_a_width(name):
+    return "``linewidth``" in getattr(alssnn.plotting, name).plot.__doc__
+
+
+@pytest.mark.parametrize("name", [z for z in DISPLAYS if takes_a_width(z)])
+def test_draws_curves_of_a_given_width(name, model, data):
+    display = draw(name, model, part(data)).plot(linewidth=3.25)
+    lines = [line for ax in display.figure_.axes for line in ax.lines]
+    assert 3.25 in [line.get_linewidth() for line in lines]
+
+
 def test_drawing_leaves_pyplot_without_figures(tmp_path):
     code = """
 import sys, numpy as np, alssnn

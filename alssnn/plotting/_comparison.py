@@ -89,8 +89,8 @@ class ComparisonDisplay(Display):
                 # every other one is dashed: where models agree, both show
                 style = {
                     "color": color(j),
-                    "lw": 1.2,
-                    "ls": (0, (4, 4)) if j % 2 else "-",
+                    "linewidth": 1.2,
+                    "linestyle": (0, (4, 4)) if j % 2 else "-",
                 }
                 note = out_of_view(y_hat, low, high)
                 label = f"{row.name}, fit {percent(row.fit_percent[i], 3)}{note}"
@@ -186,7 +186,11 @@ class BodeComparisonDisplay(Display):
             dt, band = model.plant_.dt, self.bands.get(name)
             f = np.geomspace(1 / (SLOWEST * dt), 0.5 / dt, N_FREQUENCIES)
             G = frequency_response(model.to_statespace(dt=dt), f)
-            style = {"color": color(k), "lw": 1.4, "ls": (0, (4, 4)) if k % 2 else "-"}
+            style = {
+                "color": color(k),
+                "linewidth": 1.4,
+                "linestyle": (0, (4, 4)) if k % 2 else "-",
+            }
             for i in range(ny):
                 for j in range(nu):
                     magnitude, phase = axes[2 * i : 2 * i + 2, j]
