@@ -67,6 +67,26 @@ def color(i):
     return COLORS[i % len(COLORS)]
 
 
+def model_style(i, linewidth):
+    """Return how the i-th of several models is drawn.
+
+    Parameters
+    ----------
+    i : int
+        Number of the model.
+    linewidth : float
+        Width of its curves.
+
+    Returns
+    -------
+    style : dict
+        Options of the curves. Every other one is dashed: where models agree, the one
+        below shows through.
+    """
+    dashes = (0, (4, 4)) if i % 2 else "-"
+    return {"color": color(i), "linewidth": linewidth, "linestyle": dashes}
+
+
 def grid_of_axes(ax, shape, *, size, **options):
     """Return axes to draw on, those of the caller or those of a new figure.
 

@@ -116,7 +116,6 @@ class BodeDisplay(Display):
         ValueError
             If an option is out of range, or the band or the axes do not fit.
         """
-        sys = model.to_statespace(dt=model.plant_.dt)  # as the loop sees it
         moved, outputs = model.plant_.moved, column_names(model)[1]
         nu = len(moved)
         amplitudes = np.asarray(amplitudes, dtype=float)
@@ -146,8 +145,7 @@ class BodeDisplay(Display):
             what = "model" if loop == "open" else "loop u = v - h"
             G = np.stack([G for _, G in found], axis=-1)
             responses.append((f"{what}, amplitude {label}", found[0][0], G))
-        f = np.geomspace(1 / (period * model.dt), 0.5 / model.dt, N_FREQUENCIES)
-        G, inputs = frequency_response(sys, f), moved_names(model)
+        (f, G), inputs = linear_response(model, period), moved_names(model)
         display = cls(f, G, inputs, outputs, responses, band, decibel)
         return display.plot(ax, **kwargs)
 
@@ -173,47 +171,101 @@ class BodeDisplay(Display):
         """
         _, ny, nu = self.G.shape
         axes = grid_of_axes(ax, (2 * ny, nu), size=(6.0, 2.3), sharex=True)
-        band = self._limits(ny, nu)
-        linear = {"color": "k", "linewidth": 1.6, **kwargs}
-        curves = [("(A, B, C, D)", self.frequencies, self.G, linear)]
+        db = self.decibel
+        if self.band is not None:
+            draw_band(axes, self.band, db, label="confidence", color="0.85")
+        style = {"color": "k", "linewidth": 1.6, **kwargs}
+        draw_response(axes, self.frequencies, self.G, db, "(A, B, C, D)", **style)
         for i, (label, f, G) in enumerate(self.responses):
             style = {"color": color(i), "linewidth": 1.2, "marker": ".", "ls": "--"}
-            curves.append((label, f, G, style))
-        for i in range(ny):
-            for j in range(nu):
-                magnitude, phase = axes[2 * i : 2 * i + 2, j]
-                if band is not None:
-                    f, low, high = (np.asarray(part) for part in band)
-                    holds = np.isfinite(low[:, i, j]).any()
-                    magnitude.fill_between(
-                        f,
-                        magnitudes(low[:, i, j], self.decibel),
-                        magnitudes(high[:, i, j], self.decibel),
-                        color="0.85",
-                        label="confidence" if holds else "no confidence band holds",
-                    )
-                for label, f, G, style in curves:
-                    size = magnitudes(G[:, i, j], self.decibel)
-                    magnitude.plot(f, size, label=label, **style)
-                    phase.plot(f, degrees(G[:, i, j]), **style)
+            draw_response(axes, f, G, db, label, **style)
         finish_responses(axes, self.output_names, self.input_names, self.decibel)
         return self._drawn(axes)
 
-    def _limits(self, ny, nu):
-        """Return frequencies in Hz, lower and upper limits; None without a band."""
-        band = self.band
-        if hasattr(band, "magnitude_band"):
-            band = (band.omega / (2 * np.pi), *band.magnitude_band())
-        if band is None:
-            return None
-        shapes = [np.shape(part) for part in band]
-        n = len(band[0]) if len(shapes) == 3 else 0
-        if shapes != [(n,), (n, ny, nu), (n, ny, nu)]:
-            raise ValueError(
-                f"`band` must hold frequencies, lower and upper limits of shapes (n,) "
-                f"and (n, {ny}, {nu}), got {shapes}."
-            )
-        return band
+
+def linear_response(model, period):
+    """Return the response of (A, B, C, D), as a loop sees it.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+    period : int
+        Samples of the slowest sine.
+
+    Returns
+    -------
+    frequencies : ndarray of shape (n,)
+        Frequencies, in Hz.
+    G : ndarray of complex, shape (n, ny, nu)
+        Response.
+    """
+    dt = model.plant_.dt
+    f = np.geomspace(1 / (period * dt), 0.5 / dt, N_FREQUENCIES)
+    return f, frequency_response(model.to_statespace(dt=dt), f)
+
+
+def draw_response(axes, f, G, decibel, label, **style):
+    """Draw a frequency response.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (2 * ny, nu)
+        Axes: for every output magnitude above phase, one column per input.
+    f : ndarray of shape (n,)
+        Frequencies, in Hz.
+    G : ndarray of complex, shape (n, ny, nu)
+        Response.
+    decibel : bool
+        Whether magnitudes are in dB.
+    label : str
+        Name of the response.
+    **style : dict
+        Options of the curves.
+    """
+    for i, j in np.ndindex(G.shape[1:]):
+        magnitude, phase = axes[2 * i : 2 * i + 2, j]
+        magnitude.plot(f, magnitudes(G[:, i, j], decibel), label=label, **style)
+        phase.plot(f, degrees(G[:, i, j]), **style)
+
+
+def draw_band(axes, band, decibel, label=None, **style):
+    """Draw the confidence in a magnitude; the legend says where none holds.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (2 * ny, nu)
+        Axes: for every output magnitude above phase, one column per input.
+    band : FrequencyBand or tuple of ndarray
+        The band, or frequencies in Hz, lower and upper limits.
+    decibel : bool
+        Whether magnitudes are in dB.
+    label : str or None, default=None
+        Name of a band that holds.
+    **style : dict
+        Options of the area.
+
+    Raises
+    ------
+    ValueError
+        If the band does not fit.
+    """
+    if hasattr(band, "magnitude_band"):
+        band = (band.omega / (2 * np.pi), *band.magnitude_band())
+    ny, nu = len(axes) // 2, axes.shape[1]
+    shapes = [np.shape(part) for part in band]
+    n = len(band[0]) if len(shapes) == 3 else 0
+    if shapes != [(n,), (n, ny, nu), (n, ny, nu)]:
+        raise ValueError(
+            f"`band` must hold frequencies, lower and upper limits of shapes (n,) "
+            f"and (n, {ny}, {nu}), got {shapes}."
+        )
+    f, *limits = (np.asarray(part) for part in band)
+    for i, j in np.ndindex(ny, nu):
+        low, high = (magnitudes(limit[:, i, j], decibel) for limit in limits)
+        holds = np.isfinite(limits[0][:, i, j]).any()
+        name = label if holds else "no confidence band holds"
+        axes[2 * i, j].fill_between(f, low, high, label=name, **style)
 
 
 def finish_responses(axes, outputs, inputs, decibel, longest=np.inf):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..shown import percent
-from ..validation import column_names, frequency_response, moved_names
+from ..validation import column_names, moved_names
 from ._axes import (
     MEASURED,
     Display,
@@ -11,9 +11,10 @@ from ._axes import (
     color,
     finish,
     grid_of_axes,
+    model_style,
     time_axis,
 )
-from ._bode import N_FREQUENCIES, degrees, finish_responses, magnitudes
+from ._bode import draw_band, draw_response, finish_responses, linear_response
 from ._ladder import limits_of, out_of_view
 
 LONGEST = 20  # characters of a label beside an axis
@@ -86,16 +87,11 @@ class ComparisonDisplay(Display):
             low, high = limits_of(y, simulated)
             top.plot(t, y, label="measured", **MEASURED)
             for j, (row, y_hat) in enumerate(zip(found, simulated, strict=True)):
-                # every other one is dashed: where models agree, both show
-                style = {
-                    "color": color(j),
-                    "linewidth": 1.2,
-                    "linestyle": (0, (4, 4)) if j % 2 else "-",
-                }
                 note = out_of_view(y_hat, low, high)
                 label = f"{row.name}, fit {percent(row.fit_percent[i], 3)}{note}"
-                top.plot(t, y_hat, **{"label": label, **style, **kwargs})
-                bottom.plot(t, y - y_hat, **{**style, **kwargs})
+                style = model_style(j, 1.2) | kwargs
+                top.plot(t, y_hat, **{"label": label, **style})
+                bottom.plot(t, y - y_hat, **style)
             top.set_ylim(low, high)
             half = (high - low) / 2  # as the outputs: what is beyond them is far off
             bound = np.nanmax(np.abs(bottom.dataLim.intervaly), initial=0.0)
@@ -183,30 +179,12 @@ class BodeComparisonDisplay(Display):
         ny, nu = len(outputs), len(inputs)
         axes = grid_of_axes(ax, (2 * ny, nu), size=(6.0, 2.3), sharex=True)
         for k, (name, model) in enumerate(self.models.items()):
-            dt, band = model.plant_.dt, self.bands.get(name)
-            f = np.geomspace(1 / (SLOWEST * dt), 0.5 / dt, N_FREQUENCIES)
-            G = frequency_response(model.to_statespace(dt=dt), f)
-            style = {
-                "color": color(k),
-                "linewidth": 1.4,
-                "linestyle": (0, (4, 4)) if k % 2 else "-",
-            }
-            for i in range(ny):
-                for j in range(nu):
-                    magnitude, phase = axes[2 * i : 2 * i + 2, j]
-                    if band is not None:
-                        self._fill(magnitude, band, i, j, color(k))
-                    size = magnitudes(G[:, i, j], self.decibel)
-                    magnitude.plot(f, size, **{"label": name, **style, **kwargs})
-                    phase.plot(f, degrees(G[:, i, j]), **{**style, **kwargs})
+            band = self.bands.get(name)
+            if band is not None:
+                area = {"color": color(k), "alpha": 0.25, "linewidth": 0}
+                draw_band(axes, band, self.decibel, **area)
+            f, G = linear_response(model, SLOWEST)
+            style = {"label": name, **model_style(k, 1.4), **kwargs}
+            draw_response(axes, f, G, self.decibel, **style)
         finish_responses(axes, outputs, inputs, self.decibel, LONGEST)
         return self._drawn(axes)
-
-    def _fill(self, ax, band, i, j, shade):
-        """Draw the band of one model; the legend says where none holds."""
-        low, high = (
-            magnitudes(z[:, i, j], self.decibel) for z in band.magnitude_band()
-        )
-        label = None if np.isfinite(low).any() else "no confidence band holds"
-        f = band.omega / (2 * np.pi)
-        ax.fill_between(f, low, high, color=shade, alpha=0.25, lw=0, label=label)

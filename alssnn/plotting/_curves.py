@@ -56,7 +56,7 @@ def _panel(axes, behind):
         if isinstance(band, PolyCollection)
         for path in band.get_paths()
     ]
-    series += [_histogram(bars, bars[0].get_label()) for bars in axes.containers]
+    series += [_histogram(bars, _name(bars[0])) for bars in axes.containers]
     low, high = axes.get_ylim()
     for other in _at_place(axes):
         if other in behind:
@@ -101,7 +101,7 @@ def _histogram(bars, name, low=0.0, scale=1.0):
     top = np.repeat([low + scale * bar.get_height() for bar in bars], 2)
     return {
         "kind": "band",
-        "name": "" if name.startswith("_") else name,
+        "name": name,
         "color": to_hex(bars[0].get_facecolor()[:3]),
         "x": _rounded(x, 7),
         "y": _rounded(np.full(len(x), low), 5),

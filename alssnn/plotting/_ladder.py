@@ -12,7 +12,7 @@ from matplotlib.ticker import EngFormatter
 from scipy import ndimage
 
 from ..shown import percent
-from ._axes import MEASURED, color, finish, time_axis
+from ._axes import MEASURED, color, finish, model_style, time_axis
 from ._spectrum import amplitude_spectrum
 
 VIEW = 300  # samples of the zoomed window
@@ -137,10 +137,9 @@ def _draw_outputs(ax, ladder, window, output):
     ax.plot(t, y, label="measured", **MEASURED)
     limits = limits_of(y, [row.y_hat[window, output] for row in ladder.rows])
     for i, row in enumerate(ladder.rows):
-        # every other line is dashed: where models agree, the one below shows through
-        style = {"color": color(i), "lw": 1.6, "ls": (0, (4, 4)) if i % 2 else "-"}
-        note = out_of_view(row.y_hat[window, output], *limits)
-        ax.plot(t, row.y_hat[window, output], label=f"{row.name}{note}", **style)
+        y_hat = row.y_hat[window, output]
+        label = f"{row.name}{out_of_view(y_hat, *limits)}"
+        ax.plot(t, y_hat, label=label, **model_style(i, 1.6))
     ax.set_ylim(*limits)
     ax.set_xlim(t[0], t[-1])
     time_axis(ax, label="")

@@ -72,12 +72,10 @@ class LoopDisplay(Display):
     ):
         if not responses:
             raise ValueError("`responses` must hold at least one, got none.")
+        every = [_signals(response) for response in responses.values()]
         if outputs is None:
-            first, *others = (_labels(response) for response in responses.values())
-            outputs = [name for name in first if all(name in o for o in others)]
-        known = {
-            label for response in responses.values() for label in _labels(response)
-        }
+            outputs = [name for name in every[0] if all(name in z for z in every)]
+        known = {name for signals in every for name in signals}
         missing = sorted(set(outputs) - known)
         if missing or not outputs:
             raise ValueError(
@@ -219,61 +217,58 @@ class LoopDisplay(Display):
         ValueError
             If the number of axes is wrong.
         """
-        n = len(self.outputs)
-        axes = grid_of_axes(ax, (n, 1), size=(7.0, 2.6), sharex=True)
+        shape = len(self.outputs), 1
+        axes = grid_of_axes(ax, shape, size=(7.0, 2.6), sharex=True)
         self.distance_ = {
             name: self._distances(response)
             for name, response in self.responses.items()
             if self.design is not None and name != self.design
         }
-        for i, one in enumerate(axes[:, 0]):
+        for i, (one, output) in enumerate(zip(axes[:, 0], self.outputs, strict=True)):
             for j, (name, response) in enumerate(self.responses.items()):
-                if self.outputs[i] not in _labels(response):
+                signals = _signals(response)
+                if output not in signals:
                     continue
                 label, style = name, {"color": color(j), "linewidth": 1.4}
                 if name == self.design:
                     style |= {"color": "k", "linestyle": "--", "zorder": 3}
-                elif name in self.distance_ and not self._alone(i):
+                elif name in self.distance_ and output in self._designed():
                     miss, size = self.distance_[name][i], np.nanstd(response.outputs)
                     label = f"{name}, RMS from design {miss:.3g}"
                     if miss < EQUAL * size:
                         label = f"{name}, as designed"
-                t, y = response.time, _signal(response, self.outputs[i])
-                one.plot(t, y, **{"label": label, **style, **kwargs})
-            if self.outputs[i] in self.references:
-                level = self.references[self.outputs[i]]
+                style |= {"label": label, **kwargs}
+                one.plot(response.time, signals[output], **style)
+            if output in self.references:
+                level = self.references[output]
                 one.axhline(level, color="0.4", linestyle=":", label="reference")
-            if self.outputs[i] in self.ranges:
-                low, high = self.ranges[self.outputs[i]]
+            if output in self.ranges:
                 band = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0}
-                one.axhspan(low, high, label="range of the training data", **band)
-            one.set_ylabel(self.names.get(self.outputs[i], self.outputs[i]))
+                band |= {"label": "range of the training data"}
+                one.axhspan(*self.ranges[output], **band)
+            one.set_ylabel(self.names.get(output, output))
             finish(one)
         time_axis(axes[-1, 0])
         return self._drawn(axes)
 
-    def _alone(self, i):
-        """Return whether the design lacks an output."""
-        return self.outputs[i] not in _labels(self.responses[self.design])
+    def _designed(self):
+        return _signals(self.responses[self.design])
 
     def _distances(self, response):
+        signals, designed = _signals(response), self._designed()
         design = self.responses[self.design]
         same = np.array_equal(design.time, response.time)
         return np.array(
             [
-                np.sqrt(np.mean((_signal(response, y) - _signal(design, y)) ** 2))
-                if same and y in _labels(response) and y in _labels(design)
+                np.sqrt(np.mean((signals[y] - designed[y]) ** 2))
+                if same and y in signals and y in designed
                 else np.nan
                 for y in self.outputs
             ]
         )
 
 
-def _labels(response):
-    return list(response.output_labels)
-
-
-def _signal(response, label):
-    """Return one output over time; of several traces, the first."""
-    y = response.y[_labels(response).index(label)]
-    return y if y.ndim == 1 else y[0]
+def _signals(response):
+    """Return outputs over time by their labels; of several traces, the first."""
+    pairs = zip(response.output_labels, response.y, strict=True)
+    return {label: y if y.ndim == 1 else y[0] for label, y in pairs}

@@ -86,10 +86,11 @@ class GammaPathDisplay(Display):
         style = {"color": color(0), "linewidth": 1.2, "zorder": 1, **kwargs}
         axes.loglog(error[finite], rmse[finite], label="test data", **style)
         stable = path.spectral_radius < 1
-        for kind, face in ((stable, style["color"]), (~stable, "white")):
-            which = finite & kind
+        for which, face, label in (
+            (finite & stable, style["color"], "A is stable"),
+            (finite & ~stable, "white", "A is unstable"),
+        ):
             if which.any():
-                label = "A is stable" if face != "white" else "A is unstable"
                 axes.scatter(
                     error[which],
                     rmse[which],
