@@ -12,10 +12,10 @@ No option is to be set.  The noise is what no w explains.
 """
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from math import ceil, comb, factorial, sqrt
 
 import numpy as np
+from sklearn.preprocessing import PolynomialFeatures
 
 from ..region import Region, independent_samples
 from ..shown import short_repr
@@ -192,12 +192,7 @@ def _powers(region, nx, n_samples):
         most if degree > 1 else linear
     ):
         degree -= 1
-    powers = [
-        np.bincount(np.array(term, dtype=int), minlength=n)
-        for k in range(degree + 1)
-        for term in combinations_with_replacement(range(n), k)
-    ]
-    return np.array(powers)
+    return PolynomialFeatures(degree).fit(np.zeros((1, n))).powers_
 
 
 def _terms(region, powers, X, du):
