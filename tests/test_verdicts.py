@@ -299,15 +299,13 @@ def test_predictions_are_judged_at_the_last_horizon():
     ("outside", "passes"), [(0.0, True), (0.02, True), (0.0201, False), (None, False)]
 )
 def test_two_samples_in_a_hundred_may_be_outside(outside, passes):
-    linear = SimpleNamespace(outside=outside)
-    check = _validate._extrapolation(linear, lambda: 0.021)
+    check = _validate._extrapolation(outside, lambda: 0.021)
     assert check.passed == passes and check.decides and not check.undecided
     assert ("train on such data" in check.sentence) != passes
 
 
 def test_what_only_a_longer_record_can_tell_is_open():
-    linear = SimpleNamespace(outside=0.5)
-    check = _validate._extrapolation(linear, lambda: 0.02)
+    check = _validate._extrapolation(0.5, lambda: 0.02)
     assert not check.passed and check.outcome == "open"
     assert "train on a longer record" in check.sentence
 

@@ -67,19 +67,17 @@ def feedback_check(tests, level, ahead, doubt=""):
         )
     if block == 0:
         sentence += "(If nobody acted on y, u is late against y in this record.) "
-    if np.any(_alone(tests, level)):
-        worst = int(np.argmax(np.where(_alone(tests, level), tests.by_outputs, 0.0)))
-    sentence += (
-        f"Outputs explain {percent(tests.by_outputs[worst])} of it for "
-        f"{tests.input_names[worst]}"
-    )
-    if np.any(_alone(tests, level)):
-        sentence += (
+    alone, others = _alone(tests, level), "; something else moves u, too."
+    if alone.any():
+        worst = int(np.argmax(np.where(alone, tests.by_outputs, 0.0)))
+        others = (
             ": nothing but y moves u, and plant and controller cannot be told apart. "
             "Add a reference."
         )
-    else:
-        sentence += "; something else moves u, too."
+    sentence += (
+        f"Outputs explain {percent(tests.by_outputs[worst])} of it for "
+        f"{tests.input_names[worst]}{others}"
+    )
     return Check("feedback", False, tests.p, "p-value", False, sentence)
 
 

@@ -11,7 +11,7 @@ from ._ahead import AheadFit
 from ._feedback import FeedbackTests
 from ._residuals import ResidualTests
 
-WIDTH = 88  # of the table
+WIDTH, INDENT = 88, 6  # of the table, and of its sentences
 
 
 @dataclass(frozen=True)
@@ -113,16 +113,11 @@ class Validation(Rows):
         lines = []
         for check in self.checks:
             number = f"{check.quantity} {check.value:.3g}"
-            number = (
-                "too short" if np.isnan(check.value) and check.undecided else number
-            )
+            if np.isnan(check.value) and check.undecided:
+                number = "too short"
             lines.append(f"{check.outcome}  {check.name:<18s}{number}")
-            lines += textwrap.wrap(
-                check.sentence,
-                WIDTH,
-                initial_indent=" " * 6,
-                subsequent_indent=" " * 6,
-            )
+            wrapped = textwrap.wrap(check.sentence, WIDTH - INDENT)
+            lines += [" " * INDENT + line for line in wrapped]
         return "\n".join([*lines, f"{self.name} {self.verdict}."])
 
     @property

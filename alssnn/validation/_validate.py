@@ -32,21 +32,23 @@ MATTERS = 0.05  # are no excuse if it is as much as this of the output;
 PREDICTED = 0.25  # they are none either for as much as this of the output
 OWN = 0.1  # of it, what a block has to add to those before it
 
-BEFORE = ("lags of u", "lags of u and squares")  # what squares and cubes add to
 WHITE = "The residual is white, as white measurement noise is."  # of an exact model
 LIKE_WHITE = "The residual has no color but that of errors of the parameters."
-MEANING = {
+MEANING = {  # of a block: what it is, what is missing, and with those before it
     "independence": (
         "lags of u",
         "dynamics are missing: raise `nx`, or check `input_delay`",
+        "they",
     ),
     "squares": (
         "squares and products of the signals",
         "an even nonlinearity is missing: add networks or neurons",
+        "they and lags of u",
     ),
     "cubes": (
         "cubes of the signals",
         "an odd nonlinearity is missing: add networks or neurons",
+        "they and lags of u and squares",
     ),
 }
 
@@ -171,22 +173,19 @@ def validate(
         baseline, _ = scored_experiments(baseline, u, y, experiment)
     free_run = _free_run(model, experiments, outputs, baseline)
     missed = 1 - _fits(tested or experiments) / 100
-    region, surely = linear, partial(surely_outside, model, u, y, experiment)
+    outside, surely = linear.outside, partial(surely_outside, model, u, y, experiment)
     if predicts(model):
         free_run = _noisy_run(model, free_run, missed)
-    if tested and not free_run.decides and linear.outside is not None:
+    if tested and not free_run.decides and outside is not None:
         predicted = partial(share_outside, model, u, y, experiment)
-        region, surely = (
-            replace(linear, outside=predicted()),
-            partial(predicted, surely=True),
-        )
+        outside, surely = predicted(), partial(predicted, surely=True)
     blocks = [_block(residuals, name, missed, doubt) for name in BLOCKS]
     whiteness = _whiteness(residuals, missed, doubt)
     part = 0.0 if whiteness.passed else _color(residuals, missed)
     part = part if part > MATTERS else 0.0
     checks = (  # by weight
         free_run,
-        _extrapolation(region, surely),
+        _extrapolation(outside, surely),
         _linear(linear, linear_within, model.fitted_.for_control, free_run),
         *in_closed_loop(blocks, feedback, level, predicts(model), part),
         _ahead(ahead, problem, outputs),
@@ -256,49 +255,41 @@ def _block(residuals, name, missed, doubt=""):
     p, share = residuals.p_values[name], residuals.shares[name]
     worst = int(p.argmin())
     value = _bonferroni(p, len(BLOCKS))  # `level` is that of all of them together
-    what, remedy = MEANING[name]
     noun, past = "residual", "lags of u"
     if residuals.ahead:
         noun, past = "error one sample ahead", "lags of u and y"
-    what = what.replace("lags of u", past)
+    what, remedy, together = (z.replace("lags of u", past) for z in MEANING[name])
     found = np.array([residuals.explained[block] for block in BLOCKS])
     i = BLOCKS.index(name)
     explained = found[: i + 1].sum(axis=0)  # with the blocks before
     part = np.sqrt(explained) * missed
     large = (explained > EXPLAINED) & (part > MATTERS) | (part > PREDICTED)
     large &= found[i] > OWN
-    together = "they"
-    if i > 0:
-        together = f"they and {BEFORE[i - 1]}".replace("lags of u", past)
     size = (
         f"On samples left out {together} predict {percent(explained.max())} of the "
         f"{noun}, {percent(part.max())} of the output."
     )
-    undecided = False
+    passed = undecided = False
     if np.any(large):
         worst = int(np.argmax(np.where(large, part, 0.0)))
-        passed = False
         sentence = (
             f"{what.capitalize()} predict {percent(explained[worst])} of the {noun} "
             f"of {residuals.output_names[worst]} on samples left out, "
             f"{percent(part[worst])} of the output: too much for errors of the "
-            f"parameters; {MEANING[name][1]}, or refit."
+            f"parameters; {remedy}, or refit."
         )
     elif value >= residuals.level:
         passed = True
-        sentence = f"The {noun} does not depend on {what}"
-        sentence += (
-            " beyond errors of the parameters. " if residuals.n_parameters else ". "
-        )
-        sentence += size
+        beyond = " beyond errors of the parameters" if residuals.n_parameters else ""
+        sentence = f"The {noun} does not depend on {what}{beyond}. {size}"
     elif doubt:
-        passed, undecided = False, True
+        undecided = True
         sentence = (
             f"{doubt}: the {noun} of {residuals.output_names[worst]} depends on "
             f"{what}, but errors of the parameters may be all of it. {size}"
         )
     else:
-        passed, whitened = False, "" if residuals.ahead else " (whitened)"
+        whitened = "" if residuals.ahead else " (whitened)"
         sentence = (
             f"The {noun} of {residuals.output_names[worst]} depends on {what}, which "
             f"explain {percent(share[worst])} of it{whitened}; {remedy}. {size}"
@@ -313,24 +304,22 @@ def _whiteness(residuals, missed, doubt=""):
     value, worst = _bonferroni(p), int(p.argmin())
     passed = value >= residuals.level
     name, explained = residuals.output_names[worst], percent(share[worst])
-    if residuals.ahead:
-        if passed:
-            sentence = "The error one sample ahead is white: its past tells nothing."
-        elif doubt:
-            sentence = (
-                f"{doubt}: the error one sample ahead of {name} is colored, but errors "
-                "of the parameters may be all of it."
-            )
-        else:
-            sentence = (
-                f"The error one sample ahead of {name} is colored: its past explains "
-                f"{explained} of it. Dynamics or the color of the noise are missing: "
-                "raise `nx`."
-            )
-        undecided = bool(doubt) and not passed
-        return Check("whiteness", passed, value, "p-value", True, sentence, undecided)
-    if passed:
+    undecided = residuals.ahead and bool(doubt) and not passed
+    if passed and residuals.ahead:
+        sentence = "The error one sample ahead is white: its past tells nothing."
+    elif passed:
         sentence = LIKE_WHITE if residuals.n_parameters else WHITE
+    elif undecided:
+        sentence = (
+            f"{doubt}: the error one sample ahead of {name} is colored, but errors "
+            "of the parameters may be all of it."
+        )
+    elif residuals.ahead:
+        sentence = (
+            f"The error one sample ahead of {name} is colored: its past explains "
+            f"{explained} of it. Dynamics or the color of the noise are missing: "
+            "raise `nx`."
+        )
     else:
         sentence = (
             f"The residual of {name} is colored: its past explains {explained} of it. "
@@ -344,7 +333,8 @@ def _whiteness(residuals, missed, doubt=""):
                 "process, not of the sensor, the model is biased by it. Compare with "
                 "noise='innovations'."
             )
-    return Check("whiteness", passed, value, "p-value", False, sentence)
+    decides = residuals.ahead
+    return Check("whiteness", passed, value, "p-value", decides, sentence, undecided)
 
 
 def _color(residuals, missed):
@@ -399,8 +389,7 @@ def _floor(experiments, outputs, floor):
     """Return the check of the free run against the noise; none if that is unknown."""
     if floor is None:
         return ()
-    y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    ratio = free_run_errors(y, y_hat)[0] / floor
+    ratio = _errors(experiments)[0] / floor
     worst = int(ratio.argmax())
     value, name = float(ratio[worst]), outputs[worst]
     sentence = f"The error of the free run is {value:.3g} times the noise of {name}"
@@ -436,8 +425,13 @@ def _noisy_run(model, check, missed):
 
 def _fits(experiments):
     """Return the fit of every output in percent, -inf where the run diverges."""
-    y, y_hat = (np.vstack([e[i] for e in experiments]) for i in (1, 2))
-    return free_run_errors(y, y_hat)[1]
+    return _errors(experiments)[1]
+
+
+def _errors(experiments):
+    """Return RMSE and fit of every output over all experiments."""
+    _, y, y_hat = zip(*experiments, strict=True)
+    return free_run_errors(np.vstack(y), np.vstack(y_hat))
 
 
 def _missed(fit):
@@ -463,8 +457,8 @@ def _ahead(ahead, problem, outputs):
     return Check("predictions", passed, float(fit[-1]), "fit, %,", False, sentence)
 
 
-def _extrapolation(linear, surely):
-    outside = float("nan") if linear.outside is None else float(linear.outside)
+def _extrapolation(outside, surely):
+    outside = np.nan if outside is None else float(outside)
     passed, undecided = bool(outside <= OUTSIDE), False
     sentence = f"{percent(outside)} of the record lies outside the training region"
     if passed:
