@@ -100,26 +100,21 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
             f"`horizons` must fit into a quarter of the longest experiment, got "
             f"{horizons}. Take shorter ones."
         )
-    truths: list[list] = [[] for _ in steps]
-    models: list[list] = [[] for _ in steps]
-    lasts: list[list] = [[] for _ in steps]
+    found: dict[int, list] = {int(step): [] for step in steps}
     for u_k, y_k, x0 in experiments:
         X = observer.filter(u_k, y_k, x0)
         past = _hold(y_k)
         for step in range(1, min(steps[-1], len(y_k) - 1) + 1):
             X = observer.plant.step(X[: len(y_k) - step], u_k[step - 1 : -1])
-            if step in steps:
-                i = int(np.searchsorted(steps, step))
-                models[i].append(observer.plant.output(X, u_k[step:]))
-                truths[i].append(y_k[step:])
-                lasts[i].append(past[: len(y_k) - step])
-    return AheadFit(
-        steps,
-        *(
-            np.array([_fit(t, p) for t, p in zip(truths, guesses, strict=True)])
-            for guesses in (models, lasts)
-        ),
-    )
+            if step in found:
+                y_hat = observer.plant.output(X, u_k[step:])
+                found[step].append((y_k[step:], y_hat, past[: len(y_k) - step]))
+    fits = []
+    for parts in found.values():
+        y_true, *guesses = (np.vstack(z) for z in zip(*parts, strict=True))
+        fits.append([_fit(y_true, guess) for guess in guesses])
+    fit, last_value = np.swapaxes(fits, 0, 1)
+    return AheadFit(steps, fit, last_value)
 
 
 def _first(model, u, y, experiment):
@@ -144,8 +139,7 @@ def _hold(y):
     )
 
 
-def _fit(truths, guesses):
-    guess = np.vstack(guesses)
+def _fit(y_true, guess):
     if not np.isfinite(guess).all():
         return np.full(guess.shape[1], -np.inf)
-    return fit_percent(np.vstack(truths), guess, multioutput="raw_values")
+    return fit_percent(y_true, guess, multioutput="raw_values")

@@ -137,10 +137,10 @@ def feedback_tests(
     nu = np.shape(experiments[0][0])[1]
     moved = list(range(nu)) if moved is None else list(moved)
     names = [f"u{j}" for j in moved] if input_names is None else list(input_names)
-    runs = [list(one) for one in experiments]
+    runs = [[np.asarray(z, dtype=float) for z in one] for one in experiments]
     if simulated is not None:
         runs = [[*one, y_hat] for one, y_hat in zip(runs, simulated, strict=True)]
-    moves = [np.asarray(one[0], dtype=float)[:, moved] for one in runs]
+    moves = [one[0][:, moved] for one in runs]
     alone = [group[0] for group in repeated(moves, 0.0) if len(group) == 1]
     runs = [runs[i] for i in alone if not _repeats(moves[i])]
     if not runs:
@@ -148,36 +148,31 @@ def feedback_tests(
         return FeedbackTests(np.ones(shape), np.zeros(shape), np.zeros(shape[0]), names)
     if period is not None:
         runs = [part for one in runs for part in _between_periods(one, period)]
-    experiments = [one[:3] for one in runs]
-    simulated = None if simulated is None else [one[3] for one in runs]
-    u = [np.asarray(u, dtype=float) for u, _, _ in experiments]
-    noise = _noise(experiments)
-    y = [np.where(np.isnan(y), y_hat, y) for _, y, y_hat in experiments]
-    ny = y[0].shape[1]
+    u, measured, y_hat, *free_runs = zip(*runs, strict=True)
+    noise = _noise(measured, y_hat)
+    y = [np.where(np.isnan(a), b, a) for a, b in zip(measured, y_hat, strict=True)]
     given = [j for j in range(nu) if j not in moved]
-    n_lags = _n_lags(u, ny, len(given), simulated is not None)
+    n_lags = _n_lags(u, y[0].shape[1], len(given), bool(free_runs))
     if n_lags == 0:
         return None
     few, now = range(1, min(n_lags, POWER_LAGS) + 1), range(int(not direct), 1)
-    past = [_columns(z, range(1, n_lags + 1)) for z in u]
-    for others, lags in ((simulated, few), ([z[:, given] for z in u], range(1))):
-        if others is not None:
-            more = [_columns(z, lags) for z in others]
-            past = [np.hstack(pair) for pair in zip(past, more, strict=True)]
+    past = [lagged(z, range(1, n_lags + 1)) for z in u]
+    granted = [(y_hat, few) for y_hat in free_runs]
+    for others, lags in (*granted, ([z[:, given] for z in u], range(1))):
+        more = [lagged(z, lags) for z in others]
+        past = [np.hstack(pair) for pair in zip(past, more, strict=True)]
     known = (past, range(1))
     told = few if ahead else range(1, RESIDUALS + 1)
     by_noise = [known, (noise, told), (noise, now)]
     first = 0 if direct else 1
     by_y = [known, (y, range(first, few[-1] + 1)), (_bent(y), range(first, first + 1))]
-    p_values, shares, by_outputs = [], [], []
+    found = []
     for j in moved:
-        p, share = _explained([z[:, j] for z in u], by_noise)
-        p_values.append(p)
-        shares.append(share)
-        by_outputs.append(sum(_explained([z[:, j] for z in u], by_y)[1]))
-    return FeedbackTests(
-        np.array(p_values), np.array(shares), np.array(by_outputs), names
-    )
+        u_j = [z[:, j] for z in u]
+        p, share = _explained(u_j, by_noise)
+        found.append((p, share, sum(_explained(u_j, by_y)[1])))
+    p_values, shares, by_outputs = map(np.array, zip(*found, strict=True))
+    return FeedbackTests(p_values, shares, by_outputs, names)
 
 
 def _repeats(u):
@@ -186,7 +181,7 @@ def _repeats(u):
     The first half is looked for later on: where it is found first is a period of all
     signals, or they have none of at most half their length (Fine and Wilf).
     """
-    rows = np.ascontiguousarray(u, dtype=float) + 0.0  # one zero, not two
+    rows = np.ascontiguousarray(u) + 0.0  # one zero, not two
     if len(rows) < 2 or not rows.size:
         return False
     text, size = rows.tobytes(), rows[0].nbytes
@@ -222,12 +217,12 @@ def _explained(u, blocks):
     return p[2:], [part / left for part in share[2:]]
 
 
-def _noise(experiments):
+def _noise(y, y_hat):
     """Return the noise of every experiment; zero where nobody knows it."""
     parts = []
-    for i in range(experiments[0][1].shape[1]):
-        r = [y[:, i] - y_hat[:, i] for _, y, y_hat in experiments]
-        measured = [y[:, i] for _, y, _ in experiments]
+    for i in range(y[0].shape[1]):
+        measured = [z[:, i] for z in y]
+        r = [z - z_hat[:, i] for z, z_hat in zip(measured, y_hat, strict=True)]
         mean = np.nanmean(np.concatenate(r))
         r = [part - mean for part in r]
         if is_rounding(r, measured):
@@ -246,10 +241,6 @@ def _n_lags(u, ny, n_given, simulates):
         if sum(max(len(z) - n_lags, 0) for z in u) >= needed:
             return n_lags
     return 0
-
-
-def _columns(z, lags):
-    return lagged(np.asarray(z, dtype=float), lags)
 
 
 def _bent(y):

@@ -16,8 +16,8 @@ from ..initial_states import estimate_x0
 from ..innovations import has_innovations, predictor
 from ..plants import as_plant
 from ..predictions import follow, pieces, told
-from ..simulation import regressors, sensitivities
-from ._scored import scored_experiments, scored_sensitivities, simulated
+from ..simulation import regressors
+from ._scored import derivatives, scored_experiments, scored_sensitivities, simulated
 
 
 def predicts(model):
@@ -138,7 +138,7 @@ def _ahead(model, u, y, experiment):
         arrived = piece.z[start:, :n] * scaling.u_scale + scaling.u_offset
         outputs = (Y[start:] * scaling.y_scale for Y in (piece.y, piece.y_hat))
         experiments.append((arrived, *(Y + scaling.y_offset for Y in outputs)))
-        parts.append(partial(_derivatives, structure, fit, piece.x0, piece.z, start))
+        parts.append(partial(derivatives, structure, fit, piece.x0, piece.z, start))
     return experiments, parts
 
 
@@ -198,12 +198,3 @@ def _followed(model, u, y, experiment):
             y_hat = regressors(lure, X, z) @ lure.rows_z.T
             found.append(_Piece(x0, z, y_s[:], X, y_hat, start))
     return found
-
-
-def _derivatives(structure, fit, x0, z, n_skipped):
-    """Yield the derivatives of the scored predictions, chunk by chunk."""
-    n, ones = structure.n_params, np.ones(structure.nz)
-    for part, _, J in sensitivities(structure, fit.theta, x0, z, ones):
-        J = J[max(n_skipped - part.start, 0) :]
-        if len(J):
-            yield J[..., :n][..., fit.free], J[..., n:]

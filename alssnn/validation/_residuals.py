@@ -394,12 +394,9 @@ def _correlation(a, b, lags):
     sums, pairs = np.zeros(len(lags)), np.zeros(len(lags))
     for part_a, part_b in zip(a, b, strict=True):
         for i, lag in enumerate(lags):
-            n = len(part_a) - abs(lag)
-            if n <= 0:
-                continue
-            late = part_a[lag:] if lag >= 0 else part_a[:lag]
-            early = part_b[:n] if lag >= 0 else part_b[-lag:]
-            product = late * early
+            late, early = part_a[max(lag, 0) :], part_b[max(-lag, 0) :]
+            n = min(len(late), len(early))
+            product = late[:n] * early[:n]
             sums[i] += np.nansum(product)
             pairs[i] += np.isfinite(product).sum()
     return sums / (total if total > 0 else 1.0), pairs

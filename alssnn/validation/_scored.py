@@ -103,16 +103,40 @@ def scored_sensitivities(model, u, y, experiment=None):
         If the data do not fit the model.
     """
     records, fit = model.prepare_records(u, y, experiment), model.fitted_
-    structure, n = fit.structure, fit.structure.n_params
+    return [
+        partial(derivatives, fit.structure, fit, r.x0 / fit.x_scale, r.u_s, r.start)
+        for r in records
+    ]
 
-    def one(record):
-        x0, ones = record.x0 / fit.x_scale, np.ones(structure.nz)
-        for part, _, J in sensitivities(structure, fit.theta, x0, record.u_s, ones):
-            J = J[max(record.start - part.start, 0) :]
-            if len(J):
-                yield J[..., :n][..., fit.free], J[..., n:]
 
-    return [partial(one, record) for record in records]
+def derivatives(structure, fit, x0, u, start):
+    """Yield the derivatives of the channels of scored samples, chunk by chunk.
+
+    Parameters
+    ----------
+    structure : Structure
+        The model, or its predictor.
+    fit : FittedModel
+        What was fitted: its parameters, and which of them were free.
+    x0 : ndarray of shape (n_x0,)
+        Initial state, scaled.
+    u : ndarray of shape (N, n)
+        Scaled inputs.
+    start : int
+        Number of samples before the first scored one.
+
+    Yields
+    ------
+    J : ndarray of shape (L, ny, n)
+        Derivatives by the parameters that were free.
+    J_x0 : ndarray of shape (L, ny, n_x0)
+        Those by the initial state.
+    """
+    n, ones = structure.n_params, np.ones(structure.nz)
+    for part, _, J in sensitivities(structure, fit.theta, x0, u, ones):
+        J = J[max(start - part.start, 0) :]
+        if len(J):
+            yield J[..., :n][..., fit.free], J[..., n:]
 
 
 def surely_outside(model, u, y, experiment=None):
