@@ -23,6 +23,7 @@ from alssnn.feedback import (
     step_comparison,
 )
 from alssnn.plotting import (
+    BodeDisplay,
     NonlinearityDisplay,
     ResidualNonlinearityDisplay,
     SimulationDisplay,
@@ -264,6 +265,18 @@ def test_curves_of_networks_have_densities_and_logarithms():
     line = rest.axes_[0, 1].get_lines()[0]
     found = 10.0 ** np.array(right["series"][0]["x"])
     np.testing.assert_allclose(found, line.get_xdata(), rtol=1e-5)
+
+
+def test_bands_and_levels_stand_on_logarithmic_axes_as_curves_do():
+    f = np.array([0.1, 1.0, 10.0])
+    G = np.array([10.0, 1.0, 0.1])[:, None, None]
+    display = BodeDisplay(f, G, ["u"], ["y"], band=(f, 0.5 * G, 2 * G)).plot()
+    display.axes_[0, 0].axhline(100.0)
+    band, curve, level = json.loads(figure_curves(display.figure_))[0]["series"]
+    assert level["x"] == [-1, 1] and level["y"] == [2, 2]
+    assert band["x"] == curve["x"] == [-1, 0, 1] and curve["y"] == [1, 0, -1]
+    np.testing.assert_allclose(band["y"], np.log10(0.5) + np.array([1, 0, -1]), 1e-4)
+    np.testing.assert_allclose(band["high"], np.log10(2) + np.array([1, 0, -1]), 1e-4)
 
 
 def test_numbers_of_the_page_are_those_of_the_model(boiler):

@@ -42,7 +42,7 @@ def _at_place(axes):
 
 def _panel(axes, behind):
     """Return what the script draws of one axes, and of those behind it."""
-    logs = {f"{one}log": getattr(axes, f"get_{one}scale")() == "log" for one in "xy"}
+    logs = [axis.get_scale() == "log" for axis in (axes.xaxis, axes.yaxis)]
     lines = [line for line in axes.get_lines() if len(line.get_xdata()) > 1]
     ends = [z for line in lines if _is_data(axes, line) for z in line.get_xdata()]
     series = [
@@ -50,7 +50,7 @@ def _panel(axes, behind):
             "kind": "band",
             "name": _name(band),
             "color": to_hex(tuple(np.ravel(band.get_facecolor())[:3])),
-            **_band(path.vertices),
+            **_band(*map(_scaled, np.transpose(path.vertices), logs)),
         }
         for band in axes.collections
         if isinstance(band, PolyCollection)
@@ -63,16 +63,11 @@ def _panel(axes, behind):
             share = (high - low) / max(other.get_ylim()[1], 1e-300)
             series += [_histogram(z, "density", low, share) for z in other.containers]
     for line in lines:
-        x, y = (np.asarray(z, dtype=float) for z in line.get_data())
-        with np.errstate(divide="ignore", invalid="ignore"):  # nothing, if not positive
-            x, y = (
-                np.log10(z) if logs[f"{one}log"] else z
-                for one, z in zip("xy", (x, y), strict=True)
-            )
+        x, y = map(_scaled, line.get_data(), logs)
         if not _is_data(axes, line):  # a level, from edge to edge
-            x = np.array([min(ends), max(ends)], dtype=float)
-        is_points = line.get_linestyle() == "None"
+            x = _scaled([min(ends), max(ends)], logs[0])
         style = line.get_linestyle()
+        is_points = style == "None"
         series.append(
             {
                 "kind": "stem" if is_points else "line",
@@ -90,7 +85,8 @@ def _panel(axes, behind):
         "xlabel": _abscissa(axes),
         "ylabel": _plain(axes.get_ylabel()),
         "title": _plain(axes.get_title(loc="left") or axes.get_title()),
-        **logs,
+        "xlog": logs[0],
+        "ylog": logs[1],
         "series": series,
     }
 
@@ -107,6 +103,13 @@ def _histogram(bars, name, low=0.0, scale=1.0):
         "y": _rounded(np.full(len(x), low), 5),
         "high": _rounded(top, 5),
     }
+
+
+def _scaled(z, log):
+    """Return coordinates as they stand on an axis; not finite where they do not."""
+    z = np.asarray(z, dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.log10(z) if log else z
 
 
 def _is_data(axes, line):
@@ -131,10 +134,10 @@ def _name(artist):
     return "" if label.startswith("_") else label
 
 
-def _band(vertices):
-    """Return the lower and the upper edge of a band around zero."""
-    x = np.unique(vertices[:, 0])
-    at = [vertices[vertices[:, 0] == value, 1] for value in x]
+def _band(places, edges):
+    """Return the lower and the upper edge of a band."""
+    x = np.unique(places)
+    at = [edges[places == value] for value in x]
     low, high = ([f(z) for z in at] for f in (np.min, np.max))
     return {"x": _rounded(x, 7), "y": _rounded(low, 5), "high": _rounded(high, 5)}
 
