@@ -238,8 +238,7 @@ def finish(ax, legend=True):
     """
     ax.grid(True, which="major", color="0.88", linewidth=0.7)
     ax.set_axisbelow(True)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+    ax.spines[["top", "right"]].set_visible(False)
     if legend and ax.get_legend_handles_labels()[0]:
         place = LEGENDS.get(legend, {})
         ax.legend(frameon=False, fontsize="small", **place)

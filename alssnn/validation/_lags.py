@@ -31,40 +31,20 @@ def choose_lags(experiments, n_parameters, ahead=False):
     n_lags : int
         At most `MOST`; 0 if it does not bear `LEAST`.
     """
-    nu, ny = experiments[0][0].shape[1], experiments[0][1].shape[1]
     for n_lags in range(MOST, LEAST - 1, -1):
-        needed = rows_needed(nu, ny, n_lags, n_parameters, ahead)
-        if fewest_rows(experiments, n_lags) >= needed:
+        rows, needed = rows_behind(experiments, n_lags, n_parameters, ahead)
+        if rows >= needed:
             return n_lags
     return 0
 
 
-def fewest_rows(experiments, n_lags):
-    """Return the samples behind the lags of the output that was measured least.
+def rows_behind(experiments, n_lags, n_parameters, ahead=False):
+    """Return the samples behind the lags, and those that a regression needs.
 
     Parameters
     ----------
     experiments : sequence of tuple of ndarray
         Tuples (u, y, y_hat).
-    n_lags : int
-        Number of lags.
-
-    Returns
-    -------
-    n_rows : int
-        Number of measured samples.
-    """
-    known = [np.isfinite(y[n_lags:]).sum(axis=0) for _, y, _ in experiments]
-    return int(np.sum(known, axis=0).min())
-
-
-def rows_needed(nu, ny, n_lags, n_parameters, ahead=False):
-    """Return the samples that a regression needs.
-
-    Parameters
-    ----------
-    nu, ny : int
-        Number of inputs and outputs.
     n_lags : int
         Number of lags.
     n_parameters : int
@@ -75,9 +55,14 @@ def rows_needed(nu, ny, n_lags, n_parameters, ahead=False):
     Returns
     -------
     n_rows : int
-        Number of measured samples behind the lags.
+        Number of measured samples, of the output that was measured least.
+    needed : int
+        Number that is needed.
     """
+    nu, ny = experiments[0][0].shape[1], experiments[0][1].shape[1]
+    known = [np.isfinite(y[n_lags:]).sum(axis=0) for _, y, _ in experiments]
     n_squares = (nu * (nu + 1) + ny * (ny + 1)) // 2
     powers = (n_squares + nu + ny) * (min(n_lags, POWER_LAGS) + 1)
     n_linear = nu + ny if ahead else nu
-    return ROWS * (1 + n_linear * (n_lags + 1) + powers) + n_parameters
+    needed = ROWS * (1 + n_linear * (n_lags + 1) + powers) + n_parameters
+    return int(np.sum(known, axis=0).min()), needed

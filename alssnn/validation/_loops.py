@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..certificates import linearized_loop
+from ..checks import check_option
 from ..lure import Lure
 from ..plants import as_plant
 from ..shown import short_repr
@@ -93,7 +94,11 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
         raise ValueError(
             f"`amplitude` must be positive, got {amplitude}. Give it in the units of u."
         )
-    plant = _loop(model, loop)
+    remedy = "Take 'closed' for the loop u = v - h(s)."
+    check_option("loop", loop, ("open", "closed"), remedy)
+    plant = as_plant(model).late()
+    if loop == "closed":
+        plant = plant.linearized()
     if not 0 <= input < plant.nu:
         raise ValueError(
             f"`input` must be between 0 and {plant.nu - 1}, got {input}. Columns of "
@@ -119,19 +124,6 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
         G *= 2j / (period * amplitude)
     G[~np.isfinite(G).all(axis=1)] = np.nan
     return harmonics / (period * plant.dt), G
-
-
-def _loop(model, loop):
-    """Return one step of the model, or of the model under its law."""
-    plant = as_plant(model).late()
-    if loop == "open":
-        return plant
-    if loop != "closed":
-        raise ValueError(
-            f"`loop` must be 'open' or 'closed', got {loop!r}. Take 'closed' for the "
-            "loop u = v - h(s)."
-        )
-    return plant.linearized()
 
 
 def _harmonics(period, n):

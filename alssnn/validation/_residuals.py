@@ -39,7 +39,7 @@ from scipy.stats import chi2, norm
 from ..regression import Triangle, lagged
 from ..shown import short_repr
 from ._explained import explained_shares
-from ._lags import LEAST, POWER_LAGS, choose_lags, fewest_rows, rows_needed
+from ._lags import LEAST, POWER_LAGS, choose_lags, rows_behind
 from ._regression import regress
 from ._scored import check_names, count_estimated, is_rounding
 
@@ -309,9 +309,7 @@ def _check_experiments(experiments):
 
 def _check_rows(experiments, n_lags, n_parameters, ahead):
     """Refuse a record that is too short for its regression."""
-    nu, ny = experiments[0][0].shape[1], experiments[0][1].shape[1]
-    rows = fewest_rows(experiments, n_lags)
-    needed = rows_needed(nu, ny, n_lags, n_parameters, ahead)
+    rows, needed = rows_behind(experiments, n_lags, n_parameters, ahead)
     if rows < needed:
         raise ValueError(
             f"`y` must have at least {needed} measured samples behind the "
