@@ -47,32 +47,27 @@ def regress(white, filters, blocks, sensitivities=None):
     """
     ny, n_experiments = len(white), len(white[0])
     sizes = [z[0].shape[1] * len(lags) for z, lags in blocks]
-    totals: list = [None] * ny
-    n_free, spent = 0, np.zeros(ny, dtype=int)
+    totals: dict = {}
+    n_free, n_x0, spent = 0, 0, np.zeros(ny, dtype=int)
     for i in range(n_experiments):
         N = len(white[0][i])
         before = [lagged(z[i], lags) for z, lags in blocks]
         past = np.hstack([np.ones((N, 1)), *before])
         parts = _exact(N, ny) if sensitivities is None else sensitivities[i]()
-        triangles: list = [None] * ny
+        triangles: dict = {}
         for j, k, J_w, n_x0 in _whitened(parts, filters):
             n_free = J_w.shape[1] - n_x0
             rows = np.hstack([J_w, past[k], white[j][i][k, None]])
-            if triangles[j] is None:
-                triangles[j] = Triangle(rows.shape[1])
-            triangles[j].add(rows)
-        for j, triangle in enumerate(triangles):
-            R = triangle.factor()
-            n_x0 = R.shape[1] - 2 - n_free - sum(sizes)
-            if totals[j] is None:
-                totals[j] = Triangle(R.shape[1] - n_x0)
-            R, known = _independent(R, n_x0)
+            triangles.setdefault(j, Triangle(rows.shape[1])).add(rows)
+        for j, triangle in triangles.items():
+            R, known = _independent(triangle.factor(), n_x0)
             n_known = int(known.sum())
             spent[j] += n_known
-            totals[j].add_triangle(R[n_known:, n_known:], triangle.n_rows)
+            R = R[n_known:, n_known:]
+            totals.setdefault(j, Triangle(R.shape[1])).add_triangle(R, triangle.n_rows)
     return [
-        _f_tests(t.factor(), t.n_rows - int(s), n_free, sizes)
-        for t, s in zip(totals, spent, strict=True)
+        _f_tests(total.factor(), total.n_rows - int(spent[j]), n_free, sizes)
+        for j, total in totals.items()
     ]
 
 
