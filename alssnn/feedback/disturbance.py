@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from ..checks import check_option
 from .checks import check_weight
-from .observer import FIT_FLOOR, PROCESS_NOISE, Observer
+from .observer import Observer, process_noise
 
 RANK = 1e-9  # smallest singular value, relative, of what must have full rank
 
@@ -84,9 +84,7 @@ class DisturbanceObserver(Observer):
         self.plant = plant = self.plant.with_disturbance(disturbance)
         scale = plant.y_scale if disturbance == "output" else plant.v_scale
         if Q_d is None:
-            Q_d = np.diag(PROCESS_NOISE * scale**2)
-            if plant.K is not None:
-                Q_d = K_b @ plant.noise_covariance @ K_b.T + FIT_FLOOR * Q_d
+            Q_d = process_noise(plant, None if plant.K is None else K_b, scale)
         Q_d = check_weight("Q_d", Q_d, len(scale), definite=True)
         self.Q = block_diag(self.Q, Q_d)
         self._start = block_diag(self._start, np.diag(scale**2))

@@ -110,15 +110,12 @@ class Observer:
         own = np.arange(plant.nx) < nx
         self._start = np.diag(np.where(own, plant.x_scale, 0.0) ** 2)
         K, is_free = plant.K, Q is None and R is None
-        least = np.diag(FIT_FLOOR * plant.y_scale**2)
         if Q is None:
-            Q = np.diag(PROCESS_NOISE * plant.x_scale[:nx] ** 2)
-            if K is not None:
-                Q = K @ plant.noise_covariance @ K.T + FIT_FLOOR * Q
+            Q = process_noise(plant, K, plant.x_scale[:nx])
         if R is None:
             R = np.diag(max(plant.noise, FIT_FLOOR) * plant.y_scale**2)
             if K is not None:
-                R = plant.noise_covariance + least
+                R = plant.noise_covariance + np.diag(FIT_FLOOR * plant.y_scale**2)
         self.Q = block_diag(check_weight("Q", Q, nx), np.zeros((n_late, n_late)))
         self.R = check_weight("R", R, ny, definite=True)
         self._set_gain(K if is_free and kind == "kalman" else None)
@@ -418,6 +415,27 @@ class Observer:
 
 def _finite(*arrays):
     return all(np.isfinite(array).all() for array in arrays)
+
+
+def process_noise(plant, K, size):
+    """Return the covariance of what moves states from sample to sample.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    K : ndarray of shape (n, ny) or None
+        What innovations do to these states; None where it was not identified.
+    size : ndarray of shape (n,)
+        Size of the states.
+
+    Returns
+    -------
+    Q : ndarray of shape (n, n)
+        Covariance.
+    """
+    Q = np.diag(PROCESS_NOISE * size**2)
+    return Q if K is None else K @ plant.noise_covariance @ K.T + FIT_FLOOR * Q
 
 
 def stationary_covariance(A, C, Q, R):
