@@ -132,6 +132,16 @@ def test_it_is_the_loop_of_python_control(plants, name, kind, integrates):
     np.testing.assert_array_equal(controller.simulate(plant, r, d=d).u, run.u)
 
 
+@pytest.mark.parametrize("none", [[], [[]] * 5, np.zeros((5, 0))])
+def test_no_disturbances_are_none_however_they_are_written(plants, none):
+    plant = plants["linear"]
+    controller, r = LinearizingController(plant), np.tile(plant.y_offset + 1, (5, 1))
+    run = controller.simulate(plant, r, d=none)
+    np.testing.assert_array_equal(run.u, controller.simulate(plant, r).u)
+    with pytest.raises(ValueError, match="`d` must be None"):
+        controller.simulate(plant, r, d=np.zeros((5, 1)))
+
+
 @pytest.mark.parametrize("kind", ["kalman", "ekf"])
 @pytest.mark.parametrize("integrates", [True, False])
 @pytest.mark.parametrize("name", ["fl", "fl, state", "one output"])

@@ -246,14 +246,14 @@ class Controller(ABC):
         push = check_signal("input_disturbance", input_disturbance, n, own.nv)
         noise = check_signal("output_noise", output_noise, n, own.ny)
         x = check_point("x0", x0, plant.nstates)
-        if d is None:
-            d = np.tile(own.d_offset, (n, 1))
-        elif not own.nd and np.size(d):
+        if d is not None and np.size(d) and not own.nd:
             raise ValueError(
                 "`d` must be None for a model without measured disturbances, got "
                 f"{type(d).__name__}. Leave it out."
             )
-        d = check_signal("d", d, n, own.nd) if own.nd else d
+        if d is None or not own.nd:
+            d = np.tile(own.d_offset, (n, 1))
+        d = check_signal("d", d, n, own.nd)
         self.reset()
         t, u, steps = own.dt * np.arange(n), np.zeros((n, own.nv)), []
         y = np.zeros((n, own.ny))
