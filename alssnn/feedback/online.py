@@ -15,7 +15,7 @@ from ..deferred import deferred
 from ..forms import at_once
 from ..plants import as_plant
 from .checks import check_disturbances, check_point
-from .controller import from_gain, from_system, split_gain
+from .controller import from_gain, from_system
 from .design import balanced_weights, lqi
 from .law import LinearizingLaw
 from .observer import Observer
@@ -148,8 +148,8 @@ class LinearizingController(Controller):
         else:
             if gain is None:
                 gain = lqi(model, *balanced_weights(model))
-            self.gain = np.hstack(split_gain(gain, own))
-            self.linear, self.tracks = from_gain(self.gain, own)
+            self.linear, self.tracks = from_gain(gain, own)
+            self.gain = np.array(gain, dtype=float)
         nd, by_state = own.nd, law.feedback == "state"
         n_s = own.nx - own.n_late if by_state else own.ny
         sizes = (law.plant.nv + law.n_seen + law.plant.nd, law.plant.nv)
