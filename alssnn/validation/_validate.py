@@ -409,11 +409,11 @@ def _noisy_run(model, check, missed):
     A = as_plant(model).late().linear()[0]
     radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
     worst = percent(np.max(missed))
-    sentence = (
-        f"{check.sentence} A free run does not know the noise of the process: one "
-        f"sample ahead the model misses {worst}."
-    )
     if radius < 1 or check.passed:
+        sentence = (
+            f"{check.sentence} A free run does not know the noise of the process: one "
+            f"sample ahead the model misses {worst}."
+        )
         return replace(check, sentence=sentence)
     sentence = (
         f"A is unstable, spectral radius {radius:.4g}: noise makes every free run "
