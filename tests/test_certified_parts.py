@@ -14,16 +14,11 @@ from alssnn.certificates import (
     peaks,
     worst_input,
 )
-from alssnn.certificates._cells import (
-    Network,
-    Strips,
-    differences,
-    reaching,
-    remainder,
-)
+from alssnn.certificates._cells import Network, Strips, remainder
 from alssnn.certificates._covers import Affine, ByCells, ByNeurons, covers
 from alssnn.certificates._grid import Grid, _over_boxes
 from alssnn.certificates._local import _scaled
+from alssnn.certificates._neurons import differences, reaching
 from alssnn.certificates._proof import distance
 from alssnn.certificates._worst import _Pair
 from alssnn.lure import Lure

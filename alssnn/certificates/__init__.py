@@ -13,6 +13,7 @@ _proof           what that rests on
 _covers          loops as linear systems with bounded remainders
 _cells           what a network adds to a linear map over a region, by subdivision
 _lines           neurons as lines over intervals
+_neurons         those that count, what they see, what pairs of them differ by
 _grid            the distance on a grid of states, for few of them
 _amplitudes      sizes of inputs, checked and in words
 _peaks           what bounded inputs do to linear systems

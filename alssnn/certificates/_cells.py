@@ -8,13 +8,13 @@ well beyond what samples of the region show are cut in two, until none is left o
 budget is spent; the bound holds in either case.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..lure import Lure
-from ..simulation import regressors
 from ._lines import lines
+from ._neurons import differences, part, reaching, renumbered, seen_at
 
 FIRST = 500  # cells of the first grid, about
 CHUNK = 4_000  # cells that are evaluated at once
@@ -71,24 +71,17 @@ class Network:
         network : Network
             The network.
         """
-        nx, nu, nz = lure.nx, lure.nu, lure.nz
-        twins_of = np.asarray(twins, dtype=int)
+        nx, nu, twins = lure.nx, lure.nu, np.asarray(twins, dtype=int)
         Theta = differences(lure, twins).Theta
         Theta[:, :nx] = Theta[:, :nx] @ T
         Theta[:, nx : nx + nu] *= units
         Theta[:nx] = np.linalg.solve(T, Theta[:nx])
         Theta[nx : nx + ny] /= scale[:, None]
-        live = reaching(Lure(Theta, nx, nu, lure.nw, lure.sigma), ny, twins)
-        place = np.full(lure.nw + 1, -1)  # the last one is that of no twin
-        place[live] = np.arange(len(live))
-        rows = np.r_[: nx + ny, nx + nz + live]
-        columns = np.r_[: nx + nu, nx + nu + live, Theta.shape[1] - 1]
-        Theta = Theta[np.ix_(rows, columns)]
-        sigma = tuple(lure.sigma[i] for i in live)
-        paired = np.max(twins, initial=-1) >= 0
-        twins = tuple(place[twins[i]] for i in live) if paired else ()
-        rest = seen_at_origin(lure, twins_of)[live]
-        return cls(Lure(Theta, nx, nu, len(live), sigma), twins, live, rest)
+        scaled = replace(lure, Theta=Theta)
+        live = reaching(scaled, ny, twins)
+        rest = seen_at(lure, np.zeros(nx), twins)[live]
+        others = tuple(renumbered(twins, live)) if np.any(twins >= 0) else ()
+        return cls(part(scaled, live, ny), others, live, rest)
 
     def values(self, z):
         """Return q at points z.
@@ -249,79 +242,6 @@ class Strips:
         radius = halves[:, :nx] @ np.abs(self.rows).T
         beyond = (middle - radius > self.high) | (middle + radius < self.low)
         return ~beyond.any(axis=1)
-
-
-def differences(lure, twins):
-    """Return the form in which neurons with twins are what they differ by.
-
-    Parameters
-    ----------
-    lure : Lure
-        Form of a loop.
-    twins : sequence of int
-        For every neuron the one that it is the difference to, or -1.
-
-    Returns
-    -------
-    form : Lure
-        Form of the same loop with other neurons.
-    """
-    Theta, first, column = lure.Theta.copy(), lure.nx + lure.nz, lure.nx + lure.nu
-    for i, twin in enumerate(twins):
-        if twin >= 0:  # w_i = w_twin + difference
-            Theta[:, column + twin] += Theta[:, column + i]
-            Theta[first + i] -= Theta[first + twin]
-    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
-
-
-def seen_at_origin(lure, twins):
-    """Return what neurons see at the origin.
-
-    Parameters
-    ----------
-    lure : Lure
-        Form of a loop.
-    twins : ndarray of int
-        For every neuron the one that it is the difference to, or -1; may be empty.
-
-    Returns
-    -------
-    seen : ndarray of shape (nw,)
-        Of neurons with twins the difference.
-    """
-    Phi = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))[0]
-    seen, paired = lure.rows_v @ Phi, np.flatnonzero(twins >= 0)
-    seen[paired] -= seen[twins[paired]]
-    return seen
-
-
-def reaching(lure, ny, twins=()):
-    """Return the numbers of the neurons that reach x+ or the first ny channels.
-
-    Parameters
-    ----------
-    lure : Lure
-        Form of a loop.
-    ny : int
-        Number of outputs.
-    twins : sequence of int, default=()
-        For every neuron the one that it is the difference to, or -1.
-
-    Returns
-    -------
-    live : ndarray of int
-        The neurons; what a law cancels leaves rounding, which is none.
-    """
-    W = lure.W[: lure.nx + ny]
-    scale = np.abs(lure.Theta[: lure.nx + ny]).max(axis=1, keepdims=True)
-    live = np.any(np.abs(W) > 1e-13 * scale, axis=0)
-    while True:
-        more = live | np.any(lure.E[live] != 0, axis=0)
-        for i, twin in enumerate(twins):
-            more[twin] |= more[i] and twin >= 0
-        if np.array_equal(more, live):
-            return np.flatnonzero(live)
-        live = more
 
 
 def remainder(network, region, rows, fit, samples, budget=BUDGET, tol=TOLERANCE):

@@ -19,7 +19,7 @@ inequality says that trajectories of equal inputs approach each other at that ra
 
 import time
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_discrete_lyapunov, solve_triangular
@@ -27,10 +27,10 @@ from scipy.linalg import cholesky, solve_discrete_lyapunov, solve_triangular
 from ..lure import Lure
 from ._hinf import hinf_norm
 from ._interior import n_unknowns, smallest_gain
+from ._neurons import part, reaching
 
 TOLERANCES = (1e-5, 1e-3)  # of gamma^2: the second where rounding takes the first
 LARGEST = 2000  # unknowns of a program, which then takes minutes
-DEAD = 1e-13  # of the entries of a row: what is less is left over by a cancellation
 NEARLY_ZERO = 1e-3  # of what inputs of all states make: a gain that counts as zero
 
 
@@ -128,7 +128,7 @@ class GainCertificate:
         is_of : bool
             Whether its loop is that form, with neurons of slopes between 0 and 1.
         """
-        mine = _live(_unit_slopes(lure, *slopes)).Theta
+        mine = _unit_slopes(lure, *slopes).Theta
         return mine.shape == self.lure.Theta.shape and np.allclose(
             mine, self.lure.Theta, rtol=1e-9, atol=1e-12
         )
@@ -213,7 +213,7 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
         )
     slopes = _slopes(lure, slopes)
     try:
-        lure = _live(_unit_slopes(lure, *slopes))
+        lure = _unit_slopes(lure, *slopes)
     except np.linalg.LinAlgError:  # neurons that see themselves
         reason = "With the least slopes the neurons' inputs have no unique solution."
         return _none(lure, decay, "not solved", reason)
@@ -291,7 +291,7 @@ def _stirred(lure, B):
     end, nx = lure.nx + lure.nu, lure.nx
     Theta = np.insert(lure.Theta, [end] * nx, 0.0, axis=1)
     Theta[:nx, end : end + nx] = B
-    return Lure(Theta, nx, lure.nu + nx, lure.nw, lure.sigma)
+    return replace(lure, Theta=Theta, nu=lure.nu + nx)
 
 
 def _obstacle(lure, decay):
@@ -314,31 +314,12 @@ def _obstacle(lure, decay):
     return ""
 
 
-def _live(lure):
-    """Return the form without neurons that reach neither x+ nor a channel.
-
-    A law that cancels h leaves columns of it that are zero but for rounding.
-    """
-    rows = np.abs(lure.Theta[: lure.nx + lure.nz, :-1])
-    reach = rows[:, lure.nx + lure.nu :] > DEAD * rows.max(axis=1, keepdims=True)
-    live, before = reach.any(axis=0), -1
-    while live.sum() != before:  # and those that they see
-        before = live.sum()
-        live = live | np.any(lure.E[live] != 0, axis=0)
-    dead = np.flatnonzero(~live)
-    n = lure.nx + lure.nz
-    Theta = np.delete(lure.Theta, n + dead, axis=0)
-    Theta = np.delete(Theta, lure.nx + lure.nu + dead, axis=1)
-    sigma = tuple(lure.sigma[i] for i in np.flatnonzero(live))
-    return Lure(Theta, lure.nx, lure.nu, int(live.sum()), sigma)
-
-
 def _change(lure, T):
     """Return the Lur'e form in the state basis T x."""
     nx, Theta = lure.nx, lure.Theta.copy()
     Theta[:nx] = T @ Theta[:nx]
     Theta[:, :nx] = solve_triangular(T, Theta[:, :nx].T, trans="T").T
-    return Lure(Theta, nx, lure.nu, lure.nw, lure.sigma)
+    return replace(lure, Theta=Theta)
 
 
 def _slopes(lure, slopes):
@@ -367,6 +348,8 @@ def _unit_slopes(lure, a, b):
     """Return the form with neurons of slopes 0 to 1, by w = a nu + (b - a) w_1.
 
     a and b bound the slopes of w; what is linear in the neurons' inputs nu joins M.
+    Neurons that reach neither x+ nor a channel are left out: a law that cancels h
+    leaves columns of it that are zero but for rounding.
     """
     n = lure.nx + lure.nz
     weights = slice(lure.nx + lure.nu, -1)
@@ -376,7 +359,8 @@ def _unit_slopes(lure, a, b):
     # nu = (I - E diag(a))^-1 (V [x; u] + E diag(b - a) w_1 + b)
     Theta[n:] = np.linalg.solve(np.eye(lure.nw) - E * a, Theta[n:])
     Theta[:n] += (W * a) @ Theta[n:]
-    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+    form = replace(lure, Theta=Theta)
+    return part(form, reaching(form, form.nz))
 
 
 def _blocks(lure, unit=1.0, decay=1.0):

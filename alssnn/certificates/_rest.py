@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import cholesky
 
 from ..lure import Lure
-from ..simulation import regressors, simulate
-from ._cells import differences
+from ..simulation import simulate
+from ._neurons import differences, part, seen_at
 from ._whole import WholeLoop
 
 LONG = 5_000  # samples after which a loop without inputs should rest
@@ -48,10 +48,7 @@ def at_rest(loop, extent=0.0):
         width = np.abs(X).max(axis=0) + extent
         rests = np.all(np.abs(X[-1] - X[-2]) <= STILL * width)
         x = X[-1] if rests else np.full(lure.nx, np.nan)
-        seen = lure.rows_v @ regressors(lure, x[None], still[-1:])[0]
-    rest, paired = seen.copy(), loop.twins >= 0
-    rest[paired] -= seen[loop.twins[paired]]
-    return rest, x
+        return seen_at(lure, x, loop.twins), x
 
 
 def from_rest(loop, n_free):
@@ -70,10 +67,7 @@ def from_rest(loop, n_free):
         Form with the neurons of ``loop.lure``, as differences where they have twins.
     """
     lure, ny = differences(loop.lure, loop.twins), len(loop.design[2])
-    nx, nz = lure.nx, lure.nz
-    rows = np.r_[: nx + ny, nx + nz : nx + nz + lure.nw]
-    columns = np.r_[: nx + n_free, nx + lure.nu : lure.Theta.shape[1]]
-    return Lure(lure.Theta[rows][:, columns], nx, n_free, lure.nw, lure.sigma)
+    return part(lure, np.arange(lure.nw), ny, n_free)
 
 
 def from_design(loop, n_free, error=None):

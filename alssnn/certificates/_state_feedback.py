@@ -1,5 +1,7 @@
 """The linearized loop with a state feedback v = r - K x around it."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..checks import as_numbers
@@ -36,7 +38,7 @@ def state_feedback(lure, K, moved=None):
     Theta = lure.Theta.copy()
     moved = np.arange(lure.nu) if moved is None else moved
     Theta[:, : lure.nx] -= Theta[:, lure.nx + moved] @ K
-    return Lure(Theta, lure.nx, lure.nu, lure.nw, lure.sigma)
+    return replace(lure, Theta=Theta)
 
 
 def full_gain(model, K):

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..activations import Activation
 from ..lure import Lure
+from ._neurons import part, renumbered
 from ._state_feedback import linear_form, matrices
 
 SAME = 1e-9  # relative difference of weights of one and the same neuron
@@ -284,33 +285,19 @@ class _Wires:
             row = estimated[i - n_model]
             twins[i] = next((j for j in alike if twins[j] < 0 and is_same(row, j)), -1)
         order = _order(Theta[k:, first : first + n] != 0, keep, sigma)
-        place = np.full(n, -1)
-        place[order] = np.arange(len(order))
-        twins = twins[order]
-        columns = np.r_[:first, first + order, first + n]
-        Theta = Theta[np.r_[:k, k + order]][:, columns]
-        twins = np.where(twins >= 0, place[twins], -1)
-        ordered = tuple(sigma[i] for i in order)
-        return Lure(Theta, self.nX, self.n_in, len(order), ordered), twins
-
-
-def _reached(sees):
-    """Return what every neuron sees, by way of others, and itself."""
-    behind = sees | np.eye(len(sees), dtype=bool)
-    while True:
-        more = behind @ behind
-        if np.array_equal(more, behind):
-            return behind
-        behind = more
+        form = Lure(Theta, self.nX, self.n_in, n, tuple(sigma))
+        return part(form, order), renumbered(twins, order)
 
 
 def _order(sees, keep, sigma):
     """Return neurons in the order of evaluation, those of one activation together."""
-    order, ready = [], ~keep
+    order, ready, n = [], ~keep, len(sees)
     while not ready.all():
         free = ~ready & ~(sees & ~ready).any(axis=1)
         if not free.any():  # the fewest that see each other are solved together
-            behind = _reached(sees & ~ready[:, None] & ~ready)
+            waiting = sees & ~ready[:, None] & ~ready
+            # what every neuron sees, by way of others, and itself
+            behind = np.linalg.matrix_power(waiting | np.eye(n, dtype=bool), n)
             behind[ready] = True
             free = behind[behind.sum(axis=1).argmin()] & ~ready
         order += sorted(np.flatnonzero(free), key=lambda i: sigma[i].name)
