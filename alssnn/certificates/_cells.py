@@ -9,6 +9,7 @@ budget is spent; the bound holds in either case.
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -314,10 +315,27 @@ def _grid(low, high):
     """Return a first grid of cells."""
     n = len(low)
     k = max(1, round(FIRST ** (1 / n)))
-    steps = (2 * np.arange(k) + 1) / k - 1
-    grid = np.stack(np.meshgrid(*[steps] * n, indexing="ij"), axis=-1).reshape(-1, n)
-    half = (high - low) / 2
+    grid, half = unit_grid(k, n), (high - low) / 2
     return (low + high) / 2 + grid * half, np.broadcast_to(half / k, grid.shape).copy()
+
+
+def unit_grid(k, n):
+    """Return the centers of cells that cut the box from -1 to 1.
+
+    Parameters
+    ----------
+    k : int
+        Cells along every axis.
+    n : int
+        Number of axes.
+
+    Returns
+    -------
+    centers : ndarray of shape (k^n, n)
+        The centers.
+    """
+    steps = (2 * np.arange(k) + 1) / k - 1
+    return np.array(list(product(steps, repeat=n)))
 
 
 def _scores(V, halves, curved):

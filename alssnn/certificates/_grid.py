@@ -21,8 +21,9 @@ bound.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
-from ._cells import Network
+from ._cells import Network, unit_grid
 from ._covers import Affine
 from ._peaks import peaks
 
@@ -163,8 +164,7 @@ class Grid:
         rows = np.vstack([lure.W[:nx], lure.W[:n]])
         by_z = np.vstack([lure.M[:nx], lure.M[:n] - linear])
         constant = np.concatenate([lure.c[:nx], lure.c[:n]])
-        steps = (2 * np.arange(m) + 1) / m - 1
-        r = np.stack(np.meshgrid(*[steps] * nu, indexing="ij"), axis=-1).reshape(-1, nu)
+        r = unit_grid(m, nu)
         x = np.repeat(centers, len(r), axis=0)
         z = np.hstack([x, np.tile(r, (len(centers), 1))])
         halves = np.concatenate([half, np.full(nu, 1 / m)])
@@ -188,12 +188,5 @@ class Grid:
 
 def _over_boxes(values, size, way):
     """Return the largest value over boxes that start (way 1) or end (-1) at a cell."""
-    for axis, n in enumerate(size):
-        wide = values.copy()
-        for shift in range(1, n):
-            ahead, behind = [slice(None)] * values.ndim, [slice(None)] * values.ndim
-            ahead[axis], behind[axis] = slice(shift, None), slice(None, -shift)
-            to, of = (behind, ahead)[::way]
-            np.maximum(wide[tuple(to)], values[tuple(of)], out=wide[tuple(to)])
-        values = wide
-    return values
+    origin = [-(n // 2) if way == 1 else (n - 1) // 2 for n in size]
+    return maximum_filter(values, size, mode="nearest", origin=origin)
