@@ -16,6 +16,7 @@ from ._units import (
     lengths,
     no_quantile,
     simulated_runs,
+    units_in_words,
     units_of,
 )
 
@@ -58,12 +59,10 @@ class ErrorGain:
         """Return the gain, and what it rests on."""
         if self.reason:
             return f"ErrorGain: infinite. {self.reason}"
-        unit = (
-            "experiments" if self.block is None else f"blocks of {self.block} samples"
-        )
         return (
             f"ErrorGain: |y_plant - y_model| <= {in_words(self.gain)} |u| in l2 in "
-            f"{self.level:.4g} of future {unit} like the {self.n_blocks} that were used"
+            f"{self.level:.4g} of future {units_in_words(self.block)} like the "
+            f"{self.n_blocks} that were used"
         )
 
 
@@ -110,9 +109,8 @@ def error_gain(model, u, y, experiment=None, *, level=0.9, block="auto", gap=Non
     plant = model.plant_
     runs = simulated_runs(model, u, y, experiment, None)
     length, gap = lengths(runs, level, block, gap)
-    scores = np.array(
-        [_ratio(unit, plant) for unit in units_of(runs, length, gap)]
-    ).reshape(-1, plant.ny)
+    ratios = [_ratio(unit, plant) for unit in units_of(runs, length, gap)]
+    scores = np.array(ratios).reshape(-1, plant.ny)
     quantile = np.array([conformal_quantile(column, level) for column in scores.T])
     n = (~np.isnan(scores)).sum(axis=0)
     return ErrorGain(

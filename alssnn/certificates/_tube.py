@@ -35,6 +35,7 @@ from ._units import (
     scale,
     scores_of,
     simulated_runs,
+    units_in_words,
     units_of,
 )
 
@@ -263,7 +264,7 @@ class Tube:
                 "`bound` must be at least 0, one number or one per output "
                 f"({len(self.quantile)}), got {bound!r}. Pass a certificate."
             )
-        kind = bound.verdict if hasattr(bound, "verdict") else ""
+        kind = getattr(bound, "verdict", "")
         return TubeWithBound(self, value.copy(), getattr(bound, "source", kind))
 
     def _simulated(self, u, y, experiment, x0):
@@ -296,9 +297,7 @@ class Tube:
 
     def __repr__(self):
         """Return level, widths, assumption and number of units in a few lines."""
-        unit = (
-            "experiments" if self.block is None else f"blocks of {self.block} samples"
-        )
+        unit = units_in_words(self.block)
         run = "free run" if self.horizon is None else f"{self.horizon} samples ahead"
         of = " of all outputs together" if self.joint and len(self.quantile) > 1 else ""
         count = plain(self.n_blocks)

@@ -5,6 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from ._units import units_in_words
+
+# What a bound rests on, by its source.
+WHILE = {
+    "data": " while |g| stays as on its data",
+    "given": " while |g| stays within the number that was given",
+}
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TubeWithBound:
@@ -27,16 +35,11 @@ class TubeWithBound:
     @property
     def statement(self):
         """Return what is true of the plant, in words."""
-        tube = self.tube
-        unit = (
-            "experiments" if tube.block is None else f"blocks of {tube.block} samples"
-        )
-        rests = {"data": " while |g| stays as on its data", "": ""}
-        rests["given"] = " while |g| stays within the number that was given"
+        level, units = self.tube.level, units_in_words(self.tube.block)
         return (
-            f"With {tube.level:.4g} of future {unit} like those of the calibration, "
+            f"With {level:.4g} of future {units} like those of the calibration, "
             "|y_plant - y_lin| is at most the half width of the tube plus "
-            f"{plain(self.bound)}{rests.get(self.source, '')}.\n"
+            f"{plain(self.bound)}{WHILE.get(self.source, '')}.\n"
             "y_lin is the linear design with the v for which the model, simulated "
             "without feedback from the plant, applies this u.\n"
             "Inputs that a law or a controller makes on the plant are others than "

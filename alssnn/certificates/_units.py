@@ -365,6 +365,22 @@ def conformal_quantile(scores, level):
     return float(scores[k - 1]) if k <= len(scores) else np.inf
 
 
+def units_in_words(block):
+    """Return what units are.
+
+    Parameters
+    ----------
+    block : int or None
+        Samples of a unit; None means whole experiments.
+
+    Returns
+    -------
+    words : str
+        More than one of them.
+    """
+    return "experiments" if block is None else f"blocks of {block} samples"
+
+
 def no_quantile(quantile, n, level, block):
     """Return why a quantile is infinite.
 
@@ -386,10 +402,7 @@ def no_quantile(quantile, n, level, block):
     """
     if np.isfinite(quantile).all():
         return ""
-    few, unit = (
-        n.min(),
-        "experiments" if block is None else f"blocks of {block} samples",
-    )
+    few, unit = n.min(), units_in_words(block)
     if few < least_units(level):
         remedy = "or shorter `block`s" if block is not None else "or `block='auto'`"
         return (
