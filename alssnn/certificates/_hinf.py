@@ -49,9 +49,7 @@ def hinf_norm(A, B, C, tol=1e-8):
 
     def gain(angles):
         z = np.exp(1j * np.asarray(angles))[:, None, None]
-        G = C @ np.linalg.solve(
-            z * np.eye(n) - A, np.broadcast_to(B, (len(z), *B.shape))
-        )
+        G = C @ np.linalg.solve(z * np.eye(n) - A, B)
         return float(np.linalg.norm(G, ord=2, axis=(1, 2)).max())
 
     # resonances are near the poles

@@ -18,8 +18,10 @@ A first point is found in the same way, with F + q Q > 0 for the smallest q, und
 bound on the size of P and Lambda.
 """
 
+from contextlib import suppress
+
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, eigh
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
 
 CLOSE = 0.1  # Newton decrement, squared, at which the next t is taken
 FASTER = 20.0  # t over the last one
@@ -38,9 +40,8 @@ class _Form:
     """
 
     def __init__(self, now, plus, w, slack, Q, R):
-        self.now, self.plus, self.w, self.slack, self.Q, self.R = (
-            now, plus, w, slack, Q, R
-        )  # fmt: skip
+        self.now, self.plus, self.w, self.slack = now, plus, w, slack
+        self.Q, self.R = Q, R
         self.i, self.j = np.triu_indices(len(now))
         self.c = np.where(self.i == self.j, 1.0, 2.0)  # twice that of E_ij
 
@@ -195,7 +196,10 @@ def _first(inside, D, size):
     z, why = _follow(form, z, 1.0, size, SIZE * (size @ z), ends)
     P, lam, q = form.unpack(z)
     if why and q >= 0:
-        raise RuntimeError(_breakdown(why))
+        raise RuntimeError(
+            f"The interior-point method broke down: {why}. Rescale the states or the "
+            "signals."
+        )
     return (P, lam) if q < 0 else None
 
 
@@ -245,21 +249,11 @@ def _search(form, z, step, factor, t, size, limit, decrement):
     before, length = barrier(z, factor), 1.0
     while length > STALLED:
         trial = z + length * step
-        if size @ trial < limit:
-            try:
-                found = cholesky(form(trial), lower=True), True
-            except LinAlgError:
-                found = None
-            if found is not None:
+        with suppress(LinAlgError):  # outside of the inequality
+            if size @ trial < limit:
+                found = cho_factor(form(trial), lower=True)
                 after = barrier(trial, found)
                 if after <= before - 0.1 * length * decrement + 1e-9 * abs(before):
                     return trial, found
         length /= 2
     return None
-
-
-def _breakdown(why):
-    return (
-        f"The interior-point method broke down: {why}. Rescale the states or the "
-        "signals."
-    )

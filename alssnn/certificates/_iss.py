@@ -341,20 +341,20 @@ def iss_certificate(
     (True, 0.2)
     """
     A, C, eta = _check(A, C, eps, eta, phi, objective, method)
-    none = partial(_none, A, C, eps, eta)
+    certificate = partial(_certificate, A, C, eps, eta)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     limit = 1.0 - radius**2
     if radius >= 1:
         reason = f"The spectral radius of A is {radius:.6g}, not below one."
-        return none("not solved", reason)
+        return certificate("not solved", reason)
     if phi is not None and phi >= limit:
         reason = (
             f"phi = {phi:.6g} is not below 1 - rho^2 = {limit:.6g}, where rho is the "
             "spectral radius of A."
         )
-        return none("not solved", reason)
+        return certificate("not solved", reason)
     if np.isinf(eps):
-        return none("not solved", "eps is infinite: nothing bounds omega.")
+        return certificate("not solved", "eps is infinite: nothing bounds omega.")
     if phi is None and objective == "feasible":
         phi = limit / 2
 
@@ -374,7 +374,7 @@ def iss_certificate(
         reason = "No phi gave a P that passes the recomputation of the inequality."
         if method == "sdp":
             reason += " Use `method='lyapunov'`."
-        return none(search.status, reason, seconds, search.n_solves)
+        return certificate(search.status, reason, seconds, search.n_solves)
     _, phi, P, status = search.best
 
     psi = 1.0 + STRICT
@@ -384,21 +384,7 @@ def iss_certificate(
         scale = len(A) / np.trace(P)
     P, psi = scale * P, scale * psi
     reason = "" if np.isfinite(eta).all() else "Nothing bounds eta, nor the output."
-    return IssCertificate(
-        holds=True,
-        margin=iss_margin(A, P, phi, psi),
-        P=P,
-        phi=float(phi),
-        psi=float(psi),
-        eps=float(eps),
-        eta=eta,
-        status=status,
-        solve_time=seconds,
-        n_solves=search.n_solves,
-        reason=reason,
-        A=A,
-        C=C,
-    )
+    return certificate(status, reason, seconds, search.n_solves, (P, phi, psi))
 
 
 class _Search:
@@ -442,14 +428,15 @@ class _Search:
         return (P + P.T) / 2, "exact"
 
 
-def _none(A, C, eps, eta, status, reason, seconds=0.0, n_solves=0):
-    """Return the certificate that does not hold."""
+def _certificate(A, C, eps, eta, status, reason, seconds=0.0, n_solves=0, found=None):
+    """Return the certificate of (P, phi, psi) found, or one that does not hold."""
+    P, phi, psi = found or (np.full(A.shape, np.nan), np.nan, np.nan)
     return IssCertificate(
-        holds=False,
-        margin=-np.inf,
-        P=np.full(A.shape, np.nan),
-        phi=np.nan,
-        psi=np.nan,
+        holds=found is not None,
+        margin=iss_margin(A, P, phi, psi),
+        P=P,
+        phi=float(phi),
+        psi=float(psi),
         eps=float(eps),
         eta=eta,
         status=status,

@@ -14,11 +14,13 @@ The smallest region is searched by repetition, from that of the design outwards.
 import time
 import warnings
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from ..checks import is_count
+from ..simulation import neuron_gains, regressors
 from ._amplitudes import checked_sizes, peaks_of, sizes_in_words
 from ._cells import Network
 from ._covers import Affine, covers
@@ -223,47 +225,42 @@ def local_certificate(
             "is no worst one."
         )
     scale = np.ones(ny) if scale is None else np.asarray(scale, dtype=float)
-    linear = peaks_of(design, amplitude)
+    linear, none = peaks_of(design, amplitude), partial(_none, lure, amplitude, start)
     if isinstance(linear, str):
-        none = np.full(ny, np.inf)
-        return _none(lure, amplitude, none, np.zeros((0, lure.nu)), none, linear, start)
+        nothing = np.full(ny, np.inf)
+        return none(nothing, np.zeros((0, lure.nu)), nothing, linear)
     peak, length = linear
     lower, worst = np.zeros(ny), np.zeros((0, lure.nu))
     if search:
         lower, worst = worst_input(lure, design, amplitude, length)
     if not np.isfinite(lower).all():
         reason = "The loop diverges for the worst input that was found."
-        return _none(lure, amplitude, lower, worst, peak, reason, start)
+        return none(lower, worst, peak, reason)
     steep = [z.name for z in lure.sigma if not np.isfinite(z.slope).all()]
     if steep:
         reason = f"The activation {steep[0]!r} has no bounded slope."
-        return _none(lure, amplitude, lower, worst, peak, reason, start)
+        return none(lower, worst, peak, reason)
     network, scaled, T = _scaled(lure, design, amplitude, scale, twins, watched)
     bounds, proof = _least(network, scaled, scale, amplitude, T)
     if proof is None:
-        return _none(lure, amplitude, lower, worst, peak, bounds, start)
+        return none(lower, worst, peak, bounds)
     if cells and Grid.suits(network, scaled):
         proof = replace(proof, cells=int(cells))
         bounds = proof.check()[1]
     if np.any(lower > bounds * (1 + 1e-9) + NOTHING * peak):  # never seen
         reason = "Numbers contradict each other: units or weights are extreme."
-        return _none(lure, amplitude, lower, worst, peak, reason, start)
+        return none(lower, worst, peak, reason)
     x_low, x_high = proof.range_of_states()
-    low, high = proof.channels()
-    return LocalCertificate(
+    z_low, z_high = proof.channels()
+    return replace(
+        none(np.minimum(lower, bounds), worst, peak, ""),  # what is above is rounding
         holds=True,
-        amplitude=amplitude,
         output_bounds=bounds,
-        lower_bounds=np.minimum(lower, bounds),  # what is above is rounding
-        worst_input=worst,
-        design_peak=peak,
         x_low=x_low,
         x_high=x_high,
-        z_low=low,
-        z_high=high,
+        z_low=z_low,
+        z_high=z_high,
         method=proof.cover.name,
-        reason="",
-        solve_time=time.perf_counter() - start,
         proof=proof,
     )
 
@@ -323,8 +320,6 @@ def _basis(A, B):
 
 def _linear_part(lure):
     """Return the Jacobian of x+ at the origin, a stable one for the sake of a basis."""
-    from ..simulation import neuron_gains, regressors
-
     Phi = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))
     J = lure.M + (neuron_gains(lure, lure.W, Phi) @ lure.V)[0]
     A = J[: lure.nx, : lure.nx]
@@ -340,10 +335,7 @@ def _invariant(cover):
         for _ in range(SEARCH):
             region = cover.system(region, exact=False).region()
             if np.abs(region).max(initial=0.0) > largest:
-                return (
-                    None,
-                    "No region was found: remainders grow with the states.",
-                )
+                return None, "No region was found: remainders grow with the states."
             wider = float(np.sum(region[1] - region[0]))
             if abs(wider - width) <= SETTLED * wider:
                 break
@@ -363,7 +355,7 @@ def _invariant(cover):
     return None, "No region was found that the loop provably does not leave."
 
 
-def _none(lure, amplitude, lower, worst, peak, reason, start):
+def _none(lure, amplitude, start, lower, worst, peak, reason):
     """Return the certificate that does not hold."""
     nowhere, none = np.full(lure.nx, np.inf), np.zeros(0)
     return LocalCertificate(

@@ -116,16 +116,9 @@ def linear_form(plant):
         measured disturbances.
     """
     (A, B, C, D), (G, H) = plant.linear(), plant.disturbed_by()
-    nx, nu, ny = plant.nx, plant.nu, plant.ny
-    Theta = np.zeros((nx + ny, nx + nu + 1))
-    given = nx + np.asarray(plant.given, dtype=int)
-    for rows, (by_x, by_v, by_d) in (
-        (slice(nx), (A, B, G)),
-        (slice(nx, nx + ny), (C, D, H)),
-    ):
-        Theta[rows, :nx], Theta[rows, nx + plant.moved] = by_x, by_v
-        Theta[rows, given] = by_d
-    return Lure(Theta, nx, nu, 0)
+    by_x, by_v, by_d = (np.vstack(pair) for pair in ((A, C), (B, D), (G, H)))
+    Theta = np.hstack([by_x, plant.every_input(by_v, by_d), np.zeros((len(by_x), 1))])
+    return Lure(Theta, plant.nx, plant.nu, 0)
 
 
 def matrices(form):

@@ -10,6 +10,7 @@ regular and random switching.
 """
 
 from itertools import islice
+from operator import itemgetter
 
 import numpy as np
 
@@ -26,6 +27,7 @@ STEPS = 30
 SOLVED = 100, 1, 3, 16  # the same where a law is solved, which is slow; and starts
 SHARES = (1, 2, 4, 8, 16, 32, 64)  # of the samples, one in so many that change at once
 LEAST_GAIN = 1e-5  # relative gain of a step that goes on
+_first = itemgetter(0)
 
 
 def worst_input(lure, design, amplitude, length, seed=0):
@@ -67,7 +69,7 @@ def worst_input(lure, design, amplitude, length, seed=0):
                 return np.full(pair.ny, np.inf), r
             last = int(e[:, output].argmax())
             results.append(pair.improve(r, last, output, steps))
-        value, r = max(results, key=lambda one: one[0])
+        value, r = max(results, key=_first)
         if worst is None or value > found.max():
             worst = r
         found[output] = max(found[output], value)
@@ -89,13 +91,11 @@ class _Pair:
     def distance(self, r):
         """Return ``|y - y_lin|`` of every sample, inf where the loop diverges."""
         with np.errstate(all="ignore"):  # a loop may diverge
-            y = [
-                channels(z, simulate(z, r, np.zeros(z.nx), np.inf)[:-1], r)[
-                    :, : self.ny
-                ]
-                for z in (self.lure, self.linear)
-            ]
-            e = np.abs(y[0] - y[1])
+            y, y_lin = (
+                channels(form, _states(form, r), r)[:, : self.ny]
+                for form in (self.lure, self.linear)
+            )
+            e = np.abs(y - y_lin)
         return np.where(np.isfinite(e), e, np.inf)
 
     def starts(self, rng):
@@ -162,14 +162,15 @@ class _Pair:
     def _gradient(self, r, output):
         """Return the derivative of the distance at the last sample by all inputs."""
         (y, by_loop), (y_lin, by_design) = (
-            _adjoint(form, simulate(form, r, np.zeros(form.nx), np.inf)[:-1], r, output)
+            _adjoint(form, _states(form, r), r, output)
             for form in (self.lure, self.linear)
         )
         return np.sign(y - y_lin) * (by_loop - by_design)
 
 
-def _first(pair):
-    return pair[0]
+def _states(form, r):
+    """Return the states of a form from rest, not finite where it diverges."""
+    return simulate(form, r, np.zeros(form.nx), np.inf)[:-1]
 
 
 def _adjoint(lure, X, r, output):
