@@ -14,12 +14,7 @@ from ..checks import is_count
 from ..feedback import Controller, LinearizingLaw
 from ..feedback.checks import check_limits, check_point, check_weight
 from ..plants import as_plant
-from ._checks import (
-    check_ahead,
-    check_observer,
-    check_penalty,
-    check_rate,
-)
+from ._checks import check_ahead, check_observer, check_penalty, check_rate
 from ._condensed import CondensedProgram, Weights
 from ._limits import ActuatorLimits
 from ._model import DisturbedModel
@@ -158,11 +153,8 @@ class LinearizingMPC(Controller):
         tol=1e-6,
         max_iter=4000,
     ):
-        for name, value in (
-            ("horizon", horizon),
-            ("n_passes", n_passes),
-            ("max_iter", max_iter),
-        ):
+        counts = {"horizon": horizon, "n_passes": n_passes, "max_iter": max_iter}
+        for name, value in counts.items():
             if not is_count(value):
                 raise ValueError(f"`{name}` must be a positive integer, got {value!r}.")
         if not isinstance(tol, Real) or not 0 < float(tol) < 1:
@@ -304,10 +296,8 @@ class LinearizingMPC(Controller):
         solutions, settled = [], False
         with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
             y0 = self._model.output(np.zeros((1, self._nx)), d)[0]
-            goals, soft_bounds = (
-                (references - y0) / self._model.y_scale,
-                self._soft.around(y0),
-            )
+            goals = (references - y0) / self._model.y_scale
+            soft_bounds = self._soft.around(y0)
             for _ in range(self.n_passes):
                 # a step of a measured disturbance moves its states of rest at once
                 for _ in range(RESTS if measured.size else 1):

@@ -70,7 +70,7 @@ class DisturbedModel:
             States, the present one first; inf if the model diverges.
         """
         X = np.empty((len(U) + 1, len(x) + len(d)))
-        X[0, : len(x)], X[0, len(x) :] = x, d
+        X[0] = np.concatenate([x, d])
         own = self._own
         self._stepper(own.every_input(U, m) - own.u_offset, X[0], X[1:])
         return X[:, : len(x)]
@@ -182,6 +182,4 @@ class DisturbedModel:
 
     def _with(self, X, d):
         """Return the states with the disturbance behind them."""
-        Xd = np.empty((len(X), X.shape[1] + len(d)))
-        Xd[:, : X.shape[1]], Xd[:, X.shape[1] :] = X, d
-        return Xd
+        return np.hstack([X, np.tile(d, (len(X), 1))])

@@ -74,9 +74,7 @@ class Planner:
         u_s : ndarray of shape (nu,)
             Input behind its end.
         """
-        U = np.empty_like(self.U)
-        U[:-1], U[-1] = self.U[1:], u_s
-        self.U = U
+        self.U = np.vstack([self.U[1:], u_s])
 
     def improve(self, x, d, u_last, rest, soft_bounds, m=None):
         """Pose and solve the program along the last plan, and take its solution.

@@ -18,7 +18,6 @@ import numpy as np
 class Prediction:
     """Hold the maps from (x_0, c, w) to all states and inputs of the horizon."""
 
-    K: np.ndarray
     X_x: np.ndarray  # (N nx, nx)
     X_c: np.ndarray  # (N nx, N nu)
     X_w: np.ndarray  # (N nx, N nx)
@@ -61,7 +60,7 @@ class Prediction:
         V_x = -gain @ X_x
         V_x[:nu] = -K
         V_c, V_w = np.eye(horizon * nu) - gain @ X_c, -gain @ X_w
-        return cls(K, X_x, X_c, X_w, V_x, V_c, V_w)
+        return cls(X_x, X_c, X_w, V_x, V_c, V_w)
 
     def free(self, x0, w):
         """Return the states and inputs for c = 0.

@@ -48,7 +48,7 @@ class QuadraticProgram:
     def __init__(self, P, G, tol, max_iter, **settings):
         self.P, self.G = csc_matrix(np.triu(P)), csc_matrix(G)
         self.settings = {"eps_abs": tol, "eps_rel": tol, "max_iter": max_iter}
-        self.settings |= settings
+        self.settings |= {"verbose": False, "warm_starting": True, **settings}
         self._places = {
             name: (M.indices, np.repeat(np.arange(M.shape[1]), np.diff(M.indptr)))
             for name, M in (("Px", self.P), ("Ax", self.G))
@@ -100,13 +100,12 @@ class QuadraticProgram:
         start = time.perf_counter()
         if not (np.isfinite(q).all() and (lower <= upper).all()):  # nan is false
             return Solution(None, "data not finite or bounds crossed", 0, 0.0)
+        vectors = {"q": q, "l": lower, "u": upper}
         if self._solver is None:
             self._solver = osqp.OSQP()
-            vectors = {"q": q, "l": lower, "u": upper}
-            settings = {"verbose": False, "warm_starting": True, **self.settings}
-            self._solver.setup(P=self.P, A=self.G, **vectors, **settings)
+            self._solver.setup(P=self.P, A=self.G, **vectors, **self.settings)
         else:
-            self._solver.update(q=q, l=lower, u=upper)
+            self._solver.update(**vectors)
         result = self._solver.solve(raise_error=False)
         info, x = result.info, result.x
         seconds = time.perf_counter() - start
