@@ -244,11 +244,9 @@ def _extent(chunks):
     n, inputs = 0, []
     for chunk in chunks:
         X, u, y, measured = _seen(chunk)
-        outputs = np.vstack([y, measured])
-        ends = [z.min(axis=0, initial=np.inf) for z in (u, outputs)]
-        low = np.minimum(low, np.hstack(ends))
-        ends = [z.max(axis=0, initial=-np.inf) for z in (u, outputs)]
-        high = np.maximum(high, np.hstack(ends))
+        uy = np.vstack([np.hstack([u, outputs]) for outputs in (y, measured)])
+        low = np.minimum(low, uy.min(axis=0, initial=np.inf))
+        high = np.maximum(high, uy.max(axis=0, initial=-np.inf))
         rows, ny = np.hstack([np.ones((len(X), 1)), X, u]), y.shape[1]
         rows = np.vstack([R, rows]) if R.size else rows
         R = np.asarray(np.linalg.qr(rows, mode="r"))

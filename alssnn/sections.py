@@ -152,13 +152,14 @@ class Sections(LeastSquares):
         C[:, :nx] = model.C @ self.T
         self.held = np.concatenate([np.arctanh(k).ravel(), C.ravel()])
         # free entries of p, C, B, D and x0, one after the other
-        is_free = [np.ones(s, bool) for s in ((2, m), (ny, m, 2), (m, 2, nu), (ny, nu))]
-        is_free.append(np.ones((m, 2), bool))
+        shapes = (2, m), (ny, m, 2), (m, 2, nu), (ny, nu), (m, 2)
+        is_free = [np.ones(shape, bool) for shape in shapes]
         if self.is_odd:  # the last section has one pole: its second state stays zero
             is_free[0][1, -1] = is_free[1][:, -1, 1] = False
             is_free[2][-1, 1] = is_free[4][-1, 1] = False
         is_free[3][:] = model.feedthrough
         self.is_free = [part.ravel() for part in is_free]
+        self.columns = np.flatnonzero(np.concatenate(self.is_free))  # of `_derivative`
         self.mask = np.concatenate(self.is_free[:2])
         self.start = self.held[self.mask]
         self.weight = np.sqrt(ny / max(self.experiments.n_measured, 1))
@@ -300,7 +301,7 @@ class Sections(LeastSquares):
     def _linear(self, modes, u, y):
         """Return [r J]'[r J] by B and D without x0, and what x0 follows from."""
         x0 = np.zeros((len(modes.sigma), 2))
-        K = _derivative(modes, x0)[:, :, self._columns(2, 3, 4)]
+        K = _derivative(modes, x0)[:, :, self.columns[len(self.start) :]]
         sums = self._gram(modes, x0, K, u, y)[0]
         n = sums.shape[0] - np.count_nonzero(self.is_free[4])
         if not np.isfinite(sums).all():
@@ -330,18 +331,8 @@ class Sections(LeastSquares):
             poles.reshape(*poles.shape[:2], *p.shape),
             self._poles(p)[2],
         ).reshape(poles.shape)
-        sums = self._gram(modes, x0, K[:, :, self._columns(0, 1, 2, 3, 4)], u, y)[0]
+        sums = self._gram(modes, x0, K[:, :, self.columns], u, y)[0]
         return project_out(sums, len(sums) - np.count_nonzero(self.is_free[4]))
-
-    def _columns(self, *wanted):
-        """Return the free entries of some parts, as columns of `_derivative`."""
-        stops = np.cumsum([len(part) for part in self.is_free])
-        return np.concatenate(
-            [
-                stops[i] - len(self.is_free[i]) + np.flatnonzero(self.is_free[i])
-                for i in wanted
-            ]
-        )
 
     def _gram(self, modes, x0, K, u, y):
         """Return [r J]'[r J] for J_p = Phi K_p of every output p, and |r|^2."""
@@ -378,9 +369,7 @@ class Sections(LeastSquares):
             K = K[:, signals]
             Jr = np.einsum("psi,ps->i", K, gr)
             JJ = sum(K_p.T @ (G_p @ K_p) for K_p, G_p in zip(K, G, strict=True))
-        return np.block(
-            [[np.full((1, 1), square), Jr[None]], [Jr[:, None], JJ]]
-        ), square
+        return np.block([[square, Jr], [Jr[:, None], JJ]]), square
 
 
 def _times_N(q, v):
