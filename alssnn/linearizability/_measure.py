@@ -26,6 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
+from scipy.signal import periodogram
 
 from ..lure import Lure
 from ..plants import as_plant
@@ -176,7 +177,7 @@ def _virtual_inputs(plant, u, opened):
 def _run(plant, record, driven, loop=None):
     """Simulate the plant, or its loop with an input v, and observe it."""
     A, B, C, _ = plant.linear()
-    by_input = plant.every_input(B, plant.disturbed_by()[0] if plant.nd else None)
+    by_input = plant.every_input(B, plant.disturbed_by()[0])
     u = driven
     form, ny, nv = plant.observed, plant.ny, plant.nv
     X = simulate(loop or form, driven, record.x0, plant.x_scale)[:-1]
@@ -242,7 +243,7 @@ def _ratios(sizes, part):
     """Return the paper's ratio of every sample."""
     # a sample at rest has no linear part: 0 / 0 is 0
     with np.errstate(over="ignore", invalid="ignore"):
-        ratios = sizes / np.maximum(part, np.finfo(float).tiny)
+        ratios = sizes / np.maximum(part, TINY)
     return np.where(np.isnan(ratios), np.inf, ratios)
 
 
@@ -301,11 +302,9 @@ def _band_squares(signals, edges):
     """
     squares = np.zeros((len(edges) - 1, signals[0].shape[1]))
     for z in signals:
-        N = len(z)
-        power = np.abs(np.fft.rfft(z, axis=0)) ** 2 / N  # (N // 2 + 1, ny)
-        power[1 : (N + 1) // 2] *= 2  # all but 0 and Nyquist have a conjugate twin
-        band = np.searchsorted(edges[1:-1], np.fft.rfftfreq(N), side="right")
-        np.add.at(squares, band, power)
+        frequency, power = periodogram(z, detrend=False, scaling="spectrum", axis=0)
+        band = np.searchsorted(edges[1:-1], frequency, side="right")
+        np.add.at(squares, band, len(z) * power)
     return squares
 
 

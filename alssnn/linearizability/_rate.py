@@ -76,8 +76,7 @@ def at_rate(plant, records, law_dt, ahead):
                 f"for one of {shortest * plant.dt:g} s."
             )
         return target, [_slower(record, samples, plant.ny) for record in records]
-    finer = target if not ahead else plant.at(law_dt)
-    finer = finer.arrived()
+    finer = plant.at(law_dt).arrived()
     return target, [_faster(record, parts, hold, finer) for record in records]
 
 

@@ -25,17 +25,9 @@ CARRIED = (  # of a loop with a controller; none if it was not asked for
     "carried_missed",
     "carried_noise",
 )
+SIZES = ("ratio_g", "ratio_h", "closed_linear", "closed_omega", "closed_ratio")
 SCALARS = (
-    "ratio_g_mean",
-    "ratio_g_max",
-    "ratio_h_mean",
-    "ratio_h_max",
-    "closed_linear_mean",
-    "closed_linear_max",
-    "closed_omega_mean",
-    "closed_omega_max",
-    "closed_ratio_mean",
-    "closed_ratio_max",
+    *(f"{size}_{of}" for size in SIZES for of in ("mean", "max")),
     "spectral_radius",
     "peak_gain",
     "outside",
@@ -230,7 +222,7 @@ class Linearizability:
                 for of, size in zip(self._suffixes(), self._output_size, strict=True)
             ),
             *self._carried_rows(),
-            (),
+            "",
             ("spectral radius of A", f"{self.spectral_radius:.6f}"),
             _pair("peak of |A^k|", self.peak_gain),
             *(
@@ -238,17 +230,17 @@ class Linearizability:
                 for of, gain in zip(self._suffixes(), self.h2_gain, strict=True)
             ),
         ]
-        rows += [*self._band_rows(), (), *((line,) for line in self._closed_words())]
+        rows += [*self._band_rows(), "", *self._closed_words()]
         if self.outside is not None and self.outside > OUTSIDE:
             rows += [
-                (),
-                (f"{_percent(self.outside)} of the record lies outside the training",),
-                ("region: there the model is a guess, and so are these numbers.",),
-                ("Train on records that go there, or keep the plant inside.",),
+                "",
+                f"{_percent(self.outside)} of the record lies outside the training",
+                "region: there the model is a guess, and so are these numbers.",
+                "Train on records that go there, or keep the plant inside.",
             ]
         if self.large_law:
-            rows += [(), *((line,) for line in self.large_law_lines())]
-        return "\n".join(_line(row) for row in rows)
+            rows += ["", *self.large_law_lines()]
+        return "\n".join(map(_line, rows))
 
     def _band_rows(self):
         """Return the rows of frequency bands."""
@@ -258,7 +250,7 @@ class Linearizability:
             for low, high in zip(bands.edges[:-1], bands.edges[1:], strict=True)
         ]
         for i, of in enumerate(self._suffixes()):
-            rows += [(), (f"frequency band{of}", "rms e / std y", "rms y / std y")]
+            rows += ["", (f"frequency band{of}", "rms e / std y", "rms y / std y")]
             rows += [
                 (name, _percent(a), _percent(b))
                 for name, a, b in zip(
@@ -280,7 +272,7 @@ class Linearizability:
         every = [np.asarray(getattr(self, name)) for name in CARRIED]
         rows = []
         for i, of in enumerate(self._suffixes()):
-            rows += [(), (f"plant from its design{of}", "", self.carried_words(i))]
+            rows += ["", (f"plant from its design{of}", "", self.carried_words(i))]
             if np.isnan(self.carried[i]):
                 continue
             low, high, model, missed, noise = (_percent(z[i]) for z in every[1:])
@@ -420,9 +412,9 @@ def _pair(name, *values):
 
 
 def _line(row):
-    """Return one line of the table; a row of one cell is a note."""
-    if len(row) < 2:
-        return "".join(row)
+    """Return one line of the table; a row that is a text is a note."""
+    if isinstance(row, str):
+        return row
     cells = [
         cell.rjust(width) for cell, width in zip(row[1:], WIDTHS[1:], strict=False)
     ]
