@@ -316,9 +316,7 @@ class Sections(LeastSquares):
     def _squares(self, modes, x0, u, y):
         """Return squared errors of outputs, without weights, and how many there are."""
         y = np.asarray(y[:])
-        seen = [
-            np.where(np.arange(y.shape[1]) == i, y, np.nan) for i in range(len(y.T))
-        ]
+        seen = [np.where(one, y, np.nan) for one in np.eye(y.shape[1], dtype=bool)]
         squares = [self._square(modes, x0, u, one) / self.weight**2 for one in seen]
         return np.array([squares, np.isfinite(y).sum(axis=0)])
 
