@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from ..lure import Lure
+from ..simulation import regressors
 from ._lines import lines
 from ._neurons import differences, part, reaching, renumbered, seen_at
 
@@ -97,13 +98,8 @@ class Network:
         q : ndarray of shape (n, nx + ny)
             Values.
         """
-        lure = self.lure
-        w = np.zeros((len(z), lure.nw))
-        for layer in lure.layers:
-            nu = z @ lure.V[layer].T + lure.b[layer]
-            nu += w[:, : layer.start] @ lure.E[layer, : layer.start].T
-            w[:, layer] = lure.sigma[layer.start].value(nu)
-        return z @ lure.M.T + w @ lure.W.T + lure.c
+        Phi = regressors(self.lure, *np.split(z, [self.lure.nx], axis=1))
+        return Phi @ self.lure.Theta[: self.lure.nx + self.lure.nz].T
 
     def over(self, centers, halves, low, high, pieces=2):
         """Return every neuron as a line over cells, and whether a cell is possible.
@@ -245,7 +241,7 @@ class Strips:
         return ~beyond.any(axis=1)
 
 
-def remainder(network, region, rows, fit, samples, budget=BUDGET, tol=TOLERANCE):
+def remainder(network, region, rows, fit, samples, budget=BUDGET):
     """Bound rows @ (q - fit) over a region (eq. cells).
 
     Parameters
@@ -262,8 +258,6 @@ def remainder(network, region, rows, fit, samples, budget=BUDGET, tol=TOLERANCE)
         Values at points of the region, which tell what is worth refining.
     budget : int, default=40_000
         Cells that are evaluated.
-    tol : float, default=0.03
-        Excess over the samples at which a cell is no more refined.
 
     Returns
     -------
@@ -274,7 +268,7 @@ def remainder(network, region, rows, fit, samples, budget=BUDGET, tol=TOLERANCE)
     W, by_z = rows @ lure.W, rows @ (lure.M - fit[:, :-1])
     constant = rows @ (lure.c - fit[:, -1])
     least, largest = samples.min(axis=0), samples.max(axis=0)
-    excess = tol * np.maximum(largest - least, np.finfo(float).tiny)
+    excess = TOLERANCE * np.maximum(largest - least, np.finfo(float).tiny)
     centers, halves = _grid(lower, upper)
     bounds = np.array([least, largest])
     used = 0

@@ -67,19 +67,11 @@ def chords(activation, about, low, high, pieces=64):
     least, largest : ndarray
         Range of ``(sigma(nu) - sigma(about)) / (nu - about)``.
     """
-    ranges = []
-    for end in (low, high):
-        nu = about[..., None] + (end - about)[..., None] * np.linspace(0, 1, pieces + 1)
-        ends = np.sort([nu[..., :-1], nu[..., 1:]], axis=0)
-        ranges.append(
-            [
-                np.cumsum(slopes, axis=-1) / np.arange(1, pieces + 1)
-                for slopes in activation.slopes(*ends)
-            ]
-        )
-    (a, b), (c, d) = ranges
-    least = np.minimum(a.min(axis=-1), c.min(axis=-1))
-    largest = np.maximum(b.max(axis=-1), d.max(axis=-1))
+    way = np.stack([low, high]) - about  # to either side
+    nu = about[..., None] + way[..., None] * np.linspace(0, 1, pieces + 1)
+    slopes = activation.slopes(*np.sort([nu[..., :-1], nu[..., 1:]], axis=0))
+    means = np.cumsum(slopes, axis=-1) / np.arange(1, pieces + 1)
+    least, largest = means[0].min(axis=(0, -1)), means[1].max(axis=(0, -1))
     rounding = 8 * pieces * np.finfo(float).eps
     return least - rounding * np.abs(least), largest + rounding * np.abs(largest)
 

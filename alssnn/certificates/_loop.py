@@ -63,27 +63,25 @@ def certify_iss(model, records=None, *, K=None, eps="data", **options):
     """
     plant = as_plant(model).late()
     loop = linearized_loop(plant, K)
-    if isinstance(eps, str) and eps == "data":
-        if not records:
-            raise ValueError(
-                "`u` and `y` must be given for eps='data', got None. Pass records, or "
-                "eps='global'."
-            )
-        bounds = data_bound(plant, records, K)
-    elif isinstance(eps, str) and eps != "global":
+    source = eps if isinstance(eps, str) else "given"
+    if isinstance(eps, str) and eps not in UNBOUNDED:
         raise ValueError(
             f"`eps` must be 'data', 'global' or a number, got {eps!r}. Choose one."
         )
-    else:
-        bounds = global_bound(plant)
-    omega, eta = bounds if isinstance(eps, str) else (eps, bounds[1])
+    if source == "data" and not records:
+        raise ValueError(
+            "`u` and `y` must be given for eps='data', got None. Pass records, or "
+            "eps='global'."
+        )
+    is_seen = source == "data"
+    omega, eta = data_bound(plant, records, K) if is_seen else global_bound(plant)
+    omega = eps if source == "given" else omega
     nx = plant.nx
     A, C = loop.M[:nx, :nx], loop.M[nx : nx + plant.ny, :nx]
     certificate = iss_certificate(A, C, eps=omega, eta=eta, **options)
-    source = eps if isinstance(eps, str) else "given"
     certificate = replace(certificate, source=source)
-    if isinstance(eps, str) and np.isinf(omega):
-        reason = f"{certificate.reason} {UNBOUNDED[eps]}"
+    if source in UNBOUNDED and np.isinf(omega):
+        reason = f"{certificate.reason} {UNBOUNDED[source]}"
         certificate = replace(certificate, reason=reason)
     return certificate
 

@@ -101,10 +101,8 @@ def from_design(loop, n_free, error=None):
     at_x, at_r, at_w, one = np.split(rows, [nx, nx + nu, nx + nu + nw], axis=1)
     Theta = np.hstack([at_x, at_x, at_r[:, :n_free], at_w, by_error, one])
     design = np.zeros((nx + ny, Theta.shape[1]))
-    design[:, nx : 2 * nx], design[:, 2 * nx : 2 * nx + n_free] = (
-        np.vstack([A, C]),
-        np.vstack([B, D])[:, :n_free],
-    )
+    design[:, nx : 2 * nx] = np.vstack([A, C])
+    design[:, 2 * nx : 2 * nx + n_free] = np.vstack([B, D])[:, :n_free]
     Theta[: nx + ny] -= design
     Theta = np.insert(Theta, [nx] * nx, design[:nx], axis=0)
     sigma = lure.sigma + lure.sigma[:1] * len(added)  # only their slopes count
@@ -323,9 +321,7 @@ class LoopProof:
             See `LoopCertificate`.
         """
         form, n = self.deviations()[0], self.n_plant
-        watched = None
-        if self.gate is not None:
-            watched = corrections(self.loop)
+        watched = None if self.gate is None else corrections(self.loop)
         level = level_of(form, P, self.sectors, self.reach, watched, self.gate)
         if level <= 0:
             return np.full((n, n), np.nan)

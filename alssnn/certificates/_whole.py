@@ -141,12 +141,11 @@ def whole_loop(controller, *, observer=True):
 
 def _same(plant, other):
     """Return whether two plants have the same equations and operating point."""
-    return plant is other or (
-        np.array_equal(plant.form.Theta, other.form.Theta)
-        and np.array_equal(plant.law_form.Theta, other.law_form.Theta)
-        and np.array_equal(plant.u_offset, other.u_offset)
-        and np.array_equal(plant.y_offset, other.y_offset)
+    parts = (
+        (one.form.Theta, one.law_form.Theta, one.u_offset, one.y_offset)
+        for one in (plant, other)
     )
+    return all(map(np.array_equal, *parts))
 
 
 class _Wires:
@@ -155,9 +154,8 @@ class _Wires:
     def __init__(self, form, controller, limits, observer):
         self.own = own = controller.own
         self.form, self.controller, self.limits = form, controller, limits
-        has_law = form is own.form and (
-            form.nw or own.law_form.nw
-        )  # the design has none
+        # the design has none
+        has_law = form is own.form and (form.nw or own.law_form.nw)
         self.law: Lure | None = own.law_form if has_law else None
         self.limited = np.isfinite(limits).any(axis=0)
         self.gain = controller.observer.gain if observer else None
