@@ -91,20 +91,14 @@ def _faster(record, parts, hold, plant):
     """Return a record of shorter samples."""
     du = record.du
     N, ny = len(du), plant.ny
-    inside = np.repeat(du[:, None], parts, axis=1)
-    if hold != "zoh":  # what is held for a part is its middle
-        every = between(du, hold, parts).reshape(N, 2 * parts, -1)
-        inside = every[:, ::2]
-    inside = inside.reshape(N * parts, -1)
-    y = _outputs(plant, inside, record.x0)
+    if hold == "zoh":
+        inside = np.repeat(du, parts, axis=0)
+    else:  # what is held for a part is its middle
+        inside = between(du, hold, parts).reshape(N * parts, 2, -1)[:, 0]
+    X = simulate(plant.lure, inside, record.x0, plant.x_scale)[:-1]
+    y = channels(plant.lure, X, inside)[:, :ny]
     missed = record.dy - y[::parts]
     at = np.arange(N * parts) / parts
     # nan beside nan: a line has two ends
     lines = [np.interp(at, np.arange(N), missed[:, i]) for i in range(ny)]
     return Resampled(inside, y + np.column_stack(lines), record.x0)
-
-
-def _outputs(plant, du, x0):
-    """Return simulated outputs, deviations."""
-    X = simulate(plant.lure, du, x0, plant.x_scale)[:-1]
-    return channels(plant.lure, X, du)[:, : plant.ny]
