@@ -41,7 +41,7 @@ def steady_state(lure, u, initial_state, n_x0):
     Quasi-Newton steps (Broyden) from the slope of the model at the operating point: one
     step if the model is linear, however slow it is.
     """
-    slope, plain = _slope(lure)[:n_x0, :n_x0], np.eye(n_x0)
+    slope, plain = slope_at_rest(lure)[:n_x0, :n_x0], np.eye(n_x0)
     tries = [(plain, False)]  # waiting: networks may hold what the slope does not
     if np.abs(np.linalg.eigvals(slope)).max(initial=0.0) < 1:
         forward = np.linalg.matrix_power(slope, len(u))
@@ -120,8 +120,19 @@ def follows(end, n_params):
     )
 
 
-def _slope(lure):
-    """Return dx+/dx at the operating point."""
+def slope_at_rest(lure):
+    """Return dx+/dx at the operating point.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model, whose signals are deviations.
+
+    Returns
+    -------
+    slope : ndarray of shape (nx, nx)
+        The derivative.
+    """
     nx = lure.nx
     at_rest = regressors(lure, np.zeros((1, nx)), np.zeros((1, lure.nu)))
     return (

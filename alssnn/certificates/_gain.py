@@ -19,7 +19,7 @@ inequality says that trajectories of equal inputs approach each other at that ra
 
 import time
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_discrete_lyapunov, solve_triangular
@@ -86,7 +86,7 @@ class GainCertificate:
     solve_time: float
     n_solves: int
     reason: str
-    lure: Lure = field(repr=False)
+    lure: Lure
     decay: float = 1.0
 
     @property

@@ -24,7 +24,7 @@ the result is recomputed, in the basis where P = I.
 
 import time
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from numbers import Real
 
@@ -108,8 +108,8 @@ class IssCertificate:
     solve_time: float
     n_solves: int
     reason: str
-    A: np.ndarray = field(repr=False)
-    C: np.ndarray = field(repr=False)
+    A: np.ndarray
+    C: np.ndarray
     source: str = "given"
 
     @property
@@ -199,10 +199,9 @@ class IssCertificate:
                 f"`i` and `j` must be two different states below {nx}, got {i} and {j}."
             )
         plane = np.ix_([i, j], [i, j])
-        shape = np.linalg.inv(self.P[plane] if section else self.P)
-        squares, axes = np.linalg.eigh(
-            self.level * (shape if section else shape[plane])
-        )
+        inv = np.linalg.inv
+        shape = inv(self.P[plane]) if section else inv(self.P)[plane]
+        squares, axes = np.linalg.eigh(self.level * shape)
         return (axes * np.sqrt(np.maximum(squares, 0.0)))[:, ::-1]
 
     @property

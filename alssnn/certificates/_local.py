@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from ..checks import is_count
-from ..simulation import neuron_gains, regressors
+from ..steady import slope_at_rest
 from ._amplitudes import checked_sizes, peaks_of, sizes_in_words
 from ._cells import Network
 from ._covers import Affine, covers
@@ -320,9 +320,7 @@ def _basis(A, B):
 
 def _linear_part(lure):
     """Return the Jacobian of x+ at the origin, a stable one for the sake of a basis."""
-    Phi = regressors(lure, np.zeros((1, lure.nx)), np.zeros((1, lure.nu)))
-    J = lure.M + (neuron_gains(lure, lure.W, Phi) @ lure.V)[0]
-    A = J[: lure.nx, : lure.nx]
+    A = slope_at_rest(lure)
     return A / max(1.0, 1.01 * float(np.abs(np.linalg.eigvals(A)).max()))
 
 

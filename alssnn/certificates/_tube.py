@@ -16,7 +16,7 @@ Nothing is assumed of plant, model or noise.  The scale only decides how well wi
 their units; it is fitted on a part of the units that does not count among the n.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,7 +110,7 @@ class Tube:
     gap: int
     typical: np.ndarray
     reason: str
-    model: Any = field(repr=False)
+    model: Any
 
     @property
     def finite(self):
