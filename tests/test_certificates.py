@@ -850,6 +850,14 @@ def test_gain_is_infeasible_or_unstable(monkeypatch):
     assert unstable.n_solves == 0 and unstable.verify() == -np.inf
 
 
+def test_all_programs_that_were_solved_count(monkeypatch):
+    """The second tolerance is tried where the first leaves no valid multipliers."""
+    useless = np.zeros((1, 1)), np.zeros(0), "optimal"
+    monkeypatch.setattr("alssnn.certificates._gain.smallest_gain", lambda *_: useless)
+    c = gain_certificate(linear_lure(np.eye(1) / 2, np.eye(1), np.eye(1)))
+    assert not c.holds and "fail the recomputation" in c.reason and c.n_solves == 2
+
+
 def empirical_gain(lure, rng):
     gains = []
     for scale in (1e-3, 1, 5):

@@ -243,14 +243,14 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
                 P, Lam, status = smallest_gain(blocks, tol)
         except (RuntimeError, ValueError) as error:  # a failed solve is a result, too
             seconds = time.perf_counter() - start
-            return _none(lure, decay, "error", str(error), seconds)
+            return _none(lure, decay, "error", str(error), seconds, n_solves)
         seconds = time.perf_counter() - start
         if not np.isfinite(P).all():
             reason = (
                 "The program is infeasible: no diagonal multipliers prove a finite "
                 "gain."
             )
-            return _none(lure, decay, status, reason, seconds)
+            return _none(lure, decay, status, reason, seconds, n_solves)
         P, Lam = unit**2 * T.T @ P @ T, unit**2 * Lam
         P = (P + P.T) / 2
         gamma = _smallest_gamma(lure, P, Lam, decay)
@@ -259,7 +259,7 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
             numbers = margin, gamma, P, Lam, status, seconds, n_solves
             return GainCertificate(True, *numbers, "", lure, decay)
     reason = "The solver's multipliers fail the recomputation of the inequality."
-    return _none(lure, decay, status, reason, seconds)
+    return _none(lure, decay, status, reason, seconds, len(TOLERANCES))
 
 
 def _scaled(lure, decay):
@@ -413,9 +413,8 @@ def _margin(lure, P, Lam, gamma, decay):
     return float(-np.linalg.eigvalsh(form / np.outer(scale, scale))[-1] - rounding)
 
 
-def _none(lure, decay, status, reason, seconds=0.0):
+def _none(lure, decay, status, reason, seconds=0.0, n_solves=0):
     """Return the certificate that does not hold."""
     P, Lam = np.full((lure.nx, lure.nx), np.nan), np.full(lure.nw, np.nan)
-    n_solves = int(status not in ("not solved", "not tried", "too large"))
     numbers = -np.inf, np.inf, P, Lam, status, seconds, n_solves
     return GainCertificate(False, *numbers, reason, lure, decay)
