@@ -20,6 +20,7 @@ inequality says that trajectories of equal inputs approach each other at that ra
 import time
 import warnings
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cholesky, solve_discrete_lyapunov, solve_triangular
@@ -111,8 +112,7 @@ class GainCertificate:
         certificate : GainCertificate
             One that does not hold.
         """
-        lure = Lure(np.zeros((0, 1)), 0, 0, 0)
-        return _none(lure, 1.0, "not tried", reason)
+        return _certificate(Lure(np.zeros((0, 1)), 0, 0, 0), 1.0, "not tried", reason)
 
     def is_of(self, lure, slopes):
         """Return whether this certificate is that of a form with given slopes.
@@ -217,17 +217,18 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
         lure = _unit_slopes(lure, *slopes)
     except np.linalg.LinAlgError:  # neurons that see themselves
         reason = "With the least slopes the neurons' inputs have no unique solution."
-        return _none(lure, decay, "not solved", reason)
+        return _certificate(lure, decay, "not solved", reason)
+    certificate = partial(_certificate, lure, decay)
     reason = _obstacle(lure, decay)
     if reason:
-        return _none(lure, decay, "not solved", reason)
+        return certificate("not solved", reason)
     n = n_unknowns(lure.nx, lure.nw)
     if n > LARGEST:
         reason = (
             f"The program has {n} unknowns, more than {LARGEST}, for {lure.nx} states "
             f"and {lure.nw} neurons. Fit fewer states; late inputs are states, too."
         )
-        return _none(lure, decay, "too large", reason)
+        return certificate("too large", reason)
     start = time.perf_counter()
     try:
         with warnings.catch_warnings():  # of units far apart: any basis is one
@@ -235,7 +236,7 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
             stirred, T, unit = _scaled(lure, decay)
     except np.linalg.LinAlgError:
         reason = "The states have no basis in which the loop contracts. Rescale them."
-        return _none(lure, decay, "not solved", reason)
+        return certificate("not solved", reason)
     for n_solves, tol in enumerate(TOLERANCES, 1):
         try:
             blocks = _blocks(_change(stirred, T), unit, decay)
@@ -243,23 +244,22 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
                 P, Lam, status = smallest_gain(blocks, tol)
         except (RuntimeError, ValueError) as error:  # a failed solve is a result, too
             seconds = time.perf_counter() - start
-            return _none(lure, decay, "error", str(error), seconds, n_solves)
+            return certificate("error", str(error), seconds, n_solves)
         seconds = time.perf_counter() - start
         if not np.isfinite(P).all():
             reason = (
                 "The program is infeasible: no diagonal multipliers prove a finite "
                 "gain."
             )
-            return _none(lure, decay, status, reason, seconds, n_solves)
+            return certificate(status, reason, seconds, n_solves)
         P, Lam = unit**2 * T.T @ P @ T, unit**2 * Lam
         P = (P + P.T) / 2
         gamma = _smallest_gamma(lure, P, Lam, decay)
-        margin = _margin(lure, P, Lam, gamma, decay)
-        if margin > 0:
-            numbers = margin, gamma, P, Lam, status, seconds, n_solves
-            return GainCertificate(True, *numbers, "", lure, decay)
+        found = certificate(status, "", seconds, n_solves, (P, Lam, gamma))
+        if found.holds:
+            return found
     reason = "The solver's multipliers fail the recomputation of the inequality."
-    return _none(lure, decay, status, reason, seconds, len(TOLERANCES))
+    return certificate(status, reason, seconds, n_solves)
 
 
 def _scaled(lure, decay):
@@ -413,8 +413,10 @@ def _margin(lure, P, Lam, gamma, decay):
     return float(-np.linalg.eigvalsh(form / np.outer(scale, scale))[-1] - rounding)
 
 
-def _none(lure, decay, status, reason, seconds=0.0, n_solves=0):
-    """Return the certificate that does not hold."""
-    P, Lam = np.full((lure.nx, lure.nx), np.nan), np.full(lure.nw, np.nan)
-    numbers = -np.inf, np.inf, P, Lam, status, seconds, n_solves
-    return GainCertificate(False, *numbers, reason, lure, decay)
+def _certificate(lure, decay, status, reason, seconds=0.0, n_solves=0, found=None):
+    """Return the certificate of (P, Lam, gamma) found, or one that does not hold."""
+    nothing = np.full((lure.nx, lure.nx), np.nan), np.full(lure.nw, np.nan), np.inf
+    P, Lam, gamma = found or nothing
+    margin = _margin(lure, P, Lam, gamma, decay)
+    numbers = margin, gamma, P, Lam, status, seconds, n_solves
+    return GainCertificate(margin > 0, *numbers, reason, lure, decay)
