@@ -227,6 +227,7 @@ def test_shapes_and_containers():
     band = tube.around(u[200:])
     assert band.y.shape == band.upper.shape == (700,)
     np.testing.assert_allclose(band.y, model.predict(u[200:]))
+    np.testing.assert_array_equal(tube.around(u[200:, None].tolist()).y, band.y)
     wider = tube.with_bound(0.3).half_width(u[200:])
     np.testing.assert_allclose(wider, tube.half_width(u[200:]) + 0.3)
     frame = LinearStateSpace(nx=1, dt=1.0).fit(

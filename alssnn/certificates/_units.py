@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ..checks import is_count
+from ..experiments import is_list_of_records
 from ..region import independent_samples
 from ..simulation import outputs
 
@@ -74,7 +75,7 @@ def simulated_runs(model, u, y, experiment, horizon, x0=None):
     """
     ny = len(model.y_offset_)
     if y is None:
-        listed = isinstance(u, list | tuple) and np.ndim(u[0]) >= 1
+        listed = is_list_of_records(u)
         blank = [np.full((len(z), ny), np.nan) for z in (u if listed else [u])]
         y = blank if listed else blank[0]
     records = model.prepare_records(u, y, experiment)
