@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from .checks import unmasked
-from .containers import check_rows_meet
+from .containers import as_columns, check_rows_meet
 
 WINDOW_GRID = 32  # candidate places of a stretch in every experiment
 CHUNK = 100_000  # samples treated at a time
@@ -262,7 +262,7 @@ def stack_experiments(us, ys):
                 f"{len(u)} and {len(y)}."
             )
     experiment = np.repeat(np.arange(len(us)), [len(u) for u in us])
-    return _stack(us, "us"), _stack(ys, "ys"), experiment
+    return as_columns(_stack(us, "us")), _stack(ys, "ys"), experiment
 
 
 def is_list_of_records(data):

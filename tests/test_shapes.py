@@ -59,6 +59,16 @@ def test_so_have_those_of_lists(record):
     assert model.score([u, u], [y, y]) > 0.99
 
 
+def test_a_list_of_flat_inputs_is_one_input(record):
+    u, y = record
+    model = LinearStateSpace(nx=1).fit([u[:, 0], u[:, 0]], [y, y])
+    np.testing.assert_array_equal(
+        model.A_, LinearStateSpace(nx=1).fit([u, u], [y, y]).A_
+    )
+    assert [z.shape for z in model.predict([u[:, 0], u[:100, 0]])] == [(N,), (100,)]
+    assert model.score([u[:, 0]], [y]) == model.score([u], [y])
+
+
 # -- what is no record -----------------------------------------------------------------
 
 WRONG = {
