@@ -101,7 +101,7 @@ def _error(missed):
 def _delays(model, inputs):
     """Return the inputs that are late, with their samples."""
     return ", ".join(
-        f"{name} {count} sample{'s' * (count > 1)}"
+        f"{name} {count} sample{'s' if count > 1 else ''}"
         for name, count in zip(inputs, model.input_delay_.tolist(), strict=True)
         if count
     )

@@ -141,7 +141,7 @@ class Parts:
         for i, (name, delay) in enumerate(
             zip(plant.inputs, plant.delay, strict=True), self.first
         ):
-            late = f", {delay} sample{'s' * (delay > 1)} late" if delay else ""
+            late = f", {delay} sample{'s' if delay > 1 else ''} late" if delay else ""
             yield f"u[{i}]: {plain(name)}{late}"
         for i, name in enumerate(plant.outputs, self.first):
             yield f"y[{i}]: {plain(name)}"
