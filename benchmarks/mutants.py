@@ -61,6 +61,7 @@ TESTS = {
     "certificates/_worst": ["test_certified_parts.py"],
     "certificates/_proof": ["test_certified_parts.py", "test_whole_parts.py"],
     "certificates/_local": ["test_certified_parts.py", "test_local_certificate.py"],
+    "certificates/_neurons": ["test_whole_parts.py", "test_certified_parts.py"],
     "certificates/_rest": ["test_whole_parts.py"],
     "certificates/_whole": ["test_whole_loop.py", "test_whole_parts.py"],
     "certificates/_whole_certificate": ["test_whole_parts.py"],
@@ -84,9 +85,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ),
     },
     "certificates/_error_gain": {
-        "scores = np.array([_ratio(unit, plant) for unit in units_of(runs, length, "
-        "gap)]).reshape(-1, plant.ny)  ->  scores = np.array([_ratio(unit, plant) for "
-        "unit in units_of(runs, length, gap)]).reshape(-2, plant.ny)": (
+        "scores = np.array(ratios).reshape(-1, plant.ny)  ->  "
+        "scores = np.array(ratios).reshape(-2, plant.ny)": (
             "NumPy takes any negative length for what is left"
         ),
     },
