@@ -66,6 +66,10 @@ def test_neurons_that_reach_nothing_are_left_out(rng):
     Theta = loop.Theta.copy()
     Theta[:3, 3 + np.array([1, 3])] = 0.0  # one is still seen by another
     assert list(reaching(replace(loop, Theta=Theta), 1)) == [0, 1, 2]
+    Theta[3:, 3:-1] = 0.0  # no longer
+    form = replace(loop, Theta=Theta)
+    assert list(reaching(form, 1)) == list(reaching(form, 1, [-1, -1, -1, 1])) == [0, 2]
+    assert list(reaching(form, 1, [-1, -1, 1, -1])) == [0, 1, 2]  # 2 differs from 1
 
 
 def test_cells_that_strips_exclude_have_no_point_of_the_region(rng):
