@@ -39,11 +39,13 @@ class Container:
         Returns
         -------
         container : Container
-            Its kind; that of an array if the library is not known.
+            Its kind; that of an array, with names of columns that are strings, if the
+            library is not known.
         """
         library = type(y).__module__.partition(".")[0]
         if library not in ("pandas", "polars"):
-            return cls()
+            names = tuple(getattr(y, "columns", ()))
+            return cls(names=names) if all(isinstance(z, str) for z in names) else cls()
         if hasattr(y, "columns"):
             return cls(library, False, tuple(y.columns))
         return cls(library, True, (y.name,))
