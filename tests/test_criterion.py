@@ -11,7 +11,7 @@ from alssnn.compression import EIGENVALUE_FLOOR, compress
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted
 from alssnn.models import state_space
 from alssnn.scaling import Scaling
-from alssnn.simulation import simulate
+from alssnn.simulation import outputs, simulate
 from helpers import assert_jacobian, dense_jacobian, dense_residuals, random_theta
 
 
@@ -135,6 +135,19 @@ def test_compression_of_a_residual_along_the_only_column_is_finite(rng):
         r = rng.standard_normal() * J[:, 0]
         jac = compress(J.T @ J, J.T @ r, np.linalg.norm(r))
         np.testing.assert_allclose(jac.T @ jac, J.T @ J, rtol=1e-12)
+
+
+def test_gaps_count_for_outputs_alone(rng):
+    """Errors are averaged over what was measured, penalties over all samples."""
+    structure = state_space(2, 1, 1, n_g=3, C=np.ones((1, 2))).observe("y", "g")
+    theta, x0 = random_theta(structure, rng), np.zeros((1, 2))
+    u, y = rng.standard_normal((80, 1)), rng.standard_normal((80, 1))
+    y[20:70] = np.nan
+    z = outputs(structure.lure(theta), u, x0[0])
+    weights = {"y": 1.0, "g": 0.5}
+    criterion = Criterion(structure, [(u, y)], weights=weights)
+    cost = np.nanmean((z[:, :1] - y) ** 2) + 0.5 * np.sum(z[:, 1:] ** 2) / 80
+    assert criterion.norm(criterion.join(theta, x0)) ** 2 == pytest.approx(cost)
 
 
 def test_compression_of_a_perfect_fit_is_finite():

@@ -114,6 +114,15 @@ def test_columns_that_are_missing(table):
         Record.from_dataframe(table, *NAMES)
 
 
+def test_columns_may_have_numbers_for_names(table):
+    numbered = table.set_axis(range(len(table.columns)), axis=1)
+    places = [table.columns.get_loc(name) for name in ("time", *NAMES)]
+    record = Record.from_dataframe(numbered, places[1:2], places[2:], time=places[0])
+    np.testing.assert_array_equal(record.y[:, 0], table[NAMES[1]])
+    assert record.inputs == [str(places[1])]
+    assert record.dt == Record.from_dataframe(table, *NAMES, time="time").dt
+
+
 def test_names(plain):
     assert plain.inputs == ["u0"] and not plain.is_named
     with pytest.raises(ValueError, match="`outputs` must be 1 names, one per column"):

@@ -372,6 +372,8 @@ def test_the_gain_of_a_known_error(rng):
     assert "No input leaves" in repr(error_gain(model, [still] * 9, [y[:500]] * 9))
     few = error_gain(model, u[:300], y[:300], block=100)
     assert np.isinf(few.gain).all() and "too few" in repr(few)
+    half = np.float32(0.5)  # of NumPy is a number, too
+    assert error_gain(model, *units, block="experiment", level=half).n_blocks == 2
     with pytest.raises(ValueError, match="`level` must be between 0 and 1"):
         error_gain(model, u, y, level=2.0)
 

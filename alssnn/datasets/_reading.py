@@ -77,23 +77,23 @@ def frame_signals(frame, inputs, outputs, time, dt):
     ValueError
         If a column is missing, or there is no sampling time.
     """
-    known = [str(name) for name in frame.columns]
+    known = {str(name): name for name in frame.columns}
     wanted = [*inputs, *outputs, *([] if time is None else [time])]
-    missing = [name for name in wanted if name not in frame.columns]
+    missing = [name for name in wanted if str(name) not in known]
     if missing:
         raise ValueError(
             f"`frame` must have the columns that are named, got none called "
             f"{missing[0]!r} among {', '.join(known)}."
         )
     u, y = (
-        np.column_stack([np.asarray(frame[name], dtype=float) for name in names])
+        np.column_stack([np.asarray(frame[known[str(z)]], dtype=float) for z in names])
         for names in (inputs, outputs)
     )
     if dt is not None:
         return u, y, dt
     times, where = None, ""
     if time is not None:
-        times, where = frame[time], f"column {time!r}"
+        times, where = frame[known[str(time)]], f"column {time!r}"
     elif hasattr(frame, "index"):
         index = np.asarray(frame.index)
         # rows that are counted say nothing of time
