@@ -150,6 +150,20 @@ def test_gaps_count_for_outputs_alone(rng):
     assert criterion.norm(criterion.join(theta, x0)) ** 2 == pytest.approx(cost)
 
 
+def test_a_decay_pulls_networks_to_their_center(rng):
+    structure = state_space(2, 1, 1, n_g=3, C=np.ones((1, 2)))
+    theta, center = random_theta(structure, rng), random_theta(structure, rng)
+    x0, record = np.zeros((1, 2)), [tuple(rng.standard_normal((2, 50, 1)))]
+    plain = Criterion(structure, record)
+    pulled = Criterion(structure, record, alpha=0.3, center=center)
+    free, is_net = plain.join(theta, x0), np.zeros(len(theta), dtype=bool)
+    for name in structure.network_parameters:
+        is_net[structure.slices[name]] = True
+    away = 0.3 * np.sum((theta - center)[is_net] ** 2)
+    assert pulled.norm(free) ** 2 == pytest.approx(plain.norm(free) ** 2 + away)
+    assert pulled.normal_equations(free)[2] == pytest.approx(pulled.norm(free))
+
+
 def test_compression_of_a_perfect_fit_is_finite():
     assert np.isfinite(compress(np.eye(3), np.zeros(3), 0.0)).all()
 

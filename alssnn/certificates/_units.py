@@ -5,7 +5,6 @@ has to be, and how far from the next, to be nearly independent of it.
 """
 
 from math import ceil
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -436,7 +435,7 @@ def check_units(level, horizon, block, gap):
     ValueError
         If one is out of range.
     """
-    if not isinstance(level, Real) or not 0 < level < 1:
+    if not isinstance(level, float | int | np.floating) or not 0 < level < 1:
         raise ValueError(
             f"`level` must be between 0 and 1, got {level!r}. 0.9 is nine of ten."
         )
