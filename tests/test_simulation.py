@@ -95,6 +95,8 @@ def test_a_trajectory_is_given_up_where_a_state_is_beyond_sense(size, finite):
     u[4] = -size
     X = simulate(structure.lure(theta), u, np.zeros(1))
     assert np.isfinite(X).all() == finite
+    X = simulate(structure.lure(theta), 50 * u, np.zeros(1), size=50.0)  # the usual one
+    assert np.isfinite(X).all() == finite
 
 
 def test_a_divergence_takes_its_own_1024_samples_along():
