@@ -44,7 +44,11 @@ TESTS = {
     "validation/_residuals": ["test_verdicts.py", "test_validation.py"],
     "validation/_scored": ["test_metrics.py", "test_validation.py"],
     "validation/_validate": ["test_verdicts.py", "test_validation.py"],
-    "feedback/law": ["test_feedback.py"],
+    "feedback/law": [
+        "test_feedback.py",
+        "test_input_map.py",
+        "test_measured_disturbances.py",
+    ],
     "certificates/_disturbance": ["test_certificates.py"],
     "certificates/_iss": ["test_certificates.py"],
     "certificates/_gain": ["test_certificates.py"],

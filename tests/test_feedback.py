@@ -1,5 +1,6 @@
 import pickle
 import warnings
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -10,7 +11,16 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 
 from alssnn import LinearStateSpace
-from alssnn.feedback import Observer, closed_loop, designed_loop, lqi, lqr, place
+from alssnn.feedback import (
+    LinearizingLaw,
+    Observer,
+    closed_loop,
+    designed_loop,
+    input_range,
+    lqi,
+    lqr,
+    place,
+)
 from alssnn.names import signal_names
 from helpers import linear_plant, simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
@@ -161,6 +171,15 @@ def test_law_leaves_the_linear_part(model, u):
     z, _ = respond(loop, v, x0)
     np.testing.assert_allclose(z[:, :n], y, rtol=1e-9)
     np.testing.assert_allclose(z[:, 2 * n :], v, rtol=1e-12)
+
+
+def test_a_law_says_what_it_measures_and_inputs_where_they_were():
+    u, y = map(np.asarray, plant_record(1))
+    model = LinearStateSpace(nx=2, input_delay=1).fit(u + 5, y)
+    np.testing.assert_allclose(np.ravel(input_range(model)), [u.min() + 5, u.max() + 5])
+    state = replace(model.plant_.late(), feedback="state")
+    assert LinearizingLaw(state).n_seen == 2  # not the past of late inputs
+    assert repr(LinearizingLaw(state)) == "LinearizingLaw(u = v)"
 
 
 def test_law_of_rows_is_the_law_of_each_row(model, u, rng):
