@@ -21,6 +21,7 @@ from alssnn.feedback import (
     lqr,
     place,
 )
+from alssnn.feedback.law import leaves_range
 from alssnn.names import signal_names
 from helpers import linear_plant, simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
@@ -177,6 +178,10 @@ def test_a_law_says_what_it_measures_and_inputs_where_they_were():
     u, y = map(np.asarray, plant_record(1))
     model = LinearStateSpace(nx=2, input_delay=1).fit(u + 5, y)
     np.testing.assert_allclose(np.ravel(input_range(model)), [u.min() + 5, u.max() + 5])
+    ends = np.array([[u.min() + 5, u.max() + 5]])
+    for beyond, leaves in ((0.0, False), (1e-9, False), (1e-3, True)):
+        assert leaves_range(model, ends + beyond) == leaves  # rounding does not count
+        assert leaves_range(model, ends - beyond) == leaves
     state = replace(model.plant_.late(), feedback="state")
     assert LinearizingLaw(state).n_seen == 2  # not the past of late inputs
     assert repr(LinearizingLaw(state)) == "LinearizingLaw(u = v)"

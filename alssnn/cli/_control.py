@@ -1,6 +1,7 @@
 """`alssnn control`: a controller for a saved model, and how the model follows it."""
 
 import textwrap
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,6 @@ from ._record import (
     refuse_columns,
     write_csv,
 )
-
-RANGE_TOL = 1e-6  # of the width: rounding of the range, and of limits set to it
 
 HELP = "design a controller for a saved model"
 DESCRIPTION = "Design a linear-quadratic controller with integrators for a saved model."
@@ -114,7 +113,7 @@ def run(args):
     if args.data is None:
         refuse_columns(args)
     # python-control and matplotlib take a while: only for those who want a design
-    from ..feedback import balanced_weights, input_range, lqi, step_comparison
+    from ..feedback import balanced_weights, lqi, step_comparison
 
     model = load(args.model)
     if not _trusted(args, model) and not args.force:
@@ -142,7 +141,7 @@ def run(args):
     names = [display.names[label] for label in responses["model"].output_labels[-nu:]]
     u = responses["model"].outputs[-nu:]
     if np.isfinite(u).all():
-        _compare_inputs(names, u, input_range(model), law)
+        _compare_inputs(names, u, model, law)
     print(f"Files: {', '.join(map(str, files))}")
     if args.data is None:
         print(textwrap.fill(_unknown(model), TEXT_WIDTH))
@@ -204,10 +203,13 @@ def _print_distances(display, designed):
         )
 
 
-def _compare_inputs(names, u, seen, law):
+def _compare_inputs(names, u, model, law):
     """Print what the actuators do in the step beside what they did in training."""
+    from ..feedback import input_range
+    from ..feedback.law import leaves_range
+
     print("Inputs of the plant, in the step and in the training data:")
-    leaves, (low, high) = [], seen
+    low, high = input_range(model)
     for i, (name, signal) in enumerate(zip(names, u, strict=True)):
         cut = np.mean((signal <= law.u_min[i]) | (signal >= law.u_max[i]))
         limited = f", at a limit in {percent(100 * cut, 3)} of the samples"
@@ -217,9 +219,7 @@ def _compare_inputs(names, u, seen, law):
             f"{np.abs(signal).max():.4g}; training {low[i]:.4g} to {high[i]:.4g}"
             f"{limited}"
         )
-        slack = RANGE_TOL * (high[i] - low[i])
-        if signal.min() < low[i] - slack or signal.max() > high[i] + slack:
-            leaves.append(name)
+    leaves = list(compress(names, leaves_range(model, u)))
     if leaves:
         print(
             textwrap.fill(

@@ -24,6 +24,7 @@ from ..warn import warn_user
 from .checks import check_limits
 from .export import signal_names
 
+RANGE_TOL = 1e-6  # of the width of a range
 BEYOND = 0.1  # of the range of an input in training, by which a limit may exceed it
 UNSOLVED = (
     "The law found no u with phi(u, s) = v, and the operating point takes its place. "
@@ -346,6 +347,26 @@ def input_range(model):
     plant = as_plant(model)
     low, high = (bound[: plant.nu][plant.moved] for bound in plant.region.seen)
     return low + plant.v_offset, high + plant.v_offset
+
+
+def leaves_range(model, u):
+    """Tell which inputs leave the range of the training data.
+
+    Parameters
+    ----------
+    model : estimator or Plant
+        Fitted model, or its `plant_`.
+    u : ndarray of shape (nv, N)
+        Inputs that are moved, in their units.
+
+    Returns
+    -------
+    leaves : ndarray of bool of shape (nv,)
+        Whether each goes further than rounding, of the range or of limits set to it.
+    """
+    low, high = input_range(model)
+    slack = RANGE_TOL * (high - low)
+    return (u.min(axis=1) < low - slack) | (u.max(axis=1) > high + slack)
 
 
 def _warn_of_limits(plant, u_min, u_max):

@@ -313,6 +313,7 @@ def _step(model, K):
 def _beyond(model, responses):
     """Say which inputs leave the range of their training data in a step."""
     from ..feedback import input_range
+    from ..feedback.law import leaves_range
 
     low, high = input_range(model)
     inputs, outputs = column_names(model)
@@ -321,8 +322,10 @@ def _beyond(model, responses):
     said = [
         f"{name} goes from {number(np.min(z), 3)} to {number(np.max(z), 3)}, but the "
         f"training data end at {number(a, 3)} and {number(b, 3)}."
-        for name, z, a, b in zip(moved, u, low, high, strict=True)
-        if np.min(z) < a or np.max(z) > b
+        for name, z, a, b, leaves in zip(
+            moved, u, low, high, leaves_range(model, u), strict=True
+        )
+        if leaves
     ]
     if not said:
         return ""
