@@ -18,7 +18,7 @@ import numpy as np
 from alssnn import AlSsnn
 from alssnn.datasets import make_wiener_hammerstein
 
-record = make_wiener_hammerstein(4_000, noise=0.002, random_state=0)
+record = make_wiener_hammerstein(3_000, noise=0.002, random_state=0)
 train, test = record.split(0.5)
 print(record)
 
@@ -29,7 +29,7 @@ print(record)
 # alone, the output only in the first samples, to find its initial state.
 
 # gamma_h keeps the law small, so that the loop stays where the data are
-options = {"nx": 6, "n_h": 8, "n_g": 8, "gamma_h": 1e-4, "n_init": 1}
+options = {"nx": 6, "n_h": 5, "n_g": 5, "gamma_h": 1e-4, "n_init": 1}
 model = AlSsnn(dt=record.dt, random_state=0, **options)
 model.fit(train.u, train.y)
 print(f"R2 on fresh data: {model.score(test.u, test.y):.6f}")
@@ -68,7 +68,7 @@ import matplotlib.pyplot as plt
 from alssnn import model_ladder
 from alssnn.plotting import plot_ladder
 
-ladder = model_ladder(train.u, train.y, test=test, n_f=10, dt=record.dt, **options)
+ladder = model_ladder(train.u, train.y, test=test, n_f=8, dt=record.dt, **options)
 print(ladder)
 _, axes = plt.subplots(3, 1, figsize=(9, 9), layout="constrained")
 plot_ladder(ladder, axes=axes, unit="V")
