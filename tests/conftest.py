@@ -1,6 +1,10 @@
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from structures import STRUCTURES, declare
+
+from alssnn.certificates import local_certificate
 
 
 @pytest.fixture
@@ -24,3 +28,27 @@ def experiments(structure, rng):
     pairs[0][1][5:9, 0] = np.nan
     pairs[1][1][-1] = np.nan
     return pairs
+
+
+@pytest.fixture(scope="session")
+def roughly():
+    """Return how to bound loops on a coarse grid, and to try few inputs, for a while.
+
+    For what is made of certificates.  How sharp they are is tested by themselves.
+    """
+
+    @contextmanager
+    def patched():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(local_certificate.__kwdefaults__, "cells", 3_000)
+            patch.setattr("alssnn.certificates._worst.STEPS", 2)
+            patch.setattr("alssnn.certificates._worst.SOLVED", (100, 1, 1, 4))
+            yield
+
+    return patched
+
+
+@pytest.fixture
+def rough_certificates(roughly):
+    with roughly():
+        yield

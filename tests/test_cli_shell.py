@@ -180,6 +180,7 @@ def test_a_reader_that_has_gone_is_no_error(folder):
 # JSON, quiet, errors
 
 
+@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize(
     ("argv", "keys"),
     [

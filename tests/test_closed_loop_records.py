@@ -449,6 +449,7 @@ def test_correlations_are_those_of_the_errors_one_sample_ahead(in_loop):
     assert display.axes_[0, 0].get_title(loc="left").startswith("residual: ")
 
 
+@pytest.mark.usefixtures("rough_certificates")
 def test_a_report_says_what_was_tested(in_loop, tmp_path):
     path, data = tmp_path / "report.html", of_the_plant(500, 5)
     in_loop["innovations"].report(path, *data)

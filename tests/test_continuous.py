@@ -601,6 +601,7 @@ def test_frequency_responses_are_those_of_the_loop(swing):
     assert np.abs(np.abs(held_ / expected) - 1).max() < 0.05
 
 
+@pytest.mark.usefixtures("rough_certificates")
 def test_a_report_says_the_equations_of_derivatives(swing, noisy, tmp_path):
     path = tmp_path / "report.html"
     u, y = noisy

@@ -151,6 +151,7 @@ def python_blocks(page):
 
 
 SHORTER = {
+    "guide_certificates": [("tol=1e-3, random", "tol=1e-3, n_init=1, random")],
     "guide_continuous": [("dt=record.dt, random", "dt=record.dt, n_init=1, random")],
     "guide_identify": [  # and no search over decays where the map takes long
         ("FlSsnn(dt=record.dt,", "FlSsnn(dt=record.dt, n_init=1,"),
@@ -163,6 +164,7 @@ SHORTER = {
 GUIDE = [*sorted((ROOT / "doc").glob("guide_*.rst")), ROOT / "doc" / "index.rst"]
 
 
+@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize("page", GUIDE, ids=lambda page: page.stem)
 def test_the_code_of_the_guide_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # some write files
@@ -173,6 +175,7 @@ def test_the_code_of_the_guide_runs(page, tmp_path, monkeypatch):
             exec(block, names)
 
 
+@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize(
     ("page", "written"), [("validation", "fit.png"), ("command_line", "report.html")]
 )
@@ -180,7 +183,6 @@ def test_the_code_about_a_fitted_model_runs(page, written, tmp_path, monkeypatch
     if page == "validation":
         pytest.importorskip("pandas", reason="pandas is not installed")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("alssnn.certificates._worst.STEPS", 2)  # no page needs more
     train, test = alssnn.datasets.make_pendulum(1200, random_state=0).split(0.5)
     model = alssnn.AlSsnn(nx=2, n_h=3, n_g=2, max_iter=5, tol=1e-1, random_state=0)
     with warnings.catch_warnings():

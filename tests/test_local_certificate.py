@@ -229,6 +229,7 @@ def test_tampering_is_detected(rng):
     assert not replace(c, proof=tight).verify() >= 0
 
 
+@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_every_structure(name):
     rng = np.random.default_rng(5)

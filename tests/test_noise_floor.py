@@ -45,6 +45,7 @@ def test_a_look_and_a_response_know_it(record):
     assert noise_levels(None, 2) is None
 
 
+@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize("make", [look, local_polynomial])
 def test_what_does_not_tell_its_noise_is_named(record, model, make, tmp_path):
     excitation, y = record
@@ -115,6 +116,7 @@ def test_a_ladder_ends_at_the_floor(record):
     assert ladder["LTI"].model.noise_floor is None
 
 
+@pytest.mark.usefixtures("rough_certificates")
 def test_a_report_has_a_column_of_it(record, model, tmp_path):
     excitation, y = record
     data = excitation.u, y, excitation.experiment

@@ -164,10 +164,9 @@ def model(request):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def hardly_any_search():
-    """Look less far for the worst input, which no page has to know exactly."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("alssnn.certificates._worst.STEPS", 2)
+def hardly_any_search(roughly):
+    """Bound the loop roughly, which no page has to know exactly."""
+    with roughly():
         yield
 
 
