@@ -1,5 +1,6 @@
 """The search for order, start and decay: what it finds, and what it leaves alone."""
 
+import copy
 import pickle
 import warnings
 from dataclasses import replace
@@ -35,7 +36,7 @@ CLASSES = {
     "gr": (GrSsnn, {"n_f": 4, "n_init": 1}),
 }
 LINEAR = "networks do not help: this is the linear model"
-QUICK = {"nx": 1, "max_iter": 100, "random_state": 0}
+QUICK = {"nx": 1, "max_iter": 25, "random_state": 0}
 
 
 def twin(seed, n=1500, noise=0.1):
@@ -1081,11 +1082,35 @@ def swinging():
     return make_pendulum(500, amplitude=4.0, noise=0.01, random_state=0)
 
 
+def hanging(record):
+    """Return an estimator of that record; what follows its search is tested."""
+    return FlSsnn(nx=2, n_h=4, n_init=1, dt=record.dt, random_state=0)
+
+
+@pytest.fixture(scope="module")
+def what_was_found():
+    return {}
+
+
+@pytest.fixture
+def searched(request, monkeypatch, what_was_found):
+    """Search once for all tests with the same record, options and changed search."""
+    real, case = _ssnn.search, getattr(request, "param", "plain")
+
+    def remembered(*args, **options):
+        if case not in what_was_found:
+            what_was_found[case] = real(*args, **options)
+        return copy.deepcopy(what_was_found[case])
+
+    monkeypatch.setattr(_ssnn, "search", remembered)
+
+
+@pytest.mark.usefixtures("searched")
 def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch, swinging):
     """The model of the search is returned, not the linear one, with a warning."""
     spoil(monkeypatch)
     record = swinging
-    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=record.dt, random_state=0)
+    model = hanging(record)
     with pytest.warns(ConvergenceWarning, match=r"worse than .* linear model.* Try a"):
         model.fit(record.u, record.y)
     assert model.message_.endswith("this is the model of the search")
@@ -1098,6 +1123,7 @@ def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch, swinging
     )
 
 
+@pytest.mark.parametrize("searched", ["as told"], indirect=True)
 @pytest.mark.parametrize(
     ("all_are", "words", "message"),
     [
@@ -1110,7 +1136,7 @@ def test_a_training_that_spoils_what_was_found_is_left_out(monkeypatch, swinging
     ],
 )
 def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
-    monkeypatch, swinging, all_are, words, message
+    monkeypatch, swinging, searched, all_are, words, message
 ):
     """A good score is not enough: from other states it would be another model."""
     real = Fold.error
@@ -1128,7 +1154,7 @@ def test_a_training_that_ends_elsewhere_from_other_states_is_left_out(
 
     monkeypatch.setattr(_horizon, "train", training)
     monkeypatch.setattr(Fold, "error", error)
-    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    model = hanging(swinging)
     with pytest.warns(ConvergenceWarning, match=words):
         model.fit(swinging.u, swinging.y)
     assert model.message_.endswith(message)
@@ -1147,6 +1173,7 @@ def _times(factor, refused):
     return as_found
 
 
+@pytest.mark.usefixtures("searched")
 @pytest.mark.parametrize(
     ("factor", "is_searched", "words"),
     [
@@ -1168,12 +1195,13 @@ def test_a_fourth_of_the_error_outweighs_what_happens_elsewhere(
 
     monkeypatch.setattr(_safe, "_hangs", hang)
     monkeypatch.setattr(_safe, "as_found", _times(factor, trained))
-    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    model = hanging(swinging)
     with pytest.warns(ConvergenceWarning, match=words):
         model.fit(swinging.u, swinging.y)
     assert ("the model of the search" in model.message_) == is_searched
 
 
+@pytest.mark.usefixtures("searched")
 @pytest.mark.parametrize(
     ("n_refused", "is_better", "times"),
     [(0, True, 1.0), (1, True, 3.0), (2, True, 10.0), (4, True, 0.0), (1, False, 0.0)],
@@ -1200,7 +1228,7 @@ def test_a_refused_training_is_repeated_with_a_larger_decay(
     monkeypatch.setattr(_horizon, "train", training)
     monkeypatch.setattr(_safe, "_hangs", hang)
     monkeypatch.setattr(_safe, "ESCAPED", np.inf)  # nothing outweighs
-    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    model = hanging(swinging)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model.fit(swinging.u, swinging.y)
@@ -1213,9 +1241,10 @@ def test_a_refused_training_is_repeated_with_a_larger_decay(
     assert len(asked) == (n_trainings if is_better else 1)
 
 
+@pytest.mark.parametrize("searched", ["led nowhere"], indirect=True)
 @pytest.mark.parametrize("n_escapes", [1, 2])
 def test_a_training_that_other_inputs_lead_away_is_left_out(
-    monkeypatch, swinging, n_escapes
+    monkeypatch, swinging, searched, n_escapes
 ):
     asked = []
 
@@ -1227,7 +1256,7 @@ def test_a_training_that_other_inputs_lead_away_is_left_out(
     # along the paths of the search, nothing is led away
     monkeypatch.setattr(walking.Path, "_leaves", lambda path: False)
     monkeypatch.setattr(Excursion, "leads", leads)
-    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    model = hanging(swinging)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model.fit(swinging.u, swinging.y)
@@ -1238,11 +1267,12 @@ def test_a_training_that_other_inputs_lead_away_is_left_out(
     assert asked[:2] == [1, 1]  # the training, and the model of the search
 
 
+@pytest.mark.usefixtures("searched")
 @pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])
 def test_what_ended_a_spoiled_training_is_said(monkeypatch, swinging, reason):
     """A fit that was ended from outside has not converged, whatever it returns."""
     spoil(monkeypatch, reason)
-    model = FlSsnn(nx=2, n_h=4, n_init=1, dt=swinging.dt, random_state=0)
+    model = hanging(swinging)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model.fit(swinging.u, swinging.y)
