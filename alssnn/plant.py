@@ -44,8 +44,6 @@ class Plant(Signals):
         [s; d; u] with the u that are moved, the channel v; deviations.
     feedback : {"output", "state"}
         What the law measures: s = y, or s = x.
-    noise : float, default=0.0
-        Mean squared error of the fit over the variance of y.
     region : Region or None, default=None
         Region of the training data, without past inputs.
     no_law : str, default=""
@@ -67,7 +65,6 @@ class Plant(Signals):
     form: Lure
     law_form: Lure
     feedback: str
-    noise: float = 0.0
     region: Region | None = field(default=None, repr=False)
     no_law: str = ""
     rates: Rates | None = field(default=None, repr=False)

@@ -47,8 +47,13 @@ class Signals:
         What an identified random walk is added to (eq. drift); None without one.
     K_b : ndarray of shape (nb, ny) or None, default=None
         Gain of the innovations on that walk, in the units of y or u over those of y.
+    noise : float, default=0.0
+        Mean squared error of the fit over the variance of y.
     noise_covariance : ndarray of shape (ny, ny) or None, default=None
         Covariance of what the fit left of y, one sample ahead with K.
+    hidden_error : float or None, default=None
+        Root mean square error of the fits that chose the model, on samples hidden from
+        them, outputs of unit variance (eq. holdout); None if nothing was hidden.
     """
 
     __repr__ = short_repr
@@ -68,7 +73,9 @@ class Signals:
     K: np.ndarray | None = None
     drift: str | None = None
     K_b: np.ndarray | None = None
+    noise: float = 0.0
     noise_covariance: np.ndarray | None = None
+    hidden_error: float | None = None
 
     def gain_with(self, kind):
         """Return the identified gain of an observer that estimates a disturbance.

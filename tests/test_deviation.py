@@ -1,6 +1,7 @@
 """How far a plant will be from its design, told before it is in the loop."""
 
 import tracemalloc
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -161,6 +162,53 @@ def test_a_valve_is_told_by_its_linear_model():
     y_hat = model.predict(tank.u, x0=record.x0)
     residual = np.std(tank.y - y_hat.reshape(tank.y.shape))
     assert left.noise[0] < 0.2 * residual
+
+
+def test_hidden_samples_tell_how_much_a_fit_may_miss():
+    u, y, _ = cubic(n=120, bend=0.0)
+    model = LinearStateSpace(nx=1, dt=1.0).fit(u, y)
+    records, plant = model.prepare_records(u, y), model.plant_
+    assert plant.hidden_error is None
+
+    def distance(error):
+        found = design_distance(replace(plant, hidden_error=error), records)
+        return found.distance[0]
+
+    unknown = distance(None)
+    noise = np.sqrt(plant.noise)
+    # errors there that noise explains leave less open, larger ones more
+    assert distance(0.0) == distance(noise / 2) < unknown < distance(1.5 * noise)
+    assert distance(10 * noise) > 1.5 * unknown
+    assert distance(np.inf) == unknown  # it diverged there
+
+
+def test_the_error_on_hidden_samples_is_one_of_the_plant(tmp_path):
+    u, y, _ = cubic(n=400)
+    model = LinearStateSpace(nx="auto", dt=1.0).fit(u, y)
+    error = model.plant_.hidden_error
+    assert error == model.orders_["linear"][model.nx_] > 0
+    model.save(tmp_path / "m.npz")
+    assert alssnn.load(tmp_path / "m.npz").plant_.hidden_error == error
+    # a residual of predictions is not judged by simulations
+    plant = replace(model.plant_, K=np.full((model.nx_, 1), 0.1))
+    records = model.prepare_records(u, y)
+    one, other = (
+        what_is_missed(replace(plant, hidden_error=e), records) for e in (None, 1.0)
+    )
+    assert np.array_equal(one.factor, other.factor)
+
+
+def test_hidden_experiments_count_together():
+    """What is open on hidden samples is what the rest leaves, of all outputs."""
+    u, y, _ = cubic(n=1_200, bend=0.0)
+    model = LinearStateSpace(nx=1, dt=1.0).fit(u, y)
+    plant = replace(model.plant_, hidden_error=0.1)
+    parts = np.repeat([0, 1], 600)
+    sizes = [
+        np.linalg.norm(what_is_missed(plant, model.prepare_records(u, y, of)).factor)
+        for of in (None, parts)
+    ]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.5)
 
 
 def test_missing_outputs_and_several_experiments():
