@@ -145,7 +145,13 @@ def test_the_list_of_displays_is_complete():
     assert public - OTHERS == set(DISPLAYS)
 
 
-@pytest.mark.parametrize("name", DISPLAYS)
+# what h sees is drawn by two of them, and is the same to the others
+OF_NETWORKS = {"NonlinearityDisplay", "ResidualNonlinearityDisplay"}
+CASES = [("output", name) for name in DISPLAYS]
+CASES += [("state", name) for name in sorted(OF_NETWORKS)]
+
+
+@pytest.mark.parametrize(("model", "name"), CASES, indirect=["model"])
 def test_draws_on_own_and_given_axes(name, model, data):
     data = part(data)
     before = dict(mpl.rcParams)
@@ -173,7 +179,9 @@ def takes_a_width(name):
     return "``linewidth``" in getattr(alssnn.plotting, name).plot.__doc__
 
 
-@pytest.mark.parametrize("name", [z for z in DISPLAYS if takes_a_width(z)])
+@pytest.mark.parametrize(
+    ("model", "name"), [z for z in CASES if takes_a_width(z[1])], indirect=["model"]
+)
 def test_draws_curves_of_a_given_width(name, model, data):
     display = draw(name, model, part(data)).plot(linewidth=3.25)
     lines = [line for ax in display.figure_.axes for line in ax.lines]

@@ -243,7 +243,7 @@ def test_an_exact_linear_record_is_linear():
 # -- the command -----------------------------------------------------------------------
 
 
-def test_the_command_prints_the_page(tmp_path, capsys):
+def test_the_command_prints_the_page(tmp_path, monkeypatch, capsys):
     excitation = multisine(64, random_state=0, names=["valve"])
     path = tmp_path / "plant.csv"
     excitation.to_csv(path)
@@ -253,10 +253,17 @@ def test_the_command_prints_the_page(tmp_path, capsys):
     path.write_text("\n".join([lines[0] + ",level", *rows]), encoding="utf-8")
     argv = ["look", path, "--input", "valve", "--output", "level", "--dt", 0.1]
     argv += ["--experiment", "experiment", "--period", 64]
+    pages, real = [], alssnn.first_look.look
+    monkeypatch.setattr(
+        "alssnn.first_look.look",
+        lambda *z, **k: pages.append(real(*z, **k)) or pages[0],
+    )
     assert cli.main([str(arg) for arg in argv]) == 0
     out = capsys.readouterr().out
     assert "! nonlinearity" in out and "4 experiments" in out
     assert " of level (" in out and "y[0]" not in out and "u[0]" not in out
+    (page,) = pages
+    monkeypatch.setattr("alssnn.first_look.look", lambda *_, **__: page)
     assert cli.main([*(str(arg) for arg in argv), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert set(found["recommendation"]) == {"estimator", "options", "reason"}
@@ -408,7 +415,7 @@ def test_what_stands_beside_it(name, options):
 
 @pytest.mark.parametrize("period", [None, 128])
 def test_a_periodic_record_of_an_open_loop_is_no_loop(period):
-    u = multisine(128, n_periods=16, n_realizations=1, random_state=0).u
+    u = multisine(128, n_periods=8, n_realizations=1, random_state=0).u
     y = spring(u, LAWS["AlSsnn"], noise=0.002)
     wanted = alssnn.look(u, y, period=period).recommendation
     assert "noise" not in wanted.options and "loop" not in wanted.reason
