@@ -94,6 +94,7 @@ def test_demo_runs_the_loops_of_a_pendulum(tmp_path, capsys):
     assert figure == f"Figure: {folder / 'alssnn-demo.png'}\n"
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.filterwarnings("ignore:The networks of FlSsnn do not simulate")
 def test_demo_says_where_the_law_does_not_help(tmp_path, capsys):
     options = ["--samples", 200, "--noise", 1, "-q", "-o", tmp_path]
@@ -136,6 +137,7 @@ def test_demo_depends_on_the_seed_alone(tmp_path, monkeypatch, capsys):
     assert tables[0] == tables[1] != tables[2]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_demo_of_the_measured_record(tmp_path, monkeypatch, capsys):
     record = make_wiener_hammerstein(12_000, random_state=0)
     calls = []
@@ -274,6 +276,7 @@ def test_the_command_knows_the_models_of_the_ladder(known):
     assert _fit_options.HOLDS == HOLDS
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_disturbance_is_measured_and_not_moved(tmp_path, capsys):
     record = alssnn.datasets.make_valve_tank(400, random_state=0)
     table = np.column_stack([record.u, record.y])
@@ -461,6 +464,7 @@ def test_a_model_worse_than_the_linear_one_is_not_saved(
     assert "Caution" not in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_control_depends_on_the_verdict(saved, linear_plant, plant, tmp_path, capsys):
     folder = tmp_path / "design"
     assert run("control", saved, *data(linear_plant), "-o", folder) == 0
@@ -547,6 +551,7 @@ def test_control_writes_gain_and_step(saved, tmp_path, capsys):
     assert np.linalg.norm(faster) > np.linalg.norm(gain)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_control_says_where_the_actuators_go(saved, linear_plant, tmp_path, capsys):
     half = [*range(300), *range(600, 900)]  # what trained
     u, _, _ = read_csv(linear_plant, ["a", "b"], ["speed"])
@@ -583,6 +588,7 @@ def test_control_says_where_the_actuators_go(saved, linear_plant, tmp_path, caps
     assert re.search(patterns[0], out, re.M)[3].endswith("% of the samples")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_export_for_c_and_matlab(saved, tmp_path, capsys):
     assert run("control", saved, "-o", tmp_path) == 0
     gain = tmp_path / "gain.csv"
@@ -603,6 +609,7 @@ def test_export_for_c_and_matlab(saved, tmp_path, capsys):
     np.testing.assert_array_equal(np.hstack([held["K_x"], held["K_z"]]), K)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_gain_of_late_inputs_goes_from_control_to_export(tmp_path, capsys):
     u = np.random.default_rng(0).standard_normal((600, 2))
     late = np.column_stack([u[:, 0], np.roll(u[:, 1], 2)])
@@ -620,6 +627,7 @@ def test_a_gain_of_late_inputs_goes_from_control_to_export(tmp_path, capsys):
     np.testing.assert_array_equal(np.hstack([held["K_x"], held["K_z"]]), K)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_export_for_plcs_and_as_fmus(saved, tmp_path, capsys):
     assert run("control", saved, "-o", tmp_path) == 0
     gain = tmp_path / "gain.csv"
@@ -943,6 +951,7 @@ def test_runs_as_a_module_without_matplotlib_or_control():
     assert done.stdout == f"alssnn {alssnn.__version__}\n"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_unstable_plant_from_its_csv_to_a_controller(tmp_path, capsys):
     record = make_inverted_pendulum(1600, angle=0.1, random_state=0)
     path, model = tmp_path / "loop.csv", tmp_path / "loop.npz"

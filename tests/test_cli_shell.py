@@ -20,6 +20,7 @@ import alssnn
 from alssnn import cli
 from alssnn.cli import _fit, _record
 from alssnn.cli._arguments import new_parser, with_numbers
+from alssnn.first_look import Recommendation
 from helpers import simulate_linear
 
 COLUMNS = ["--input", "a", "b", "--output", "speed", "angle", "--experiment", "run"]
@@ -128,6 +129,9 @@ def test_a_model_does_not_replace_a_record(folder, piped, monkeypatch, capsys):
 )
 def test_the_standard_input_is_a_record(folder, piped, monkeypatch, capsys, argv):
     monkeypatch.chdir(folder)
+    # the trials of models take most of the time, and know nothing of pipes
+    none = Recommendation(None, {}, "Nothing was tried.")
+    monkeypatch.setattr("alssnn.first_look._look.recommend", lambda *_, **__: none)
     assert run(*argv, "-q") == 0
     through, err = capsys.readouterr()
     assert err == ""

@@ -254,10 +254,12 @@ def test_the_command_prints_the_page(tmp_path, monkeypatch, capsys):
     argv = ["look", path, "--input", "valve", "--output", "level", "--dt", 0.1]
     argv += ["--experiment", "experiment", "--period", 64]
     pages, real = [], alssnn.first_look.look
-    monkeypatch.setattr(
-        "alssnn.first_look.look",
-        lambda *z, **k: pages.append(real(*z, **k)) or pages[0],
-    )
+
+    def kept(*record, **options):
+        pages.append(real(*record, **options))
+        return pages[0]
+
+    monkeypatch.setattr("alssnn.first_look.look", kept)
     assert cli.main([str(arg) for arg in argv]) == 0
     out = capsys.readouterr().out
     assert "! nonlinearity" in out and "4 experiments" in out

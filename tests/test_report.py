@@ -8,7 +8,6 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from test_extending import SOFTSIGN
 
 import browser
@@ -168,12 +167,6 @@ def hardly_any_search(roughly):
     """Bound the loop roughly, which no page has to know exactly."""
     with roughly():
         yield
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave the pictures out, half of the time, where the words are of interest."""
-    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)
 
 
 @pytest.fixture(scope="module")
