@@ -108,6 +108,7 @@ def test_table_and_frame(path):
     np.testing.assert_array_equal(frame["rmse_test"], path.rmse_test)
 
 
+@pytest.mark.usefixtures("rough_certificates")
 def test_a_path_may_be_judged_by_what_is_proved(record):
     scores = {1.0: -0.009, 0.3: -0.01, 0.1: -np.inf, 0.03: -0.5}
 

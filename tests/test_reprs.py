@@ -34,10 +34,10 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def objects(model):
+def objects(model, roughly):
     """Return what users get in their hands, most of it from a fitted model."""
     data = make_pendulum(400, noise=0.01, random_state=0)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), roughly():
         warnings.simplefilter("ignore")
         linear = LinearStateSpace(nx=2, dt=0.05).fit(*data)
         covariance = linear.parameter_covariance(*data)

@@ -175,6 +175,7 @@ def test_units_of_states(ask, s_x):
     np.testing.assert_allclose(got, expected, rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize("factor", [2.0**-10, 2.0**10])
 def test_certificates_in_other_units(factor):
     check(certified, KINDS["state"], 1.0, factor)
