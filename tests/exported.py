@@ -1,5 +1,6 @@
 """Plants of all structures, for tests of what is written in other languages."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -160,6 +161,11 @@ class Loop:
             x = plant.step(x, plant.every_input(U[k], d))
         return Y, U
 
+    @functools.cache  # noqa: B019, as there is one loop of a name
+    def expected(self, n=1000):
+        """Return y and u of the loop of plant and controller in Python."""
+        return self.run(self.controller(), n)
+
     def alone(self, n=1000):
         """Return [y, u] of the loop of plant and controller, all of y measured."""
         plant, control = self.plant.late(), self.controller()
@@ -194,3 +200,7 @@ class Loop:
             return u
 
         return step
+
+
+# its limits come from a long run, and files of tests take the same loops
+make_loop = functools.cache(Loop)

@@ -1,7 +1,6 @@
 """The law u = phi^-1(v, s) in C is that of Python: every v is reached, exactly."""
 
 import ctypes
-import functools
 import re
 import shutil
 import subprocess
@@ -18,7 +17,11 @@ from alssnn.forms import of_structure
 from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.persistence import to_c
-from exported import CONTROLLED, Loop, assert_exact
+from exported import (
+    CONTROLLED,
+    assert_exact,
+    make_loop,
+)
 from helpers import plant_of_structure
 
 N = 2000
@@ -178,9 +181,6 @@ def controller(loop, folder, dtype="double"):
     return step
 
 
-make_loop = functools.cache(Loop)  # its limits come from a long run
-
-
 @pytest.fixture(params=CONTROLLED, scope="module")
 def loop(request):
     return make_loop(request.param)
@@ -195,7 +195,7 @@ ACTING += [(name, "float") for name in ("monotone", "ahead, disturbed", "late")]
 def test_the_controller_acts_as_in_python(loop, dtype, tmp_path):
     n = 300
     y, u = loop.run(controller(loop, tmp_path, dtype), n)
-    expected_y, expected_u = loop.run(loop.controller(), n)
+    expected_y, expected_u = loop.expected(n)
     met = (expected_u == loop.law.u_min) | (expected_u == loop.law.u_max)
     assert 0.02 < met.any(axis=1).mean() < 0.98
     finite = np.isfinite(y)

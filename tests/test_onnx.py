@@ -9,7 +9,14 @@ import pytest
 from alssnn import Activation, LinearStateSpace
 from alssnn.activations import ACTIVATIONS
 from alssnn.persistence import to_onnx
-from exported import CONTROLLED, NAMES, Loop, assert_exact, make_plant, signals
+from exported import (
+    CONTROLLED,
+    NAMES,
+    assert_exact,
+    make_loop,
+    make_plant,
+    signals,
+)
 from models import al_ssnn, fit, fl_ssnn, gr_ssnn, lively, simulate
 
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
@@ -88,7 +95,7 @@ def test_every_structure_is_what_its_plant_is(name, tmp_path):
 
 @pytest.mark.parametrize("name", CONTROLLED)
 def test_the_law_of_every_loop(name, tmp_path):
-    loop = Loop(name)
+    loop = make_loop(name)
     v, s, d = loop.law_signals(STEPS)
     law = loop.limited(loop.plant.law(v, s, d))
     paths = to_onnx(loop.plant, tmp_path, law=law)

@@ -8,7 +8,13 @@ from scipy.io import loadmat, savemat
 
 from alssnn.feedback import LinearizingController
 from alssnn.persistence import to_simulink
-from exported import CONTROLLED, Loop, assert_exact, make_plant, signals
+from exported import (
+    CONTROLLED,
+    assert_exact,
+    make_loop,
+    make_plant,
+    signals,
+)
 
 needs_octave = pytest.mark.skipif(bool(octave.NO_OCTAVE), reason=octave.NO_OCTAVE)
 
@@ -33,7 +39,7 @@ def run(folder, *given, prefix="plant"):
 @needs_octave
 @pytest.mark.parametrize("name", CONTROLLED)
 def test_the_loop_of_the_diagram(name, tmp_path):
-    loop = Loop(name)
+    loop = make_loop(name)
     parts = {"law": loop.law, "observer": loop.observer}
     controller = LinearizingController(loop.plant, loop.gain, **parts)
     controller.to_simulink(tmp_path)
