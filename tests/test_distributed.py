@@ -52,6 +52,19 @@ def client():
         yield client
 
 
+@pytest.fixture(scope="module")
+def mortal():
+    """Return a client of a cluster whose workers are killed, and started again."""
+    with (
+        dask.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+        # by its name alone: `joblib` is told which of the two clusters it is
+        dask.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
 def record(seed, n):
     """Return an experiment of a plant with 2 inputs and 2 outputs."""
     rng = np.random.default_rng(seed)
@@ -259,7 +272,7 @@ def test_a_grid_search_does_not_depend_on_where_it_runs(client):
 
 
 @pytest.mark.slow
-def test_a_search_survives_a_killed_worker(tmp_path):
+def test_a_search_survives_a_killed_worker(mortal, tmp_path):
     u, y = record(0, 300)
     expected = search().fit(u, y).cv_results_["mean_test_score"]
     flag = tmp_path / "killed"
@@ -275,46 +288,38 @@ def test_a_search_survives_a_killed_worker(tmp_path):
     folds = list(TimeSeriesSplit(2).split(u))
     estimator = Suicidal(**search().estimator.get_params())
     suicidal = search().set_params(estimator=estimator, cv=folds)
+    mortal.wait_for_workers(2)
+    # copies on every worker, and kept: what only one has is lost with it
+    mortal.amm.stop()
     with (
-        dask.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        ) as cluster,
-        dask.Client(cluster) as client,
+        mortal.as_current(),
+        joblib.parallel_config(backend="dask", scatter=[u, y, *chain(*folds)]),
     ):
-        client.wait_for_workers(2)
-        # copies on every worker, and kept: what only one has is lost with it
-        client.amm.stop()
-        with joblib.parallel_config(backend="dask", scatter=[u, y, *chain(*folds)]):
-            suicidal.set_params(refit=False).fit(u, y)
+        suicidal.set_params(refit=False).fit(u, y)
     assert flag.exists()
     np.testing.assert_array_equal(suicidal.cv_results_["mean_test_score"], expected)
 
 
 @pytest.mark.slow
-def test_a_fit_survives_a_killed_worker(experiments):
+def test_a_fit_survives_a_killed_worker(mortal, experiments):
     us, ys = map(list, zip(*experiments, strict=True))
     model = fl_ssnn(2, 3, gamma_h=1e-3, max_iter=10, coarse_samples=300, random_state=0)
     expected = clone(model).fit(us, ys)
-    with (
-        dask.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        ) as cluster,
-        dask.Client(cluster) as client,
-    ):
-        futures = [client.submit(record, i, n) for i, n in enumerate(LENGTHS)]
-        there = remote.Remote(client, futures)
-        pid = next(iter(client.run(os.getpid).values()))
-        calls, original = [], Criterion.normal_equations
+    mortal.wait_for_workers(2)
+    futures = [mortal.submit(record, i, n) for i, n in enumerate(LENGTHS)]
+    there = remote.Remote(mortal, futures)
+    pid = next(iter(mortal.run(os.getpid).values()))
+    calls, original = [], Criterion.normal_equations
 
-        def deadly(self, free):
-            calls.append(self.experiments.is_here)
-            if calls.count(False) == 2 and not calls[-1]:
-                os.kill(pid, signal.SIGKILL)
-            return original(self, free)
+    def deadly(self, free):
+        calls.append(self.experiments.is_here)
+        if calls.count(False) == 2 and not calls[-1]:
+            os.kill(pid, signal.SIGKILL)
+        return original(self, free)
 
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Criterion, "normal_equations", deadly)
-            fitted = model.fit_remote(there)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Criterion, "normal_equations", deadly)
+        fitted = model.fit_remote(there)
     assert calls.count(False) > 2
     assert fitted.cost_ == pytest.approx(expected.cost_, rel=5e-3)
 
