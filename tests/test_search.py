@@ -969,7 +969,7 @@ def test_a_warm_start_from_a_linear_model_searches_again(short):
 @pytest.mark.parametrize("max_time", [1e-3, 0.3])
 @pytest.mark.parametrize("nx", ["auto", 1])
 def test_time_may_be_over_at_any_time(short, max_time, nx):
-    model = make("fl", max_time=max_time, nx=nx)
+    model = make("fl", max_time=max_time, nx=nx, max_iter=100)  # longer than that
     with pytest.warns(ConvergenceWarning, match="max_time is over") as caught:
         model.fit(*short)
     assert not any("do not simulate hidden" in str(w.message) for w in caught)
