@@ -31,8 +31,8 @@ def pytest_collection_modifyitems(items):
 def pytest_collection():
     """Collect without looking for garbage, and then look for it less often.
 
-    The modules and tests stay.  Python would look through all of them several times in
-    every file of tests, which is a seventh of the time of the tests.
+    The modules and tests stay, and to look through all of them takes half a second:
+    a third of the time to collect, and up to a seventh of that of tests that draw.
     """
     gc.disable()
     try:
