@@ -315,7 +315,7 @@ def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
         else:
             x = np.array([0.7 * x[0] + 0.4 * np.tanh(3 * x[1]), 0.5 * (x[1] + u[k])])
     y += 0.01 * y.std() * rng.standard_normal(600)
-    sizes = {"nx": nx, "n_h": 4, "n_g": 4, "n_init": 1, "max_iter": 60}
+    sizes = {"nx": nx, "n_h": 4, "n_g": 4, "n_init": 1, "max_iter": 100}
     options = {"feedback": "state", "input_map": "monotone", "random_state": 0}
     model = alssnn.AlSsnn(**sizes, **options).fit(u, y)
     assert np.any(model.params_["W_h"]) and np.any(model.params_["r_phi"])

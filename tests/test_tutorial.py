@@ -33,6 +33,29 @@ def squeezed(text):
     return " ".join(text.split())
 
 
+NUMBER = r"\d+\.?\d*"
+
+
+def is_said(printed, said):
+    """Tell whether a text is another one but for the last digits of its numbers.
+
+    Where a fit ends depends on the processor in digits that rounding may show.
+    """
+    if re.sub(NUMBER, "0", printed) != re.sub(NUMBER, "0", said):
+        return False
+    pairs = zip(re.findall(NUMBER, printed), re.findall(NUMBER, said), strict=True)
+    return all(
+        abs(float(a) - float(b)) < 1.01 * 10.0 ** -len(b.partition(".")[2])
+        for a, b in pairs
+    )
+
+
+def test_only_last_digits_may_differ():
+    assert is_said("error 2.3 %", "error 2.2 %") and is_said("of 120 s", "of 121 s")
+    assert not is_said("error 2.4 %", "error 2.2 %")
+    assert not is_said("error 2.2 V", "error 2.2 %") and not is_said("2", "2 3")
+
+
 def test_the_record_is_that_of_its_script(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(DOC / "tutorial"))
     import make_csv
@@ -54,10 +77,11 @@ def test_the_python_of_the_tutorial_prints_what_it_says(folder, capsys, monkeypa
             printed.append(squeezed(capsys.readouterr().out))
         elif kind == "text" and printed:
             said = squeezed(block)
-            if said not in printed:  # arrays have no names of columns
-                said = said.replace("torque", "u[0]").replace("angle", "y[0]")
-            assert said in printed
-            printed.remove(said)
+            # arrays have no names of columns
+            unnamed = said.replace("torque", "u[0]").replace("angle", "y[0]")
+            same = [z for z in printed if is_said(z, said) or is_said(z, unnamed)]
+            assert same, said
+            printed.remove(same[0])
     assert set(printed) == {""}  # nothing that is printed is left out
     figures = re.findall(r"tutorial/figures/(\S+)", PAGE)
     assert len(figures) == 5
@@ -79,7 +103,7 @@ def test_the_commands_of_the_tutorial_give_the_same_controller(folder, capsys):
         out = capsys.readouterr().out
         if command[1] in ("look", "export"):
             said = [squeezed(block) for kind, block in BLOCKS if kind == "text"]
-            assert squeezed(out) in said
+            assert any(is_said(squeezed(out), block) for block in said)
     assert (folder / "report.html").stat().st_size > 50_000
     # what Python designs, from the same options
     u, y, _ = alssnn.tables.read_csv("arm.csv", ["torque"], ["angle"])
