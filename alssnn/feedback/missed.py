@@ -27,7 +27,8 @@ DEGREE = 6  # of the series, at most
 # In true loops of models that nearly fit (`benchmarks.true_loops`), a kernel that grows
 # outwards, exp(4 z'z'), tells less well what happens, as do errors of one size for all.
 TURN = 3.0  # w may turn within the radius of the training data over this
-EXPECTED = 0.01  # share of the variance of the output that w makes a priori
+# Share of the variance of the output that w makes a priori, unless the residual is more
+EXPECTED = 0.01
 LOG_SPREAD = 1.6  # a factor of five: how far this may be off, before anything is hidden
 LOG_SPAN = 9.2  # a factor of 10,000: how far it is looked for
 MOST = 400  # coefficients of w
@@ -268,7 +269,8 @@ def _posterior(J, r, dy, nx, observed, hidden):
     gram = _gram(every)
     slope = np.stack([every[:, i].T @ given[:, i] for i in range(len(size))])
     made = np.mean(np.trace(gram, axis1=1, axis2=2) / count)  # by coefficients of one
-    prior = max(made / EXPECTED, TINY)
+    expected = max(EXPECTED, float(np.mean(np.sum(given**2, axis=0) / count)))
+    prior = max(made / expected, TINY)
     noise, rest = _noise(every, given, count, gram, slope, prior)
     # what is left is seldom white: so many samples are as good as independent ones
     ends = np.cumsum([len(r_i) for r_i in r])[:-1]
