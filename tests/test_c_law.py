@@ -17,11 +17,7 @@ from alssnn.forms import of_structure
 from alssnn.lure import Lure
 from alssnn.models import state_space
 from alssnn.persistence import to_c
-from exported import (
-    CONTROLLED,
-    assert_exact,
-    make_loop,
-)
+from exported import CONTROLLED, assert_exact, make_loop
 from helpers import plant_of_structure
 
 N = 2000

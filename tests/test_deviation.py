@@ -6,6 +6,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
@@ -196,6 +197,58 @@ def test_the_error_on_hidden_samples_is_one_of_the_plant(tmp_path):
         what_is_missed(replace(plant, hidden_error=e), records) for e in (None, 1.0)
     )
     assert np.array_equal(one.factor, other.factor)
+
+
+def test_networks_that_were_left_tell_nothing_of_the_linear_model():
+    u, y, _ = cubic(n=400, bend=0.0, noise=0.2)
+    model = FlSsnn(nx=1, n_h=2, n_init=1, max_iter=20, random_state=0)
+    with pytest.warns(ConvergenceWarning, match="linear model, which is returned"):
+        model.fit(u, y)
+    assert model.orders_["networks"] and model.plant_.hidden_error is None
+
+
+def test_the_kernel_is_as_large_everywhere():
+    rng = np.random.default_rng(0)
+    X, du = rng.standard_normal((500, 1)), rng.standard_normal((500, 1))
+    region = Region.of(X, du, X)
+    z = np.hstack([X, du]) - region.center
+    z = z @ region.whiten / region.radius
+    powers = missed._powers(region, 1, 1e6)
+    psi = missed._terms(region, powers, X, du)
+    near = np.linalg.norm(z, axis=1) < 0.4  # the series ends at a degree
+    apart = np.sum((z[near, None] - z[None, near]) ** 2, axis=2)
+    kernel = np.exp(-(missed.TURN**2) / 2 * apart)
+    np.testing.assert_allclose(psi[near] @ psi[near].T, kernel, atol=2e-3)
+
+
+def test_a_model_may_miss_as_much_as_its_residual(monkeypatch):
+    u, y, _ = cubic(noise=0.15)
+    model = LinearStateSpace(nx=1, dt=1.0).fit(u, y)
+    (record,) = model.prepare_records(u, y)
+    assert 1 - model.score(u, y) > missed.EXPECTED
+    before = what_is_missed(model.plant_, [record]).factor
+    monkeypatch.setattr(missed, "EXPECTED", 1e-9)
+    assert np.array_equal(what_is_missed(model.plant_, [record]).factor, before)
+
+
+@pytest.mark.parametrize("observed", [0.2, 1.0, 5.0])
+def test_the_enlargement_is_the_most_likely_one(observed):
+    """Of one coefficient with unit effect, the equation is one of numbers."""
+    every, noise, prior = np.ones((100, 1, 1)), 0.1, 2.0
+    hidden = np.arange(100) >= 20
+    weight = np.array([0.2])  # of every sample
+
+    def misfit(s):
+        made = 1 / (prior / np.exp(s) + 20 * weight[0])  # what the others leave open
+        total = noise + made
+        variance = (2 * noise**2 / 80 + made**2) / total**2
+        off = np.log(observed / total)
+        return off**2 / variance + np.log(variance) + (s / missed.LOG_SPREAD) ** 2
+
+    best = minimize_scalar(misfit, bounds=(-9, 9)).x
+    gram = np.full((1, 1, 1), 100.0)
+    found = missed._enlarged(every, gram, weight, [hidden], observed, noise, prior)
+    assert np.log(found) == pytest.approx(best, abs=0.06)  # half of a step
 
 
 def test_hidden_experiments_count_together():

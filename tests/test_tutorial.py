@@ -33,7 +33,7 @@ def squeezed(text):
     return " ".join(text.split())
 
 
-NUMBER = r"\d+\.?\d*"
+ROUNDED = r"\d+\.\d+|\d+(?= %)"  # not what was counted
 
 
 def is_said(printed, said):
@@ -41,9 +41,9 @@ def is_said(printed, said):
 
     Where a fit ends depends on the processor in digits that rounding may show.
     """
-    if re.sub(NUMBER, "0", printed) != re.sub(NUMBER, "0", said):
+    if re.sub(ROUNDED, "", printed) != re.sub(ROUNDED, "", said):
         return False
-    pairs = zip(re.findall(NUMBER, printed), re.findall(NUMBER, said), strict=True)
+    pairs = zip(re.findall(ROUNDED, printed), re.findall(ROUNDED, said), strict=True)
     return all(
         abs(float(a) - float(b)) < 1.01 * 10.0 ** -len(b.partition(".")[2])
         for a, b in pairs
@@ -51,9 +51,9 @@ def is_said(printed, said):
 
 
 def test_only_last_digits_may_differ():
-    assert is_said("error 2.3 %", "error 2.2 %") and is_said("of 120 s", "of 121 s")
+    assert is_said("error 2.3 %", "error 2.2 %") and is_said("13 %", "14 %")
     assert not is_said("error 2.4 %", "error 2.2 %")
-    assert not is_said("error 2.2 V", "error 2.2 %") and not is_said("2", "2 3")
+    assert not is_said("error 2.2 V", "error 2.2 %") and not is_said("2 s", "3 s")
 
 
 def test_the_record_is_that_of_its_script(tmp_path, monkeypatch):

@@ -153,29 +153,19 @@ def make_plant(model):
         name=type(model).__name__,
         delay=model.input_delay_,
         noise=model.cost_,
-        hidden_error=hidden_error(model),
+        hidden_error=_hidden_error(model),
         noise_covariance=model.noise_covariance_,
         region=getattr(model, "_region", None),
         rates=kept(structure, theta, units),
     )
 
 
-def hidden_error(model):
-    """Return what the fits of a model left on hidden samples (eq. holdout).
-
-    Parameters
-    ----------
-    model : estimator
-        Fitted model.
-
-    Returns
-    -------
-    error : float or None
-        Least root mean square error of its order, outputs of unit variance; None if
-        nothing was hidden.
-    """
-    curve = model.orders_.get("networks", model.orders_.get("linear", {}))
-    return curve.get(model.nx_)
+def _hidden_error(model):
+    """Return the error of the fits of a model on hidden samples, None without any."""
+    # networks that were tried and left tell nothing of the linear model
+    is_linear = np.isinf(getattr(model, "alpha_", 0.0))
+    kind = "networks" if "networks" in model.orders_ and not is_linear else "linear"
+    return model.orders_.get(kind, {}).get(model.nx_)
 
 
 def sampling_time(model):

@@ -162,15 +162,19 @@ def what_is_missed(plant, records):
     J = [
         _effects(plant, X, du, root, _terms(region, powers, X, du)) for X, du, _ in runs
     ]
-    hidden = [
-        [np.isfinite(unseen).all(axis=1) for _, unseen in fold.hidden]
-        for fold in hold_out([run[1:] for run in runs])
-    ]
     dy = np.vstack([run[2] for run in runs])
-    told = [np.concatenate(fold) for fold in hidden]
+    told = None
     # a predictor is judged by its simulation, and its residual is of one step
-    observed = plant.hidden_error if plant.K is None else None
-    return Missed(region, powers, root, *_posterior(J, r, dy, plant.nx, observed, told))
+    if plant.hidden_error is not None and plant.K is None:
+        told = plant.hidden_error, _hidden(runs)
+    return Missed(region, powers, root, *_posterior(J, r, dy, plant.nx, told))
+
+
+def _hidden(runs):
+    """Return by fold which samples of all experiments a search would hide."""
+    folds = hold_out([run[1:] for run in runs])
+    every = [[np.isfinite(y).all(axis=1) for _, y in fold.hidden] for fold in folds]
+    return [np.concatenate(parts) for parts in every]
 
 
 def _states(plant, du, dy, x0):
@@ -257,7 +261,7 @@ def _without_start(J, r, nx):
     return both[:, :-1].reshape(*shape, n), both[:, -1].reshape(shape), ok
 
 
-def _posterior(J, r, dy, nx, observed, hidden):
+def _posterior(J, r, dy, nx, told):
     """Return mean and factor of the covariance of the coefficients, and the noise."""
     size = np.sqrt(np.maximum(np.nanvar(dy, axis=0), TINY))
     parts = [
@@ -276,7 +280,8 @@ def _posterior(J, r, dy, nx, observed, hidden):
     ends = np.cumsum([len(r_i) for r_i in r])[:-1]
     independent = sum(map(independent_samples, np.split(rest, ends)))
     weight = independent / len(rest) / noise
-    if observed is not None and np.isfinite(observed):
+    if told is not None and np.isfinite(told[0]):
+        observed, hidden = told
         of_noise = np.mean(noise)  # nothing can be less
         squares = max(observed**2, of_noise), of_noise
         prior /= _enlarged(every, gram, weight, hidden, *squares, prior)
