@@ -305,7 +305,8 @@ def write_table(rows, load):
     text = [
         "# True plants with real actuators in closed loop",
         "",
-        "By `python -m benchmarks.true_loops`. Deviation: true minus designed output,",
+        "By `python -m benchmarks.true_loops --input-map identity monotone`.",
+        "Deviation: true minus designed output,",
         "over the standard deviation of the designed one; linear: that of the same",
         "design on a linear model; ratio of the two per seed, median and worst;",
         "predicted: the deviation with the model in the place of the plant; reported:",
