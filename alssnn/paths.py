@@ -11,7 +11,9 @@ from .criterion import DIVERGED_NORM, Criterion
 from .workers import finished
 
 WAIT = 3  # alphas without a gain, after which a path ends
-ENOUGH = 1e-4  # the largest alpha at which it may
+# Largest network weight over that of the start, below which a decay to zero has taken
+# the networks away. It would not give them back: the linear model is a saddle.
+GONE = 1e-2
 # Mean square error of what other inputs take far from the record (eq. escape, latch),
 # as it counts: the plant may go there, too, where all else has twice the error.
 ESCAPED = 4.0
@@ -91,6 +93,9 @@ class Tally:
 class Path:
     """Descend from one start along falling alphas, on all folds at once.
 
+    Where a decay to zero has taken the networks of a fold away, its next stage begins
+    at the start.
+
     Parameters
     ----------
     recipe : Recipe
@@ -101,12 +106,14 @@ class Path:
         One per fold.
     seed : int
         Of the random start.
+    descent : Descent
+        Weights of the decay, and what it leads to.
+    options : dict
+        Of the minimization of a stage; its ``max_iter`` is that of a whole fit.
     weight : ndarray of shape (ny,) or None
         Weight of the error of every output.
     bounds : list of float
         By fold, the largest error from elsewhere in the record.
-    center : {"start", "zero"}, default="start"
-        What the decay leads to.
     excursions : sequence of Excursion, default=()
         By fold, what asks where other inputs take a model; empty asks nothing.
 
@@ -134,13 +141,16 @@ class Path:
         folds,
         linears,
         seed,
+        descent,
+        options,
+        *,
         weight,
         bounds,
-        center="start",
         excursions=(),
     ):
         self.folds, self.weight, self.bounds = folds, weight, bounds
-        self.excursions = excursions
+        self.descent, self.excursions = descent, excursions
+        self.options = options | {"max_iter": descent.steps(options["max_iter"])}
         self.problems, self.points = [], []
         for fold, model in zip(folds, linears, strict=True):
             linear, structure, penalized, weights = recipe.declare(model)
@@ -151,7 +161,9 @@ class Path:
             x0 = 0.0 * x0 if limits.at_rest else x0
             self.points.append((limits.clip(theta), x0))
         starts = [theta for theta, _ in self.points]
-        self.centers = starts if center == "start" else [0.0 * z for z in starts]
+        to_start = descent.center == "start"
+        self.centers = starts if to_start else [0.0 * theta for theta in starts]
+        self.starts = self.points
         self.alphas, self.has_ended = [], False
         self.errors, self.scores, self.states = [], [], []
         self._judge()
@@ -183,28 +195,34 @@ class Path:
             )
         )
 
-    def is_along(self, alphas):
-        """Tell whether what was walked is the beginning of a path, or all of it.
+    @property
+    def is_along(self):
+        """Return whether what was walked is the beginning of its descent, or all."""
+        return self.alphas == list(self.descent.alphas[: len(self.alphas)])
+
+    def left(self, only_first=False):
+        """Return the alphas of its descent that are left.
 
         Parameters
         ----------
-        alphas : ndarray
-            Weights of the decay along that path.
+        only_first : bool, default=False
+            Whether those behind the first at which it may end do not count.
 
         Returns
         -------
-        is_along : bool
-            Whether it is.
+        alphas : tuple of float
+            Empty if it has ended.
         """
-        return self.alphas == list(alphas[: len(self.alphas)])
+        alphas = self.descent.first if only_first else self.descent.alphas
+        return () if self.has_ended else tuple(alphas[len(self.alphas) :])
 
-    def least(self, n_stages):
+    def least(self, n_stages=None):
         """Return the least score of the start and the first stages.
 
         Parameters
         ----------
-        n_stages : int
-            Number of stages.
+        n_stages : int or None, default=None
+            Number of stages; None stands for all that were walked.
 
         Returns
         -------
@@ -212,9 +230,9 @@ class Path:
             Sum of the mean square errors of the folds, larger where other inputs take
             the model far from its record.
         """
-        return min(self.scores[: n_stages + 1])
+        return min(self.scores[: None if n_stages is None else n_stages + 1])
 
-    def descend(self, alphas, watch, enough=ENOUGH, tell=None, **options):
+    def descend(self, alphas, watch, tell=None, enough=None):
         """Go down the path, and stop where further stages bring no more.
 
         Parameters
@@ -223,23 +241,22 @@ class Path:
             Weights of the decay, not rising.
         watch : Watch
             May end it.
-        enough : float, default=1e-4
-            Largest alpha at which it may stop.
         tell : callable or None, default=None
             Called with the errors of every stage.
-        **options : dict
-            Of the minimization of a stage.
+        enough : float or None, default=None
+            Largest alpha at which it may stop; None is that of the descent.
 
         Returns
         -------
         path : Path
             This one.
         """
-        waited, least = 0, self.least(len(self.alphas))
+        waited, least = 0, self.least()
+        enough = self.descent.enough if enough is None else enough
         self.has_ended = False
         for alpha in alphas:
             self.points = [
-                self._stage(i, fold.fitted, alpha, watch, options)[0]
+                self._stage(i, fold.fitted, alpha, watch)[0]
                 for i, fold in enumerate(self.folds)
             ]
             self.alphas.append(alpha)
@@ -253,7 +270,7 @@ class Path:
                 break
         return self
 
-    def go_on(self, stage, alpha, n_stages, watch, **options):
+    def go_on(self, stage, alpha, n_stages, watch, tell=None):
         """Go on from a stage at its alpha.
 
         Parameters
@@ -266,8 +283,8 @@ class Path:
             Number of stages, at most.
         watch : Watch
             May end it.
-        **options : dict
-            Those of `descend`.
+        tell : callable or None, default=None
+            Called with the errors of every stage.
 
         Returns
         -------
@@ -278,10 +295,10 @@ class Path:
         self.errors, self.scores = self.errors[kept], self.scores[kept]
         self.states = self.states[kept]
         self.alphas, self.points = self.alphas[:stage], self.states[stage]
-        self.descend([alpha] * n_stages, watch, enough=np.inf, **options)
+        self.descend([alpha] * n_stages, watch, tell, enough=np.inf)
         return stage + int(np.argmin(self.scores[stage:]))
 
-    def best_fold(self, stage, alpha, watch, **options):
+    def best_fold(self, stage, alpha, watch):
         """Return the fold from whose parameters all samples are fitted best.
 
         A search that has ended in a poor optimum in one fold may have left it in
@@ -295,8 +312,6 @@ class Path:
             Weight of the decay.
         watch : Watch
             May end it.
-        **options : dict
-            Of the minimization.
 
         Returns
         -------
@@ -308,60 +323,66 @@ class Path:
             return 0
         self.points = self.states[stage]
         costs = [
-            self._stage(i, fold.whole, alpha, watch, options)[1]
+            self._stage(i, fold.whole, alpha, watch)[1]
             for i, fold in enumerate(self.folds)
         ]
         return int(np.argmin(costs))
 
-    def _stage(self, i, experiments, alpha, watch, options):
+    def _stage(self, i, experiments, alpha, watch):
         """Return parameters and initial states of one fold behind a stage; its cost."""
         _, penalized, weights, limits = self.problems[i]
-        theta, x0 = self.points[i]
+        theta, x0 = self.starts[i] if self._is_gone(i) else self.points[i]
         criterion = Criterion(
             penalized, experiments, alpha=alpha, center=self.centers[i], **weights
         )
         free = criterion.join(theta, x0)
         if criterion.norm(free) < DIVERGED_NORM:
-            free = limits.minimize(criterion, free, watch=watch, **options).x
+            free = limits.minimize(criterion, free, watch=watch, **self.options).x
         return criterion.split(free), criterion.norm(free)
 
+    def _is_gone(self, i):
+        """Tell whether a decay to zero has taken the networks of a fold away."""
+        if self.descent.center == "start":
+            return False
+        structure = self.problems[i][0]
+        now, was = (
+            max(abs(p[name]).max(initial=0.0) for name in structure.network_parameters)
+            for p in (structure.split(z[i][0]) for z in (self.points, self.starts))
+        )
+        return now < GONE * was
 
-def _descend(path, alphas, watch, options):
-    return path.descend(alphas, watch, **options)
+
+def _descend(path, alphas, watch):
+    return path.descend(alphas, watch)
 
 
-def descended(paths, alphas, watch, options, tally, n_jobs=None):
+def descended(paths, watch, tally, n_jobs=None, only_first=False):
     """Go down several paths, in processes of their own if asked for.
 
     Parameters
     ----------
     paths : list of Path
-        Paths; what one has walked already is the beginning of `alphas`.
-    alphas : ndarray
-        Weights of the decay, not rising.
+        Paths; some may have been walked in part.
     watch : Watch
         May end it.
-    options : dict
-        Those of `Path.descend`.
     tally : Tally
         Told of every stage.
     n_jobs : int or None, default=None
         Paths in parallel, as in joblib.
+    only_first : bool, default=False
+        Whether to stop where a path may end.
 
     Returns
     -------
     paths : list of Path
         The same, or copies from other processes.
     """
-    left = [
-        alphas[:0] if path.has_ended else alphas[len(path.alphas) :] for path in paths
-    ]
+    left = [path.left(only_first) for path in paths]
     if n_jobs in (None, 1) or len(paths) == 1:
         for path, rest in zip(paths, left, strict=True):
-            path.descend(rest, watch, tell=tally.plan(len(rest)), **options)
+            path.descend(rest, watch, tally.plan(len(rest)))
         return paths
-    pairs = zip(paths, left, strict=True)
-    calls = [(path, rest, watch, options) for path, rest in pairs]
+    calls = [(path, rest, watch) for path, rest in zip(paths, left, strict=True)]
     walked = {}
     for i, path in finished(_descend, calls, n_jobs):
         walked[i] = path

@@ -4,15 +4,6 @@ Three choices decide whether a network helps or harms, and no theory makes them:
 many states, which random start, and how far the networks may move.  All three are made
 by the simulation error on hidden quarters of the record (`holdout`).
 
-A start has networks of random inner weights and zero output, so that it is the linear
-model.  The decay alpha |theta_net - start|^2 (eq. decay) is lowered along a path, each
-optimum the start of the next: a large alpha leaves the linear model, a middle one fits
-the outputs of random networks, a small one moves them freely.  A path is a continuation
-and a choice of complexity in one.  (Decay towards zero instead would take the inner
-weights first, and with them every gradient: the linear model is a saddle.  Only one
-that begins small may lead there, as that of GR-SSNN, whose network nothing else holds:
-it is then smooth where the record says little.)
-
 The path that comes lowest is taken, which may be that by which an order was chosen, and
 of its alphas that do nearly as well as the best the largest.  From there it goes on at
 this alpha as long as the error on the hidden samples falls; of a long record, the fit
@@ -29,27 +20,22 @@ hidden samples.  There, a smaller difference counts as none, and a larger one as
 alphas are relative to the error of the linear model, as the noise is (eq. innovations).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
+from .descent import USUAL
 from .excursions import Excursion
 from .holdout import SHARE, Fold, certainty
-from .paths import ENOUGH, Path, Tally, choose, descended
+from .paths import Path, Tally, choose, descended
 from .training import LEAST_MOVE
 from .watch import Watch
 
-ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
-# Of the alphas, those by which orders are compared: 0.1, 1e-3, 1e-5. With 10, 0.1, 1e-3
-# models of more states had not come down yet: of the plant "brief dead zone" of
-# `benchmarks.short_records`, which has two, one state was taken.
-SCREEN = (2, 7, 2)
 # Random starts by which orders are compared. With one, `AlSsnn` of two rooms took two
 # states instead of three with one seed of three: 0.37 of the linear error, not 0.08.
 TRIED = 2
-STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
 NEARLY = 1.1  # relative mean square error that is as good as the best
 CONTENDS = 1.5  # root mean square error of a start over the least of its comparison
@@ -66,38 +52,6 @@ FAR = 2.0  # root mean square error from elsewhere, over that of the linear mode
 CHANCE = 2.0  # over the hidden samples: relative difference of white errors by chance
 NOISE = 0.1  # mean square error of a linear model, for which `ALPHAS` are meant
 SMALL = 0.01  # the same for a decay to zero, and one below which it becomes less
-
-
-@dataclass(frozen=True)
-class Descent:
-    """Say along which weights of the decay a search goes.
-
-    Parameters
-    ----------
-    alphas : sequence of float, default=`ALPHAS`
-        Weights of the decay, not rising.
-    screen : tuple of int
-        First, end and step of those by which orders are compared. Those behind the end
-        follow for orders that come near the best.
-    stages : int, default=25
-        A stage has this share of the trial steps of a fit.
-    center : {"start", "zero"}, default="start"
-        What the decay leads to. To zero, it makes functions smooth where the record
-        says nothing, and a large one takes the networks away for good: the weights are
-        then relative to the error of the linear model, which makes them smaller.
-    """
-
-    alphas: Sequence[float] = tuple(ALPHAS)
-    screen: tuple = SCREEN
-    stages: int = STAGES
-    center: str = "start"
-
-
-USUAL = Descent()
-# With the usual one instead, GR-SSNN has larger test errors on six plants: 3.3 and 1.9
-# times for a servo, 2.5 for a robot joint, 1.3 to 1.8 for the others, medians of two
-# seeds (`python -m benchmarks.constants SMOOTH`).
-SMOOTH = Descent((1e-4, 1e-5, 1e-6, 1e-7, 1e-8), (0, 3, 1), stages=6, center="zero")
 
 
 @dataclass(frozen=True)
@@ -196,7 +150,7 @@ class _Way:
     error: float = np.inf
 
 
-def _compared(start, seeds, orders, candidates, largest, alphas, watch, tally, options):
+def _compared(begin, seeds, orders, candidates, largest, screened, watch, tally):
     """Return the least error on hidden samples by order, and the best ways.
 
     They are of the smallest order that does nearly as well as the best, and from one
@@ -205,15 +159,14 @@ def _compared(start, seeds, orders, candidates, largest, alphas, watch, tally, o
     orders go on as long as each is clearly better than those before; their starts are
     compared among each other, for others have gone through all stages by then.
     """
-    first, rest = alphas
+    first, rest = screened
     curve: dict[int, float] = {}
     fresh: list[_Way] = []
     ways: list[_Way] = []
     pending = list(candidates)
 
     def walked(way, alphas):
-        tell = tally.plan(len(alphas))
-        way.path.descend(alphas, watch, tell=tell, **options)
+        way.path.descend(alphas, watch, tally.plan(len(alphas)))
         least = min(way.path.errors, key=np.sum)
         curve[way.nx] = min(curve.get(way.nx, np.inf), float(np.sqrt(np.mean(least))))
         return replace(way, error=float(np.sqrt(min(way.path.scores) / len(least))))
@@ -221,7 +174,7 @@ def _compared(start, seeds, orders, candidates, largest, alphas, watch, tally, o
     while pending:
         nx = pending.pop(0)
         fresh += [
-            walked(_Way(nx, seed, start(linears, seed), linears), first)
+            walked(_Way(nx, seed, begin(linears, seed), linears), first)
             for linears, seed in product(orders.starts(nx), seeds)
         ]
         if pending:
@@ -252,7 +205,7 @@ def search(
     *,
     largest=0,
     max_iter,
-    descent=USUAL,
+    descents=(USUAL,),
     method="lm",
     n_jobs=None,
     output_weight=None,
@@ -275,8 +228,9 @@ def search(
         Up to this order, further ones follow the candidates as long as they gain.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
-    descent : Descent, default=`USUAL`
-        Weights of the decay along a path.
+    descents : sequence of Descent, default=(`USUAL`,)
+        Weights of the decay along the paths of every start. Orders are compared along
+        the first.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -297,53 +251,51 @@ def search(
     quiet = (Watch() if watch is None else watch).quiet()
     options = {
         "method": method,
-        "max_iter": max(2, max_iter // descent.stages),
+        "max_iter": max_iter,
         "tol": STAGE_TOL,
         "xtol": LEAST_MOVE,
         "label": "search",
     }
-    scale = _scale(orders, is_predictor, descent)
-    n_first = np.count_nonzero(np.asarray(descent.alphas) >= ENOUGH)
-    alphas = scale * np.asarray(descent.alphas)
-    limits = _bounds(orders, output_weight), descent.center
-    common = output_weight, *limits, _excursions(orders, is_predictor)
+    descents = [d.times(_scale(orders, is_predictor, d)) for d in descents]
+    usual, more = descents[0], max_iter // descents[0].steps(max_iter)
+    common = {
+        "weight": output_weight,
+        "bounds": _bounds(orders, output_weight),
+        "excursions": _excursions(orders, is_predictor),
+        "options": options,
+    }
 
-    def start(linears, seed):
-        return Path(recipe, folds, linears, seed, *common)
+    def begin(linears, seed, descent=usual):
+        return Path(recipe, folds, linears, seed, descent, **common)
 
-    options["enough"] = scale * ENOUGH
-    curve, screened = {}, (alphas[slice(*descent.screen)], alphas[descent.screen[1] :])
-    more = max_iter // options["max_iter"]
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages = _expected(len(ways), len(seeds), alphas, screened)
+    n_stages = _expected(len(ways), len(seeds), descents)
     tally = Tally(watch, orders.errors[orders.nx], n_stages + more * (len(folds) > 1))
-    linears, tried = ways[0], []
+    curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
-        among = seeds[:TRIED], orders, candidates, largest, screened
-        curve, tried = _compared(start, *among, quiet, tally, options)
+        among = seeds[:TRIED], orders, candidates, largest, usual.screened
+        curve, tried = _compared(begin, *among, quiet, tally)
         linears = tried[0].linears
     nx = len(linears[0].A)
-    paths, others = _begun(start, linears, seeds, tried, alphas)
-    paths = _walked(paths, alphas, n_first, quiet, options, tally, n_jobs)
+    paths, others = _begun(begin, linears, seeds, descents, tried)
+    paths = _walked(paths, quiet, tally, n_jobs)
     walk, stage = choose([*paths, *others], nearly)
     alpha = walk.alphas[stage - 1]
     # what goes on from here is chosen by the same samples
     judged, chosen = walk.errors[stage], walk.states[stage]
-    options.pop("enough")
     if len(folds) > 1:  # else the fit that follows goes on, without a break
-        tell = tally.plan(more)
-        stage = walk.go_on(stage, alpha, more, quiet, tell=tell, **options)
+        stage = walk.go_on(stage, alpha, more, quiet, tally.plan(more))
     reached = float(np.sqrt(np.mean(walk.errors[stage])))
     curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
     linear, sure, by_output = _beside(orders, walk, chosen, output_weight, is_predictor)
-    i = walk.best_fold(stage, alpha, quiet, **options)
+    i = walk.best_fold(stage, alpha, quiet)
     theta, x0 = walk.states[stage][i]
     return Found(
         walk.problems[i][0],
         theta,
         walk.centers[i],
         float(alpha),
-        max_iter if len(folds) == 1 else REFIT * options["max_iter"],
+        max_iter if len(folds) == 1 else REFIT * walk.descent.steps(max_iter),
         folds[i],
         x0,
         judged,
@@ -355,33 +307,34 @@ def search(
     )
 
 
-def _expected(n_ways, n_seeds, alphas, screened):
+def _expected(n_ways, n_seeds, descents):
     """Return the largest number of stages of all paths to the choice of one."""
-    tried = min(n_seeds, TRIED) * sum(map(len, screened)) if n_ways > 1 else 0
-    return n_seeds * len(alphas) + n_ways * tried
+    screen = sum(map(len, descents[0].screened))
+    tried = min(n_seeds, TRIED) * screen if n_ways > 1 else 0
+    return n_seeds * sum(len(d.alphas) for d in descents) + n_ways * tried
 
 
-def _begun(start, linears, seeds, tried, alphas):
-    """Return the paths of all seeds, and those along other alphas.
+def _begun(begin, linears, seeds, descents, tried):
+    """Return the paths of all seeds along all descents, and those along other alphas.
 
     They begin in this process, for the recipe is of the estimator, whose callbacks and
-    streams may not leave it. Of what was tried, paths along the same alphas are those
-    of their seeds.
+    streams may not leave it. Of what was tried, those along the alphas of their descent
+    are the paths of their seeds.
     """
-    walked = {w.seed: w.path for w in reversed(tried) if w.path.is_along(alphas)}
-    paths = [walked.get(seed) or start(linears, seed) for seed in seeds]
+    walked = {w.seed: w.path for w in reversed(tried) if w.path.is_along}
+    paths = [walked.get(seed) or begin(linears, seed) for seed in seeds]
+    paths += [begin(linears, seed, along) for along in descents[1:] for seed in seeds]
     return paths, [way.path for way in tried if way.path not in paths]
 
 
-def _walked(paths, alphas, n_first, watch, options, tally, n_jobs):
+def _walked(paths, watch, tally, n_jobs):
     """Go down the paths of all starts; return them."""
     if len(paths) == 1 or len(paths[0].folds) > 1:
-        return descended(paths, alphas, watch, options, tally, n_jobs)
+        return descended(paths, watch, tally, n_jobs)
     # of a long record one start counts: the others stop where a path may end
-    paths = descended(paths, alphas[:n_first], watch, options, tally, n_jobs)
-    best = min(paths, key=lambda path: path.least(n_first))
-    rest = alphas[len(best.alphas) :]
-    best.descend(rest, watch, tell=tally.plan(len(rest)), **options)
+    paths = descended(paths, watch, tally, n_jobs, only_first=True)
+    best = min(paths, key=lambda path: path.least(len(path.descent.first)))
+    best.descend(best.left(), watch, tally.plan(len(best.left())))
     return paths
 
 

@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from alssnn.search import ALPHAS, USUAL
+from alssnn.descent import ALPHAS, USUAL
 
 from .field.__main__ import CASES as FIELD
 from .field.__main__ import assignment

@@ -17,6 +17,7 @@ from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
+from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL, Descent
 from alssnn.estimators import _horizon, _safe, _ssnn
 from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
@@ -24,7 +25,7 @@ from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.optimizers import minimize
 from alssnn.orders import Orders, compare_orders
-from alssnn.search import ALPHAS, SMOOTH, USUAL, Found, Recipe, search
+from alssnn.search import Found, Recipe, search
 from alssnn.starts import initial_theta
 from alssnn.training import train
 from alssnn.watch import BY_OBSERVER, INTERRUPTED, OUT_OF_TIME, Watch
@@ -188,12 +189,21 @@ def scaled(u, y):
     return [((u - u.mean()) / u.std(), (y - y.mean()) / y.std())]
 
 
-def walk(orders, bounds=(np.inf,) * 3, center="start", is_predictor=False):
+def walk(
+    orders, bounds=(np.inf,) * 3, center="start", is_predictor=False, steps=20, tol=1e-6
+):
     """Return the start of a path of order 1."""
-    folds, models = orders.folds, orders.models[1]
-    bounds = bounds[: len(folds)]
-    excursions = searching._excursions(orders, is_predictor)
-    return searching.Path(recipe(), folds, models, 0, None, bounds, center, excursions)
+    return searching.Path(
+        recipe(),
+        orders.folds,
+        orders.models[1],
+        0,
+        Descent(stages=1, center=center),
+        {"method": "lm", "max_iter": steps, "tol": tol},
+        weight=None,
+        bounds=bounds[: len(orders.folds)],
+        excursions=searching._excursions(orders, is_predictor),
+    )
 
 
 @pytest.mark.parametrize(
@@ -246,8 +256,7 @@ def test_stages_that_may_be_chosen_are_asked_where_they_lead(
 def test_a_large_alpha_leaves_the_linear_model(short):
     orders = compare_orders(scaled(*short), [1])
     path = walk(orders)
-    options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
-    path.descend([1e8], Watch(), **options)
+    path.descend([1e8], Watch())
     before, after = (np.sqrt(errors.sum()) for errors in path.errors)
     assert after == pytest.approx(before, rel=1e-3)
     np.testing.assert_allclose(path.errors[0], orders.errors[1], rtol=1e-9)
@@ -260,14 +269,31 @@ def test_a_large_alpha_leaves_the_linear_model(short):
 
 def test_a_decay_to_zero_takes_the_networks_away(short):
     orders = compare_orders(scaled(*short), [1])
-    path = walk(orders, center="zero")
-    options = {"method": "lm", "max_iter": 50, "tol": 1e-9}
-    path.descend([1e2], Watch(), **options)
+    path = walk(orders, center="zero", steps=50, tol=1e-9)
+    path.descend([1e2], Watch())
     for theta, _ in path.points:
         structure = path.problems[0][0]
         p = structure.split(theta)
         for name in structure.network_parameters:
             np.testing.assert_allclose(p[name], 0.0, atol=1e-3)
+
+
+def test_where_networks_were_taken_away_a_path_begins_anew(short):
+    """The linear model is a saddle, at which a smaller decay would change nothing."""
+    orders = compare_orders(scaled(*short), [1])
+    alone, behind, above = (walk(orders, center="zero", tol=1e-9) for _ in range(3))
+    alone.descend([1e-4], Watch())
+    behind.descend([1e2, 1e-4], Watch())
+    np.testing.assert_allclose(behind.errors[-1], alone.errors[-1], rtol=1e-9)
+    assert behind.errors[-1].sum() < 0.25 * behind.errors[1].sum()
+    above.descend([1e-4, 1e-4], Watch())  # what is there goes on
+    costs = [
+        Criterion(path.problems[0][0], orders.folds[0].fitted).norm(
+            np.concatenate([path.points[0][0], path.points[0][1].ravel()])
+        )
+        for path in (above, alone)
+    ]
+    assert costs[0] < costs[1]
 
 
 @pytest.mark.parametrize(("error", "scale"), [(1e-4, 0.01), (0.01, 1.0), (0.5, 1.0)])
@@ -277,7 +303,7 @@ def test_a_decay_to_zero_is_small_for_a_small_linear_error(
     orders = compare_orders(scaled(*short), [1])
     orders = replace(orders, errors={1: np.array([0.5, 1.0, 1.5]) * error})
     walked = told(monkeypatch, [[1, 0.9]], [11])
-    search(recipe(), orders, [1], [11], max_iter=60, descent=SMOOTH)
+    search(recipe(), orders, [1], [11], max_iter=60, descents=[SMOOTH])
     alphas, enough = walked[0].asked
     np.testing.assert_allclose(alphas, scale * np.array(SMOOTH.alphas))
     assert enough == pytest.approx(scale * 1e-4)
@@ -287,8 +313,7 @@ def test_a_decay_to_zero_is_small_for_a_small_linear_error(
 def test_smaller_alphas_fit_more(short):
     orders = compare_orders(scaled(*short), [1])
     path = walk(orders)
-    options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
-    path.descend(ALPHAS[:6], Watch(), **options)
+    path.descend(ALPHAS[:6], Watch())
     costs = []
     for points in path.states:
         theta, x0 = points[0]
@@ -331,14 +356,14 @@ def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(
     orders, seeds = compare_orders(scaled(*short), [1, 2]), [11, 22]
     descend, walked = searching.Path.descend, []
 
-    def recorded(self, alphas, watch, **options):
+    def recorded(self, alphas, *rest, **options):
         walked.append((self, list(alphas)))
-        return descend(self, alphas, watch, **options)
+        return descend(self, alphas, *rest, **options)
 
     monkeypatch.setattr(searching.Path, "descend", recorded)
     for descent in (replace(SMOOTH, center="start"), USUAL):
         walked.clear()
-        found = search(recipe(), orders, [1, 2], seeds, descent=descent, max_iter=20)
+        found = search(recipe(), orders, [1, 2], seeds, descents=[descent], max_iter=20)
         nx = found.structure.sizes["x"]
         of_order = [
             (path, alphas)
@@ -387,16 +412,38 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     np.testing.assert_array_equal(found.theta, centre + stage)
 
 
-def told(monkeypatch, table, seeds, fold=0):
-    """Have paths whose errors are told: one row per seed, one column per stage."""
+@pytest.mark.parametrize("to_zero", [0.8, 0.4])
+def test_the_lowest_path_of_all_descents_is_taken(short, monkeypatch, to_zero):
+    orders, seeds = compare_orders(scaled(*short), [1]), [11, 22]
+    descents = USUAL, FADING
+    zero = [[1, 0.9, 0.9], [1, 0.9, to_zero]]
+    walked = told(monkeypatch, [[1, 0.5, 0.9], [1, 0.9, 0.9]], seeds, zero=zero)
+    found = search(recipe(), orders, [1], seeds, descents=descents, max_iter=60)
+    scale = min(1.0, orders.errors[1].mean() / 0.01)
+    expected = [USUAL] * 2 + [FADING.times(scale)] * 2
+    assert [path.descent for path in walked] == expected
+    assert [path.asked[0] for path in walked] == [list(d.alphas) for d in expected]
+    path, stage = (walked[3], 2) if to_zero < 0.5 else (walked[0], 1)
+    assert found.alpha == path.descent.alphas[stage - 1]
+    assert found.center.any() == (path is walked[0])
+    # what follows has steps of a stage of this path
+    assert found.refit_iter == searching.REFIT * path.descent.steps(60)
+
+
+def told(monkeypatch, table, seeds, fold=0, zero=None):
+    """Have paths whose errors are told: one row per seed, one column per stage.
+
+    Those of a decay to zero have a table of their own.
+    """
 
     class Path(searching.Path):
-        def __init__(self, recipe, folds, linears, seed, *common):
-            super().__init__(recipe, folds, linears, seed, *common)
-            self.row = table[seeds.index(seed)]
+        def __init__(self, recipe, folds, linears, seed, *of, **common):
+            super().__init__(recipe, folds, linears, seed, *of, **common)
+            own = zero if zero and self.descent.center == "zero" else table
+            self.row = own[seeds.index(seed)]
 
-        def descend(self, alphas, watch, **options):
-            n_folds, self.asked = len(self.folds), (list(alphas), options["enough"])
+        def descend(self, alphas, watch, tell=None):
+            n_folds, self.asked = len(self.folds), (list(alphas), self.descent.enough)
             self.alphas = list(alphas)
             self.errors = [np.full(n_folds, error / n_folds) for error in self.row]
             self.scores = list(self.row)
@@ -407,10 +454,10 @@ def told(monkeypatch, table, seeds, fold=0):
             walked.append(self)
             return self
 
-        def go_on(self, stage, *args, **options):
+        def go_on(self, stage, *args):
             return stage
 
-        def best_fold(self, stage, alpha, *args, **options):
+        def best_fold(self, stage, alpha, watch):
             assert alpha == self.alphas[stage - 1]
             return fold
 
@@ -449,8 +496,8 @@ def test_the_smallest_order_that_does_nearly_as_well(
     walked = []
 
     class Path(searching.Path):
-        def __init__(self, recipe, folds, linears, *common):
-            super().__init__(recipe, folds, linears, *common)
+        def __init__(self, recipe, folds, linears, *of, **common):
+            super().__init__(recipe, folds, linears, *of, **common)
             n, n_folds = len(linears[0].A), len(folds)
             is_idle = n > orders.nx and not linears[0].C[:, orders.nx :].any()
             self.key = -n if is_idle else n
@@ -459,7 +506,7 @@ def test_the_smallest_order_that_does_nearly_as_well(
             self.errors, self.told = errors[:1], errors[1:]
             self.scores = [float(n_folds)]
 
-        def descend(self, alphas, watch, **options):
+        def descend(self, alphas, watch, tell=None):
             walked.append((self.key, len(alphas)))
             self.alphas += list(alphas)
             self.errors.append(self.told[min(len(self.errors), 2) - 1])
@@ -467,7 +514,7 @@ def test_the_smallest_order_that_does_nearly_as_well(
             self.states.append(self.points)
             return self
 
-        def go_on(self, stage, *args, **options):
+        def go_on(self, stage, *args):
             return stage
 
     monkeypatch.setattr(searching, "Path", Path)
@@ -516,7 +563,7 @@ def test_alphas_of_a_predictor_are_relative_to_its_noise(short, monkeypatch, err
     np.testing.assert_array_equal(plain, ALPHAS)
     # they are meant for a mean square error of a tenth
     np.testing.assert_allclose(relative, ALPHAS * error / 0.1, rtol=1e-12)
-    assert enough == walking.ENOUGH
+    assert enough == USUAL.enough
     assert enough_relative == pytest.approx(enough * error / 0.1)
 
 
@@ -540,15 +587,15 @@ def test_of_a_long_record_only_the_best_start_goes_all_the_way(short, monkeypatc
     went = []
     descend = searching.Path.descend
 
-    def recorded(self, alphas, watch, **options):
+    def recorded(self, alphas, *rest, **options):
         went.append((self, list(alphas)))
-        return descend(self, alphas, watch, **options)
+        return descend(self, alphas, *rest, **options)
 
     monkeypatch.setattr(searching.Path, "descend", recorded)
     found = search(recipe(), orders, [1], [1, 2, 3], max_iter=50)
     paths = [path for path, _ in went]
     assert [alphas for _, alphas in went] == [list(ALPHAS[:6])] * 3 + [list(ALPHAS[6:])]
-    assert ALPHAS[5] == pytest.approx(walking.ENOUGH)
+    assert ALPHAS[5] == pytest.approx(USUAL.enough)
     least = [min(e.sum() for e in path.errors[:7]) for path in paths[:3]]
     assert paths[3] is paths[int(np.argmin(least))]
     # the fit to all samples goes on from there, with all its steps
@@ -557,11 +604,10 @@ def test_of_a_long_record_only_the_best_start_goes_all_the_way(short, monkeypatc
 
 def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
     orders = compare_orders(scaled(*short), [1])
-    path = walk(orders)
-    options = {"method": "lm", "max_iter": 2, "tol": 1e-9}
-    path.descend(ALPHAS[:5], Watch(), **options)
+    path = walk(orders, steps=2, tol=1e-9)
+    path.descend(ALPHAS[:5], Watch())
     before = [errors.sum() for errors in path.errors]
-    stage = path.go_on(4, ALPHAS[3], 30, Watch(), **options)
+    stage = path.go_on(4, ALPHAS[3], 30, Watch())
     after = [errors.sum() for errors in path.errors]
     np.testing.assert_array_equal(after[:5], before[:5])
     assert 4 < stage < 34
@@ -572,12 +618,11 @@ def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
 def test_the_fold_from_which_all_samples_are_fitted_best(short, best):
     orders = compare_orders(scaled(*short), [1])
     path = walk(orders)
-    options = {"method": "lm", "max_iter": 20, "tol": 1e-6}
-    path.descend(ALPHAS[:6], Watch(), **options)
+    path.descend(ALPHAS[:6], Watch())
     start, end = path.states[0], path.states[-1]
     path.states.append([(end if i == best else start)[i] for i in range(3)])
-    options["max_iter"] = 1
-    assert path.best_fold(7, ALPHAS[5], Watch(), **options) == best
+    path.options["max_iter"] = 1
+    assert path.best_fold(7, ALPHAS[5], Watch()) == best
 
 
 def test_a_fold_has_all_samples(short):

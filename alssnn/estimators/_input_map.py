@@ -10,8 +10,8 @@ from copy import copy
 
 import numpy as np
 
+from ..descent import Descent
 from ..equations import LEAST_GAIN
-from ..search import Descent
 from ..simulation import outputs
 from ..training import train
 
@@ -131,9 +131,9 @@ def stages_of_search(estimator):
         Options of `search.search`.
     """
     if getattr(estimator, "input_map", "identity") == "identity":
-        return {"max_iter": estimator.max_iter, "descent": estimator._descent()}
+        return {"max_iter": estimator.max_iter, "descents": estimator._descents()}
     longer = LONGER_STAGES * estimator.max_iter
-    return {"max_iter": longer, "descent": Descent(DECAYS)}
+    return {"max_iter": longer, "descents": (Descent(DECAYS),)}
 
 
 def searched(model):

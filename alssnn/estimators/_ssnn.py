@@ -11,6 +11,7 @@ from sklearn.base import _fit_context
 from sklearn.utils import check_random_state
 from sklearn.utils._param_validation import Interval, StrOptions
 
+from ..descent import USUAL
 from ..integrators import decouple
 from ..limits import Limits
 from ..linear_model import simulation_error, stabilize
@@ -18,7 +19,7 @@ from ..mapping import Held
 from ..models import state_space
 from ..orders import compare_down, compare_orders
 from ..predictions import likeliest
-from ..search import USUAL, Recipe, search
+from ..search import Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
 from ..subspace import largest_order
@@ -394,9 +395,9 @@ class Ssnn(StateSpaceModel):
         rng = np.random.default_rng(seed)
         return initial_theta(plain, linear, experiments, rng, held, **options)
 
-    def _descent(self):
+    def _descents(self):
         """Return the weights of the decay along which the search goes."""
-        return USUAL
+        return (USUAL,)
 
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
