@@ -331,11 +331,15 @@ def _walked(paths, watch, tally, n_jobs):
     """Go down the paths of all starts; return them."""
     if len(paths) == 1 or len(paths[0].folds) > 1:
         return descended(paths, watch, tally, n_jobs)
-    # of a long record one start counts: the others stop where a path may end
+    # of a long record, only starts that come near the best go on where a path may end
     paths = descended(paths, watch, tally, n_jobs, only_first=True)
-    best = min(paths, key=lambda path: path.least(len(path.descent.first)))
-    best.descend(best.left(), watch, tally.plan(len(best.left())))
-    return paths
+    least = [path.least(len(path.descent.first)) for path in paths]
+    is_near = [score <= CONTENDS**2 * min(least) for score in least]
+    near, others = (
+        [path for path, is_one in zip(paths, is_near, strict=True) if is_one is kind]
+        for kind in (True, False)
+    )
+    return [*descended(near, watch, tally, n_jobs), *others]
 
 
 def _bounds(orders, weight):
