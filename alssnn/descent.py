@@ -42,6 +42,9 @@ class Descent:
         What the decay leads to.
     enough : float, default=1e-4
         Largest alpha at which a path may end.
+    contends : float, default=1.0
+        Of a long record, starts with at most so many times the least root mean square
+        error there go on.
 
     Examples
     --------
@@ -56,6 +59,7 @@ class Descent:
     stages: int = STAGES
     center: str = "start"
     enough: float = ENOUGH
+    contends: float = 1.0
 
     def times(self, scale):
         """Return the descent along weights that are so many times as large.

@@ -331,10 +331,11 @@ def _walked(paths, watch, tally, n_jobs):
     """Go down the paths of all starts; return them."""
     if len(paths) == 1 or len(paths[0].folds) > 1:
         return descended(paths, watch, tally, n_jobs)
-    # of a long record, only starts that come near the best go on where a path may end
+    # of a long record, those that come near the best go on where a path may end
     paths = descended(paths, watch, tally, n_jobs, only_first=True)
     least = [path.least(len(path.descent.first)) for path in paths]
-    is_near = [score <= CONTENDS**2 * min(least) for score in least]
+    bounds = [path.descent.contends**2 * min(least) for path in paths]
+    is_near = [score <= bound for score, bound in zip(least, bounds, strict=True)]
     near, others = (
         [path for path, is_one in zip(paths, is_near, strict=True) if is_one is kind]
         for kind in (True, False)

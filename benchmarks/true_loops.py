@@ -1,7 +1,7 @@
 """True plants whose input is no force: does the true loop follow its linear design?
 
     python -m benchmarks.true_loops [--plants ...] [--seeds 10] [--jobs 2] [--quick]
-                                    [--input-map identity monotone]
+                                    [--input-map identity monotone] [--models FL AL]
 
 From a record of 2000 samples (10,000 of the "long arm": its law depends on six signals)
 with 1 % noise a linear model, FL-SSNN and AL-SSNN are identified, with the defaults but
@@ -205,8 +205,11 @@ def judge(case, y, designed):
     return ("", deviation) if deviation < LOST else ("diverged", np.inf)
 
 
-def compare(name, seed, input_maps, samples=None):
-    """Return the rows of one plant and one seed."""
+MODELS = {"FL": FlSsnn, "AL": AlSsnn}
+
+
+def compare(name, seed, input_maps, samples=None, models=tuple(MODELS)):
+    """Return the rows of one plant and one seed, those of the linear model first."""
     warnings.simplefilter("ignore")
     case = CASES[name]
     record = case.make(samples or case.samples, noise=NOISE, random_state=seed)
@@ -218,9 +221,10 @@ def compare(name, seed, input_maps, samples=None):
     for input_map in input_maps:
         # only what is not the default is said: the fits of older versions compare
         chosen = {} if input_map == IDENTITY else {"input_map": input_map}
-        for label, cls in (("FL", FlSsnn), ("AL", AlSsnn)):
+        for label in models:
             options = {"feedback": case.feedback, "random_state": seed, **chosen}
-            run = attempt(case, record, cls(**common, **options), seed)
+            model = MODELS[label](**common, **options)
+            run = attempt(case, record, model, seed)
             rows.append(row(name, f"{label}, {input_map}", seed, run, linear))
     return rows
 
@@ -338,6 +342,7 @@ def main():
     parser.add_argument("--plants", choices=CASES, nargs="+", default=list(CASES))
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--input-map", nargs="+", default=[IDENTITY])
+    parser.add_argument("--models", choices=MODELS, nargs="+", default=list(MODELS))
     parser.add_argument("--samples", type=int, help="of all records; writes no files")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="two seeds, no files")
@@ -349,7 +354,7 @@ def main():
     rows = []
     # fresh processes: a fork would copy the threads of the libraries
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        kind = options.input_map, options.samples
+        kind = options.input_map, options.samples, options.models
         jobs = [pool.submit(compare, *task, *kind) for task in tasks]
         for job in jobs:
             rows += job.result()

@@ -580,7 +580,10 @@ def test_a_fit_says_that_it_searches_a_predictor(short, monkeypatch):
             make("fl", noise=noise).fit(*short)
 
 
-def test_of_a_long_record_starts_near_the_best_go_all_the_way(short, monkeypatch):
+@pytest.mark.parametrize(("contends", "n"), [(1.0, 1), (1.5, 2), (1.7, 3)])
+def test_of_a_long_record_starts_near_the_best_go_all_the_way(
+    short, monkeypatch, contends, n
+):
     orders = compare_orders(scaled(*short), [1])
     one = {1: orders.models[1][:1]}, {1: orders.errors[1][:1]}
     orders = Orders(orders.folds[:1], *one)  # a long record has one fold
@@ -596,12 +599,13 @@ def test_of_a_long_record_starts_near_the_best_go_all_the_way(short, monkeypatch
 
     monkeypatch.setattr(searching.Path, "descend", recorded)
     monkeypatch.setattr(searching.Path, "least", least)
-    found = search(recipe(), orders, [1], [1, 2, 3], max_iter=50)
+    descents = [Descent(contends=contends)]
+    found = search(recipe(), orders, [1], [1, 2, 3], descents=descents, max_iter=50)
     paths = [path for path, _ in went]
     first, rest = list(ALPHAS[:6]), list(ALPHAS[6:])
-    assert [alphas for _, alphas in went] == [first] * 3 + [rest] * 2
+    assert [alphas for _, alphas in went] == [first] * 3 + [rest] * n
     assert ALPHAS[5] == pytest.approx(USUAL.enough)
-    assert paths[3] is paths[1] and paths[4] is paths[2]
+    assert [id(path) for path in paths[3:]] == [id(path) for path in paths[3 - n : 3]]
     # the fit to all samples goes on from there, with all its steps
     assert found.refit_iter == 50
 

@@ -87,8 +87,8 @@ def test_the_input_map_reaches_the_models(monkeypatch):
     def model(**options):
         asked.append(options.get("input_map"))
 
-    for name in ("FlSsnn", "AlSsnn"):
-        monkeypatch.setattr(command, name, model)
+    for name in command.MODELS:
+        monkeypatch.setitem(command.MODELS, name, model)
     fine = command.Run(0.1, 0.0, 0.0, 1.0, "")
     monkeypatch.setattr(command, "attempt", lambda *args: fine)
     rows = command.compare("fan", 0, ["identity", "monotone"])
@@ -99,6 +99,8 @@ def test_the_input_map_reaches_the_models(monkeypatch):
         *(f"{m}, {i}" for i in ("identity", "monotone") for m in ("FL", "AL")),
     ]
     assert [r[1] for r in rows] == labels
+    rows = command.compare("fan", 0, ["monotone"], models=["AL"])
+    assert [r[1] for r in rows] == ["LTI", "AL, monotone"]
 
 
 def test_references_have_a_row_per_output():
