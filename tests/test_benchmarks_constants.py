@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn
-from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL
+from alssnn.descent import ALPHAS, SMOOTH, USUAL
 from alssnn.estimators import _gr_ssnn, _input_map
 from alssnn.models import state_space
 from alssnn.starts import initial_theta
@@ -85,7 +85,7 @@ def test_names_of_values_are_short():
 
 def test_a_free_network_is_held_by_a_decay_to_zero():
     assert GrSsnn()._descents() == (SMOOTH,) and FlSsnn()._descents() == (USUAL,)
-    assert AlSsnn()._descents() == (USUAL, FADING)
+    assert AlSsnn()._descents() == (USUAL,)
     for cls in (AlSsnn, GrSsnn):  # the errors of a predictor are noise
         assert cls(noise="innovations")._descents() == (USUAL,)
     with changed("SMOOTH", USUAL):

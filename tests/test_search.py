@@ -17,7 +17,7 @@ from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
-from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL, Descent
+from alssnn.descent import ALPHAS, SMOOTH, USUAL, Descent
 from alssnn.estimators import _horizon, _safe, _ssnn
 from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
@@ -415,12 +415,12 @@ def test_the_largest_alpha_that_does_nearly_as_well(
 @pytest.mark.parametrize("to_zero", [0.8, 0.4])
 def test_the_lowest_path_of_all_descents_is_taken(short, monkeypatch, to_zero):
     orders, seeds = compare_orders(scaled(*short), [1]), [11, 22]
-    descents = USUAL, FADING
+    descents = USUAL, SMOOTH
     zero = [[1, 0.9, 0.9], [1, 0.9, to_zero]]
     walked = told(monkeypatch, [[1, 0.5, 0.9], [1, 0.9, 0.9]], seeds, zero=zero)
     found = search(recipe(), orders, [1], seeds, descents=descents, max_iter=60)
     scale = min(1.0, orders.errors[1].mean() / 0.01)
-    expected = [USUAL] * 2 + [FADING.times(scale)] * 2
+    expected = [USUAL] * 2 + [SMOOTH.times(scale)] * 2
     assert [path.descent for path in walked] == expected
     assert [path.asked[0] for path in walked] == [list(d.alphas) for d in expected]
     path, stage = (walked[3], 2) if to_zero < 0.5 else (walked[0], 1)

@@ -1,8 +1,6 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
-from ..descent import FADING, USUAL
 from ._networks import Networks
-from ._noise import is_predicting
 from ._options import estimator
 from ._ssnn import Ssnn
 
@@ -66,6 +64,3 @@ class AlSsnn(Networks, Ssnn):
             "activation": self.activation,
             "odd": self.odd,
         }
-
-    def _descents(self):
-        return (USUAL,) if is_predicting(self) else (USUAL, FADING)
