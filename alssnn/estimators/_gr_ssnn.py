@@ -64,6 +64,6 @@ class GrSsnn(Ssnn):
             "tied_bias": False,
         }
 
-    def _descents(self):
+    def _descent(self):
         # a network that nothing penalizes is held by the decay alone
-        return super()._descents() if is_predicting(self) else (SMOOTH,)
+        return super()._descent() if is_predicting(self) else SMOOTH

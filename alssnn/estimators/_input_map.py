@@ -12,6 +12,7 @@ import numpy as np
 
 from ..descent import Descent
 from ..equations import LEAST_GAIN
+from ..search import CONTENDS
 from ..simulation import outputs
 from ..training import train
 
@@ -24,14 +25,13 @@ MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
 LONGER_STAGES = 3
 # Along the path of a search. Larger ones leave other models linear, but not a map, for
 # its layer does not start at zero: what they lead to is a bad start for smaller ones.
-# With `search.ALPHAS` (`python -m benchmarks.constants DECAYS`) test errors of FL-SSNN
+# With `descent.ALPHAS` (`python -m benchmarks.constants DECAYS`) test errors of FL-SSNN
 # with a fan, a valve, an exchanger, a magnet and an arm are 0.97, 1.60, 2.90, 1.08 and
 # 0.91 times as large, medians of two seeds; of all ten the worst is 4.8.
 DECAYS = (1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-# Its first stages tell little of where a start leads. If the best alone goes on, of ten
-# long records of an arm (`benchmarks.true_loops`) FL-SSNN has 10, 3.5 and 2 times the
-# deviation with three, and 0.75 times with one.
-CONTENDS = 1.5
+# Its first stages tell little of where a start leads, so that several go on. If the best
+# alone does, of ten long records of an arm (`benchmarks.true_loops`) FL-SSNN has 10,
+# 3.5 and 2 times the deviation with three, and 0.75 times with one.
 
 TRIAL = 60  # steps of the short fit that asks whether g helps, at most
 
@@ -135,9 +135,9 @@ def stages_of_search(estimator):
         Options of `search.search`.
     """
     if getattr(estimator, "input_map", "identity") == "identity":
-        return {"max_iter": estimator.max_iter, "descents": estimator._descents()}
+        return {"max_iter": estimator.max_iter, "descent": estimator._descent()}
     longer = LONGER_STAGES * estimator.max_iter
-    return {"max_iter": longer, "descents": (Descent(DECAYS, contends=CONTENDS),)}
+    return {"max_iter": longer, "descent": Descent(DECAYS, contends=CONTENDS)}
 
 
 def searched(model):

@@ -395,9 +395,9 @@ class Ssnn(StateSpaceModel):
         rng = np.random.default_rng(seed)
         return initial_theta(plain, linear, experiments, rng, held, **options)
 
-    def _descents(self):
+    def _descent(self):
         """Return the weights of the decay along which the search goes."""
-        return (USUAL,)
+        return USUAL
 
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
