@@ -29,8 +29,8 @@ LONGER_STAGES = 3
 # with a fan, a valve, an exchanger, a magnet and an arm are 0.97, 1.60, 2.90, 1.08 and
 # 0.91 times as large, medians of two seeds; of all ten the worst is 4.8.
 DECAYS = (1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-# Its first stages tell little of where a start leads, so that several go on. If the best
-# alone does, of ten long records of an arm (`benchmarks.true_loops`) FL-SSNN has 10,
+# Its first stages tell little of where a start leads, so that several go on. If only
+# the best does, of ten long records of an arm (`benchmarks.true_loops`) FL-SSNN has 10,
 # 3.5 and 2 times the deviation with three, and 0.75 times with one.
 
 TRIAL = 60  # steps of the short fit that asks whether g helps, at most
