@@ -592,6 +592,12 @@ def test_the_sampling_time_of_the_fit_stays(swing, noisy, tmp_path):
     np.testing.assert_array_equal(loaded.predict(noisy[0]), swing.predict(noisy[0]))
 
 
+def test_a_frequency_response_is_not_finite_at_an_undamped_pole():
+    A, B, C = [[0.0, 1.0], [-1.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]]
+    G = frequency_response(control.ss(A, B, C, 0), np.array([0.5, 1.0]) / np.pi / 2)
+    assert G[0, 0, 0] == pytest.approx(1 / (1 - 0.25)) and not np.isfinite(G[1]).any()
+
+
 def test_frequency_responses_are_those_of_the_loop(swing):
     f = np.array([0.1, 0.4])
     system = swing.to_statespace()

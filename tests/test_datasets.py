@@ -418,6 +418,12 @@ def test_oscillators_are_far_from_linear(make, floor):
             ValueError,
             "`damping` must keep the arm slow for its sampling time of 0.05 s, got 200",
         ),
+        (
+            partial(make_pendulum, full_turns=True),
+            {"damping": 112.0},
+            ValueError,
+            "must keep the arm slow for its sampling time of 0.05 s, got 112",
+        ),
         (make_fan_arm, {"damping": 200.0}, ValueError, "must keep the arm slow for"),
         (make_duffing, {"k1": -1.0}, ValueError, "`k1` must be positive and finite"),
         (make_duffing, {"k3": True}, TypeError, "`k3` must be a number, got True"),

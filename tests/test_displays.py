@@ -182,8 +182,9 @@ def takes_a_width(name):
 @pytest.mark.parametrize(
     ("model", "name"), [z for z in CASES if takes_a_width(z[1])], indirect=["model"]
 )
-def test_draws_curves_of_a_given_width(name, model, data):
-    display = draw(name, model, part(data)).plot(linewidth=3.25)
+@pytest.mark.parametrize("option", ["linewidth", "lw"])
+def test_draws_curves_of_a_given_width(name, model, data, option):
+    display = draw(name, model, part(data)).plot(**{option: 3.25})
     lines = [line for ax in display.figure_.axes for line in ax.lines]
     assert 3.25 in [line.get_linewidth() for line in lines]
 

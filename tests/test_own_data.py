@@ -168,8 +168,10 @@ def test_a_lower_rate_keeps_what_is_slow_and_has_no_aliases():
         np.abs(faster.u[50:-50, 0] - 5 - np.sin(np.pi * faster.t)[50:-50]).max() < 0.01
     )
     assert record.decimate(1) is record
-    with pytest.raises(ValueError, match="ratio of whole numbers up to 1000"):
-        record.resample(0.01 * np.pi)
+    for wrong in (0.01 * np.pi, 0.01 / 1001, 1e-9, 1e-300, 1e300):
+        with pytest.raises(ValueError, match="ratio of whole numbers up to 1000"):
+            record.resample(wrong)
+    assert len(record.resample(0.01 / 1000)) == 1000 * len(record)
     for wrong in (0, 2.5, True):
         with pytest.raises(ValueError, match="`q` must be a positive integer"):
             record.decimate(wrong)

@@ -139,7 +139,9 @@ def make_fan_arm(
     step = partial(_runge_kutta, derivative, FAN_DT, FAN_STEPS)
     u = _levels(FAN_WARMUP + n_samples, [limits], [holds], rng)  # (N, 1)
     X = _simulate(step, u, [0.0, 0.0])  # (N, 2)
-    _check_slow(X, "damping", damping, "arm", FAN_DT, "Lower it, or the `thrust`.")
+    decay = damping * FAN_DT / FAN_STEPS
+    remedy = "Lower it, or the `thrust`."
+    _check_slow(X, "damping", damping, "arm", FAN_DT, remedy, decay=decay)
     highest = np.abs(X[:, 0]).max()
     if not highest < np.pi:
         raise ValueError(

@@ -129,7 +129,8 @@ def make_pendulum(
     u = amplitude * _stairs(N_WARMUP + n_samples, holds, rng)[:, None]  # (N, 1)
     X = _simulate(step, u, [0.0, 0.0])  # (N, 2)
     remedy = "Lower it, or the `amplitude`."
-    _check_slow(X, "damping", damping, "arm", PENDULUM_DT, remedy)
+    decay = damping * PENDULUM_DT / PENDULUM_STEPS
+    _check_slow(X, "damping", damping, "arm", PENDULUM_DT, remedy, decay=decay)
     highest = np.abs(X[:, 0]).max()
     if not highest < (np.inf if full_turns else np.pi):
         raise ValueError(

@@ -22,6 +22,8 @@ import numpy as np
 
 from ._record import Record
 
+STABLE = 2.785  # decay over a step of `_runge_kutta`, from which it grows instead
+
 
 def _runge_kutta(derivative, dt, n_steps, x, u):
     """Integrate x' = derivative(x, u) over `dt` with constant u; lists, not arrays."""
@@ -55,9 +57,9 @@ def _simulate(step, u, x):
     return np.array(X)
 
 
-def _check_slow(X, name, value, what, dt, remedy):
-    """Refuse a run that has diverged."""
-    if not np.all(np.isfinite(X)):
+def _check_slow(X, name, value, what, dt, remedy, *, decay=0.0):
+    """Refuse a run that has diverged, or whose decay over a step makes it do so."""
+    if not (np.all(np.isfinite(X)) and decay < STABLE):
         raise ValueError(
             f"`{name}` must keep the {what} slow for its sampling time of {dt} s, got "
             f"{value}. {remedy}"

@@ -45,8 +45,8 @@ def ratio(dt, new):
     ValueError
         If the sampling times have no ratio of small numbers.
     """
-    found = Fraction(dt / new).limit_denominator(MOST)
-    if found == 0 or abs(float(found) * new / dt - 1) > 1e-8:
+    found = Fraction(min(dt / new, 2.0 * MOST)).limit_denominator(MOST)
+    if not 0 < found <= MOST or abs(float(found) * new / dt - 1) > 1e-8:
         raise ValueError(
             f"`dt` must have a ratio of whole numbers up to {MOST} to {dt:g} s, the "
             f"sampling time of the record, got {new:g}. Take a rounder one."

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cbook import normalize_kwargs
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, LogFormatter, MaxNLocator, ScalarFormatter
 
 MEASURED = {"color": "0.65", "linewidth": 4.0}
@@ -65,6 +67,27 @@ def color(i):
         Color, from `COLORS`.
     """
     return COLORS[i % len(COLORS)]
+
+
+def spelled(options):
+    """Return options of curves by their long names, as those of a display are.
+
+    Parameters
+    ----------
+    options : dict
+        Options, such as ``lw`` or ``linewidth``.
+
+    Returns
+    -------
+    options : dict
+        The same.
+
+    Raises
+    ------
+    TypeError
+        If an option is given by both of its names.
+    """
+    return normalize_kwargs(options, Line2D)
 
 
 def model_style(i, linewidth):

@@ -9,6 +9,7 @@ from ._axes import (
     finish,
     frequency_axis,
     grid_of_axes,
+    spelled,
     time_axis,
 )
 
@@ -167,7 +168,12 @@ class ApproximationDisplay(Display):
         _, ny, nu = one.G.shape
         f, (low, high) = one.frequencies, one.band(self.level)
         axes = grid_of_axes(ax, (ny, nu + 1), size=(5.0, 3.2), sharex=True)
-        response = {"color": "k", "linewidth": 1.2, "label": "|G|", **kwargs}
+        response = {
+            "color": "k",
+            "linewidth": 1.2,
+            "label": "|G|",
+            **spelled(kwargs),
+        }
         error = {"linestyle": "none", "marker": ".", "markersize": 3}
         for i in range(ny):
             for j in range(nu):

@@ -8,7 +8,7 @@ from ..validation import (
     moved_names,
     sine_response,
 )
-from ._axes import Display, color, finish, frequency_axis, grid_of_axes
+from ._axes import Display, color, finish, frequency_axis, grid_of_axes, spelled
 
 N_FREQUENCIES = 300  # of the linear response
 
@@ -174,7 +174,7 @@ class BodeDisplay(Display):
         db = self.decibel
         if self.band is not None:
             draw_band(axes, self.band, db, label="confidence", color="0.85")
-        style = {"color": "k", "linewidth": 1.6, **kwargs}
+        style = {"color": "k", "linewidth": 1.6, **spelled(kwargs)}
         draw_response(axes, self.frequencies, self.G, db, "(A, B, C, D)", **style)
         for i, (label, f, G) in enumerate(self.responses):
             style = {"color": color(i), "linewidth": 1.2, "marker": ".", "ls": "--"}

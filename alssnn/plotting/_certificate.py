@@ -5,7 +5,7 @@ import numpy as np
 from ..checks import check_option
 from ..shown import percent
 from ..validation import column_names, loop_deviation
-from ._axes import Display, color, few_ticks, finish, grid_of_axes
+from ._axes import Display, color, few_ticks, finish, grid_of_axes, spelled
 
 POINTS = 200  # of an ellipse
 
@@ -167,7 +167,7 @@ class CertificateDisplay(Display):
         """
         ((axes,),) = grid_of_axes(ax, (1, 1), size=(5.5, 4.5))
         style = {"color": color(2), "linewidth": 1.6, "label": "invariant set"}
-        axes.plot(*self.boundary().T, **{**style, **kwargs})
+        axes.plot(*self.boundary().T, **{**style, **spelled(kwargs)})
         self.inside_ = None
         if len(self.trajectories):
             Z = np.vstack(self.trajectories)

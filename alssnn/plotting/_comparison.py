@@ -12,6 +12,7 @@ from ._axes import (
     finish,
     grid_of_axes,
     model_style,
+    spelled,
     time_axis,
 )
 from ._bode import draw_band, draw_response, finish_responses, linear_response
@@ -89,7 +90,7 @@ class ComparisonDisplay(Display):
             for j, (row, y_hat) in enumerate(zip(found, simulated, strict=True)):
                 note = out_of_view(y_hat, low, high)
                 label = f"{row.name}, fit {percent(row.fit_percent[i], 3)}{note}"
-                style = model_style(j, 1.2) | kwargs
+                style = model_style(j, 1.2) | spelled(kwargs)
                 top.plot(t, y_hat, **{"label": label, **style})
                 bottom.plot(t, y - y_hat, **style)
             top.set_ylim(low, high)
@@ -184,7 +185,7 @@ class BodeComparisonDisplay(Display):
                 area = {"color": color(k), "alpha": 0.25, "linewidth": 0}
                 draw_band(axes, band, self.decibel, **area)
             f, G = linear_response(model, SLOWEST)
-            style = {"label": name, **model_style(k, 1.4), **kwargs}
+            style = {"label": name, **model_style(k, 1.4), **spelled(kwargs)}
             draw_response(axes, f, G, self.decibel, **style)
         finish_responses(axes, outputs, inputs, self.decibel, LONGEST)
         return self._drawn(axes)

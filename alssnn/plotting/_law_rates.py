@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._axes import Display, color, finish, grid_of_axes
+from ._axes import Display, color, finish, grid_of_axes, spelled
 
 
 class LawRatesDisplay(Display):
@@ -90,7 +90,7 @@ class LawRatesDisplay(Display):
             shown = np.where(np.isfinite(error), 100 * error, np.nan)
             lost = "" if np.isfinite(error).all() else ", in part without a limit"
             style = {"color": color(i), "marker": "o", "markersize": 4}
-            style |= {"label": label + lost, **kwargs}
+            style |= {"label": label + lost, **spelled(kwargs)}
             axes.loglog(rates.law_dt, shown, **style)
         axes.axvline(
             rates.dt, color="0.6", linewidth=0.8, label="sampling time of the record"

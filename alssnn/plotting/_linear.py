@@ -6,7 +6,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..certificates import full_gain
 from ..plants import as_plant
-from ._axes import Display, color, finish, grid_of_axes
+from ._axes import Display, color, finish, grid_of_axes, spelled
 
 
 class SingularValuesDisplay(Display):
@@ -86,7 +86,12 @@ class SingularValuesDisplay(Display):
         """
         ((axes,),) = grid_of_axes(ax, (1, 1), size=(6.0, 3.5))
         order = np.arange(1, len(self.singular_values) + 1)
-        style = {"color": color(0), "marker": "o", "markersize": 4, **kwargs}
+        style = {
+            "color": color(0),
+            "marker": "o",
+            "markersize": 4,
+            **spelled(kwargs),
+        }
         axes.semilogy(order, self.singular_values, label="singular values", **style)
         axes.axvline(
             self.nx + 0.5, color="0.4", linestyle="--", label=f"order {self.nx}"
@@ -182,7 +187,7 @@ class PoleDisplay(Display):
             radius = np.abs(poles).max(initial=0.0)
             style = {"color": color(i), "marker": "x+1234"[i % 6], "linestyle": ""}
             label = f"{name}, radius {radius:.4g}"
-            style |= {"markersize": 9, "label": label, **kwargs}
+            style |= {"markersize": 9, "label": label, **spelled(kwargs)}
             axes.plot(np.real(poles), np.imag(poles), **style)
         reach = 1.1 * np.abs(np.hstack([1.0, *self.poles.values()])).max()
         axes.set_xlim(-reach, reach)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..plants import as_plant
 from ..validation import column_names, moved_names
-from ._axes import Display, color, finish, grid_of_axes, time_axis
+from ._axes import Display, color, finish, grid_of_axes, spelled, time_axis
 
 EQUAL = 1e-9  # distance over size from which two responses differ by rounding
 
@@ -237,7 +237,7 @@ class LoopDisplay(Display):
                     label = f"{name}, RMS from design {miss:.3g}"
                     if miss < EQUAL * size:
                         label = f"{name}, as designed"
-                style |= {"label": label, **kwargs}
+                style |= {"label": label, **spelled(kwargs)}
                 one.plot(response.time, signals[output], **style)
             if output in self.references:
                 level = self.references[output]

@@ -14,6 +14,7 @@ from ._axes import (
     finish,
     frequency_axis,
     grid_of_axes,
+    spelled,
 )
 from ._spectrum import amplitude_spectrum
 
@@ -165,7 +166,7 @@ class NonlinearityDisplay(Display):
                 value = "phi" if j >= ns - self.n_inputs else "h"
                 curves = self._maps if value == "phi" else self._cut
                 for k, (z, h, label) in enumerate(curves(i, j)):
-                    style = {"color": color(k), "linewidth": 1.8, **kwargs}
+                    style = {"color": color(k), "linewidth": 1.8, **spelled(kwargs)}
                     one.plot(z, h, label=label, **style)
                 one.set_xlabel(f"{self.argument_names[j]} (gray: density of the data)")
                 one.set_ylabel(f"{value}, in units of {self.input_names[i]}")
@@ -317,7 +318,7 @@ class ResidualNonlinearityDisplay(Display):
             size = np.nanstd(y, axis=0)
             share = np.sqrt(np.mean(e**2, axis=0)) / np.where(size > 0, size, 1.0)
         self.share_ = share
-        style = {"color": color(0), "linewidth": 1.4, **kwargs}
+        style = {"color": color(0), "linewidth": 1.4, **spelled(kwargs)}
         for i, (left, right) in enumerate(axes):
             name = self.output_names[i]
             label = f"rms(e) / std(y) = {percent(100 * share[i], 3)}"

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.ticker import EngFormatter
 
 from ..validation import column_names, judged_experiments, residual_tests
-from ._axes import BAND, Display, color, finish, grid_of_axes
+from ._axes import BAND, Display, color, finish, grid_of_axes, spelled
 
 
 class ResidualDisplay(Display):
@@ -188,7 +188,7 @@ class ResidualDisplay(Display):
         tests = self.tests
         nu, ny = len(tests.input_names), len(tests.output_names)
         axes = grid_of_axes(ax, (1 + nu, ny), size=(5.0, 2.1))
-        style = {"color": color(0), "linewidth": 1.4, **kwargs}
+        style = {"color": color(0), "linewidth": 1.4, **spelled(kwargs)}
         percent = f"{100 * (1 - tests.level):g} %"
         noun, whitened = "residual", "whitened residual\n"
         if tests.ahead:

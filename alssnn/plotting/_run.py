@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._axes import Display, color, finish, grid_of_axes, time_axis
+from ._axes import Display, color, finish, grid_of_axes, spelled, time_axis
 
 
 class RunDisplay(Display):
@@ -59,7 +59,7 @@ class RunDisplay(Display):
         run, plant = self.record, self.record.law.plant
         ny, nv = run.y.shape[1], run.u.shape[1]
         axes = grid_of_axes(ax, (ny + nv, 1), size=(7.0, 2.2), sharex=True)
-        style = {"color": color(0), "linewidth": 1.4, **kwargs}
+        style = {"color": color(0), "linewidth": 1.4, **spelled(kwargs)}
         for i, one in enumerate(axes[:ny, 0]):
             one.plot(run.t, run.y[:, i], **{"label": "y", **style})
             if run.tracks:

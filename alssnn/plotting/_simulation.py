@@ -13,6 +13,7 @@ from ._axes import (
     columns,
     finish,
     grid_of_axes,
+    spelled,
     time_axis,
 )
 
@@ -185,7 +186,7 @@ class SimulationDisplay(Display):
         size = (6.0 if ny == 1 else 4.5, 2.2)
         axes = grid_of_axes(ax, (2, ny), size=size, **options)
         self.fit_percent_ = fit = free_run_errors(self.y_true, self.y_pred)[1]
-        style = {"color": color(0), "linewidth": 1.2, **kwargs}
+        style = {"color": color(0), "linewidth": 1.2, **spelled(kwargs)}
         for i, (top, bottom) in enumerate(axes.T):
             label = f"{self.name}, fit {percent(fit[i], 3)}"
             top.plot(self.t, self.y_true[:, i], label="measured", **MEASURED)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._axes import Display, color, finish, grid_of_axes
+from ._axes import Display, color, finish, grid_of_axes, spelled
 
 
 class GammaPathDisplay(Display):
@@ -83,7 +83,12 @@ class GammaPathDisplay(Display):
                 "larger gammas."
             )
         ((axes,),) = grid_of_axes(ax, (1, 1), size=(6.0, 4.0))
-        style = {"color": color(0), "linewidth": 1.2, "zorder": 1, **kwargs}
+        style = {
+            "color": color(0),
+            "linewidth": 1.2,
+            "zorder": 1,
+            **spelled(kwargs),
+        }
         axes.loglog(error[finite], rmse[finite], label="test data", **style)
         stable = path.spectral_radius < 1
         for which, face, label in (

@@ -33,12 +33,12 @@ def frequency_response(sys, frequencies):
     Returns
     -------
     G : ndarray of complex, shape (n, ny, nu)
-        C (z I - A)^-1 B + D at z = exp(2 pi j f dt), or at 2 pi j f.
+        C (z I - A)^-1 B + D at z = exp(2 pi j f dt), or at 2 pi j f; not finite at an
+        undamped pole.
     """
     s = 2j * np.pi * np.asarray(frequencies)
     point = s if sys.dt == 0 else np.exp(s * sys.dt)
-    pencil = point[:, None, None] * np.eye(len(sys.A)) - sys.A
-    return sys.C @ np.linalg.solve(pencil, sys.B[None]) + sys.D
+    return np.moveaxis(sys(point, squeeze=False, warn_infinite=False), -1, 0)
 
 
 def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, period):
