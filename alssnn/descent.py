@@ -108,3 +108,5 @@ USUAL = Descent()
 # times for a servo, 2.5 for a robot joint, 1.3 to 1.8 for the others, medians of two
 # seeds (`python -m benchmarks.constants SMOOTH`).
 SMOOTH = Descent((1e-4, 1e-5, 1e-6, 1e-7, 1e-8), (0, 3, 1), stages=6, center="zero")
+# Beside the usual one, for AL-SSNN (`python -m benchmarks.field --models al`).
+FADING = replace(SMOOTH, alphas=(1e-2, 1e-3, *SMOOTH.alphas))

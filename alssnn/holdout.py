@@ -83,6 +83,34 @@ class Fold:
         norm = max(criterion.norm(criterion.join(theta, start)) for start in starts)
         return norm**2 if norm < DIVERGED_NORM else np.inf
 
+    def asked(self, penalized, theta, x0, weights):
+        """Return what the cost asks beside the outputs (eq. judged).
+
+        Parameters
+        ----------
+        penalized : Structure
+            Structure of the model, with the channels that are penalized.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+        weights : dict of str to float or ndarray
+            Weight of the square of every channel.
+
+        Returns
+        -------
+        asked : float
+            Weighted mean square of the penalized channels over all samples, relative
+            to the weights of the outputs as in `error`; inf where the model diverges.
+        """
+        y, *others = penalized.channels
+        if not others:
+            return 0.0
+        total = np.sum(np.broadcast_to(weights[y], penalized.sizes[y]))
+        criterion = Criterion(penalized, self.hidden, weights={**weights, y: 0.0})
+        norm = criterion.norm(criterion.join(theta, x0))
+        return norm**2 / total if norm < DIVERGED_NORM else np.inf
+
     def squares(self, structure, theta, x0, output_weight=None):
         """Return the squared errors of the hidden samples, each times its weight.
 

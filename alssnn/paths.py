@@ -126,7 +126,8 @@ class Path:
     errors : list of ndarray of shape (n_folds,)
         Mean square errors on the hidden samples, of the start and behind every alpha.
     scores : list of float
-        Their sums, multiplied where other inputs take the model far from its record.
+        Their sums, with what the cost asks beside the outputs (eq. judged), multiplied
+        where other inputs take the model far from its record.
     states : list of list of tuple of ndarray
         Parameters and initial states of the same, by fold.
 
@@ -170,8 +171,8 @@ class Path:
 
     def _judge(self):
         """Note the errors of the folds, or from elsewhere if these are too large."""
-        errors = []
-        for fold, bound, (structure, *_), point in zip(
+        errors, asked = [], 0.0
+        for fold, bound, (structure, penalized, weights, _), point in zip(
             self.folds, self.bounds, self.problems, self.points, strict=True
         ):
             error = fold.error(structure, *point, self.weight)
@@ -179,7 +180,8 @@ class Path:
                 elsewhere = fold.error(structure, *point, self.weight, elsewhere=True)
                 error = elsewhere if elsewhere > bound else error
             errors.append(error)
-        score = float(np.sum(errors))
+            asked += fold.asked(penalized, *point, weights)
+        score = float(np.sum(errors)) + asked
         # a stage that comes no lower than one before is not chosen, wherever it leads
         lower = score < min(self.scores[1:], default=np.inf)
         self.errors.append(np.array(errors))
@@ -333,7 +335,11 @@ class Path:
         _, penalized, weights, limits = self.problems[i]
         theta, x0 = self.starts[i] if self._is_gone(i) else self.points[i]
         criterion = Criterion(
-            penalized, experiments, alpha=alpha, center=self.centers[i], **weights
+            penalized,
+            experiments,
+            weights=weights,
+            alpha=alpha,
+            center=self.centers[i],
         )
         free = criterion.join(theta, x0)
         if criterion.norm(free) < DIVERGED_NORM:

@@ -63,7 +63,7 @@ class Recipe:
     declare : callable
         Called as ``declare(linear)``: returns the linear model in the basis of the
         training, the structure for simulation, the one with penalized channels, and
-        the weights of the criterion.
+        the weights of its channels.
     start : callable
         Called as ``start(structure, linear, experiments, seed)``: returns theta.
     limits : callable
@@ -205,7 +205,7 @@ def search(
     *,
     largest=0,
     max_iter,
-    descent=USUAL,
+    descents=(USUAL,),
     method="lm",
     n_jobs=None,
     output_weight=None,
@@ -228,8 +228,9 @@ def search(
         Up to this order, further ones follow the candidates as long as they gain.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
-    descent : Descent, default=`USUAL`
-        Weights of the decay along a path.
+    descents : sequence of Descent, default=(`USUAL`,)
+        Weights of the decay along the paths of every start. Orders are compared along
+        the first.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -255,8 +256,8 @@ def search(
         "xtol": LEAST_MOVE,
         "label": "search",
     }
-    descent = descent.times(_scale(orders, is_predictor, descent))
-    more = max_iter // descent.steps(max_iter)
+    descents = [d.times(_scale(orders, is_predictor, d)) for d in descents]
+    usual, more = descents[0], max_iter // descents[0].steps(max_iter)
     common = {
         "weight": output_weight,
         "bounds": _bounds(orders, output_weight),
@@ -264,19 +265,19 @@ def search(
         "options": options,
     }
 
-    def begin(linears, seed):
+    def begin(linears, seed, descent=usual):
         return Path(recipe, folds, linears, seed, descent, **common)
 
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages = _expected(len(ways), len(seeds), descent)
+    n_stages = _expected(len(ways), len(seeds), descents)
     tally = Tally(watch, orders.errors[orders.nx], n_stages + more * (len(folds) > 1))
     curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
-        among = seeds[:TRIED], orders, candidates, largest, descent.screened
+        among = seeds[:TRIED], orders, candidates, largest, usual.screened
         curve, tried = _compared(begin, *among, quiet, tally)
         linears = tried[0].linears
     nx = len(linears[0].A)
-    paths, others = _begun(begin, linears, seeds, tried)
+    paths, others = _begun(begin, linears, seeds, descents, tried)
     paths = _walked(paths, quiet, tally, n_jobs)
     walk, stage = choose([*paths, *others], nearly)
     alpha = walk.alphas[stage - 1]
@@ -294,7 +295,7 @@ def search(
         theta,
         walk.centers[i],
         float(alpha),
-        max_iter if len(folds) == 1 else REFIT * descent.steps(max_iter),
+        max_iter if len(folds) == 1 else REFIT * walk.descent.steps(max_iter),
         folds[i],
         x0,
         judged,
@@ -306,15 +307,15 @@ def search(
     )
 
 
-def _expected(n_ways, n_seeds, descent):
+def _expected(n_ways, n_seeds, descents):
     """Return the largest number of stages of all paths to the choice of one."""
-    screen = sum(map(len, descent.screened))
+    screen = sum(map(len, descents[0].screened))
     tried = min(n_seeds, TRIED) * screen if n_ways > 1 else 0
-    return n_seeds * len(descent.alphas) + n_ways * tried
+    return n_seeds * sum(len(d.alphas) for d in descents) + n_ways * tried
 
 
-def _begun(begin, linears, seeds, tried):
-    """Return the paths of all seeds, and those along other alphas.
+def _begun(begin, linears, seeds, descents, tried):
+    """Return the paths of all seeds along all descents, and those along other alphas.
 
     They begin in this process, for the recipe is of the estimator, whose callbacks and
     streams may not leave it. Of what was tried, those along the alphas of their descent
@@ -322,6 +323,7 @@ def _begun(begin, linears, seeds, tried):
     """
     walked = {w.seed: w.path for w in reversed(tried) if w.path.is_along}
     paths = [walked.get(seed) or begin(linears, seed) for seed in seeds]
+    paths += [begin(linears, seed, along) for along in descents[1:] for seed in seeds]
     return paths, [way.path for way in tried if way.path not in paths]
 
 
@@ -332,8 +334,11 @@ def _walked(paths, watch, tally, n_jobs):
     # of a long record, those that come near the best go on where a path may end
     paths = descended(paths, watch, tally, n_jobs, only_first=True)
     least = [path.least(len(path.descent.first)) for path in paths]
-    bound = paths[0].descent.contends ** 2 * min(least)
-    near = [i for i, score in enumerate(least) if score <= bound]
+    near = [
+        i
+        for i, path in enumerate(paths)
+        if least[i] <= path.descent.contends**2 * min(least)
+    ]
     for i in near:  # also where it may end
         paths[i].has_ended = False
     walked = descended([paths[i] for i in near], watch, tally, n_jobs)

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from alssnn import FlSsnn, GrSsnn
-from alssnn.descent import ALPHAS, SMOOTH, USUAL
+from alssnn import AlSsnn, FlSsnn, GrSsnn
+from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL
 from alssnn.estimators import _gr_ssnn, _input_map
 from alssnn.models import state_space
-from alssnn.search import CONTENDS
 from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
 from benchmarks import constants
@@ -51,11 +50,10 @@ def test_starts_and_stages_follow_their_constants(rng):
     with changed("LONGER_STAGES", 7):
         assert _input_map.stages_of_search(model)["max_iter"] == 7 * model.max_iter
         plain = _input_map.stages_of_search(FlSsnn())
-        assert plain == {"max_iter": model.max_iter, "descent": USUAL}
-    assert _input_map.stages_of_search(model)["descent"].alphas == _input_map.DECAYS
-    assert _input_map.stages_of_search(model)["descent"].contends == CONTENDS > 1
+        assert plain == {"max_iter": model.max_iter, "descents": (USUAL,)}
+    assert _input_map.stages_of_search(model)["descents"][0].alphas == _input_map.DECAYS
     with changed("DECAYS", (1.0, 0.5)):
-        assert _input_map.stages_of_search(model)["descent"].alphas == (1.0, 0.5)
+        assert _input_map.stages_of_search(model)["descents"][0].alphas == (1.0, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -86,11 +84,12 @@ def test_names_of_values_are_short():
 
 
 def test_a_free_network_is_held_by_a_decay_to_zero():
-    assert GrSsnn()._descent() is SMOOTH and FlSsnn()._descent() is USUAL
-    # the errors of a predictor are noise
-    assert GrSsnn(noise="innovations")._descent() is USUAL
+    assert GrSsnn()._descents() == (SMOOTH,) and FlSsnn()._descents() == (USUAL,)
+    assert AlSsnn()._descents() == (USUAL, FADING)
+    for cls in (AlSsnn, GrSsnn):  # the errors of a predictor are noise
+        assert cls(noise="innovations")._descents() == (USUAL,)
     with changed("SMOOTH", USUAL):
-        assert GrSsnn()._descent() is USUAL
+        assert GrSsnn()._descents() == (USUAL,)
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -5,7 +5,8 @@ import pytest
 
 from alssnn import holdout
 from alssnn.holdout import hold_out
-from alssnn.simulation import simulate
+from alssnn.models import state_space
+from alssnn.simulation import regressors, simulate
 from helpers import bistable, point, simulate_linear
 
 
@@ -170,3 +171,26 @@ def test_what_integrates_begins_where_it_did(rng):
     assert free.error(*model, x0, elsewhere=True) > 1.0
     error = integrating.error(*model, x0)
     assert integrating.error(*model, x0, elsewhere=True) == error
+
+
+@pytest.mark.parametrize(("weight", "total"), [([1.0, 1.0], 2.0), ([3.0, 0.0], 3.0)])
+def test_what_the_cost_asks_beside_the_outputs(rng, weight, total):
+    """Over all samples of all experiments, whatever is measured (eq. judged)."""
+    structure = state_space(2, 1, 2, n_h=3, n_g=2, C=C, feedback="state")
+    theta = 0.3 * rng.standard_normal(structure.n_params)
+    penalized = structure.observe("y", "h", "g")
+    experiments = records(rng, (60, 40))
+    x0 = rng.standard_normal((2, 2))
+    (fold, *_) = hold_out(experiments)
+    weights = {"y": np.array(weight), "h": 0.5, "g": 4.0}
+    p, squares = structure.split(theta), 0.0
+    for (u, _), start in zip(experiments, x0, strict=True):
+        X = simulate(structure.lure(theta), u, structure.initial_state(start))[:-1, :2]
+        Z = regressors(penalized.lure(theta), X, u) @ penalized.lure(theta).rows_z.T
+        squares += np.sum(0.5 * Z[:, 2] ** 2) + np.sum(4.0 * Z[:, 3:] ** 2)
+        assert Z.shape[1] == 2 + 1 + 2 and p["W_g"].any()
+    asked = fold.asked(penalized, theta, x0, weights)
+    assert asked == pytest.approx(squares / 100 / total, rel=1e-9)
+    assert fold.asked(structure, theta, x0, {"y": 1.0}) == 0.0
+    theta = structure.join({**p, "A": 30.0 * np.eye(2)})
+    assert fold.asked(penalized, theta, x0, weights) == np.inf

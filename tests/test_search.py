@@ -17,7 +17,7 @@ from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
-from alssnn.descent import ALPHAS, SMOOTH, USUAL, Descent
+from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL, Descent
 from alssnn.estimators import _horizon, _safe, _ssnn
 from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
@@ -175,7 +175,7 @@ def recipe(n_h=3):
         structure = state_space(
             len(linear.A), 1, 1, n_h=n_h, C=linear.C, feedback="state"
         )
-        return linear, structure, structure, {}
+        return linear, structure, structure, {"y": 1.0}
 
     def start(structure, linear, experiments, seed):
         rng = np.random.default_rng(seed)
@@ -253,6 +253,15 @@ def test_stages_that_may_be_chosen_are_asked_where_they_lead(
     np.testing.assert_allclose(path.scores[1:], n * np.array(scores))
 
 
+def test_what_the_cost_asks_counts_where_paths_are_compared(short, monkeypatch):
+    """Not where they are compared with the linear model."""
+    errors = walk(compare_orders(scaled(*short), [1])).errors[0]
+    monkeypatch.setattr(Fold, "asked", lambda *_: 0.25)
+    path = walk(compare_orders(scaled(*short), [1]))
+    np.testing.assert_array_equal(path.errors[0], errors)
+    assert path.scores[0] == pytest.approx(errors.sum() + 0.25 * len(errors))
+
+
 def test_a_large_alpha_leaves_the_linear_model(short):
     orders = compare_orders(scaled(*short), [1])
     path = walk(orders)
@@ -303,7 +312,7 @@ def test_a_decay_to_zero_is_small_for_a_small_linear_error(
     orders = compare_orders(scaled(*short), [1])
     orders = replace(orders, errors={1: np.array([0.5, 1.0, 1.5]) * error})
     walked = told(monkeypatch, [[1, 0.9]], [11])
-    search(recipe(), orders, [1], [11], max_iter=60, descent=SMOOTH)
+    search(recipe(), orders, [1], [11], max_iter=60, descents=[SMOOTH])
     alphas, enough = walked[0].asked
     np.testing.assert_allclose(alphas, scale * np.array(SMOOTH.alphas))
     assert enough == pytest.approx(scale * 1e-4)
@@ -363,7 +372,7 @@ def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(
     monkeypatch.setattr(searching.Path, "descend", recorded)
     for descent in (replace(SMOOTH, center="start"), USUAL):
         walked.clear()
-        found = search(recipe(), orders, [1, 2], seeds, descent=descent, max_iter=20)
+        found = search(recipe(), orders, [1, 2], seeds, descents=[descent], max_iter=20)
         nx = found.structure.sizes["x"]
         of_order = [
             (path, alphas)
@@ -412,13 +421,35 @@ def test_the_largest_alpha_that_does_nearly_as_well(
     np.testing.assert_array_equal(found.theta, centre + stage)
 
 
-def told(monkeypatch, table, seeds, fold=0):
-    """Have paths whose errors are told: one row per seed, one column per stage."""
+@pytest.mark.parametrize("to_zero", [0.8, 0.4])
+def test_the_lowest_path_of_all_descents_is_taken(short, monkeypatch, to_zero):
+    orders, seeds = compare_orders(scaled(*short), [1]), [11, 22]
+    descents = USUAL, FADING
+    zero = [[1, 0.9, 0.9], [1, 0.9, to_zero]]
+    walked = told(monkeypatch, [[1, 0.5, 0.9], [1, 0.9, 0.9]], seeds, zero=zero)
+    found = search(recipe(), orders, [1], seeds, descents=descents, max_iter=60)
+    scale = min(1.0, orders.errors[1].mean() / 0.01)
+    expected = [USUAL] * 2 + [FADING.times(scale)] * 2
+    assert [path.descent for path in walked] == expected
+    assert [path.asked[0] for path in walked] == [list(d.alphas) for d in expected]
+    path, stage = (walked[3], 2) if to_zero < 0.5 else (walked[0], 1)
+    assert found.alpha == path.descent.alphas[stage - 1]
+    assert found.center.any() == (path is walked[0])
+    # what follows has steps of a stage of this path
+    assert found.refit_iter == searching.REFIT * path.descent.steps(60)
+
+
+def told(monkeypatch, table, seeds, fold=0, zero=None):
+    """Have paths whose errors are told: one row per seed, one column per stage.
+
+    Those of a decay to zero have a table of their own.
+    """
 
     class Path(searching.Path):
         def __init__(self, recipe, folds, linears, seed, *of, **common):
             super().__init__(recipe, folds, linears, seed, *of, **common)
-            self.row = table[seeds.index(seed)]
+            own = zero if zero and self.descent.center == "zero" else table
+            self.row = own[seeds.index(seed)]
 
         def descend(self, alphas, watch, tell=None):
             n_folds, self.asked = len(self.folds), (list(alphas), self.descent.enough)
@@ -570,17 +601,15 @@ def test_of_a_long_record_starts_near_the_best_go_all_the_way(
 
     def recorded(self, alphas, *rest, **options):
         went.append((self, list(alphas)))
-        descend(self, alphas, *rest, **options)
-        self.has_ended = True  # it goes on all the same
-        return self
+        return descend(self, alphas, *rest, **options)
 
     def least(self, n_stages=None):
         return np.inf if n_stages is None else next(scores)
 
     monkeypatch.setattr(searching.Path, "descend", recorded)
     monkeypatch.setattr(searching.Path, "least", least)
-    descent = Descent(contends=contends)
-    found = search(recipe(), orders, [1], [1, 2, 3], descent=descent, max_iter=50)
+    descents = [Descent(contends=contends)]
+    found = search(recipe(), orders, [1], [1, 2, 3], descents=descents, max_iter=50)
     paths = [path for path, _ in went]
     first, rest = list(ALPHAS[:6]), list(ALPHAS[6:])
     assert [alphas for _, alphas in went] == [first] * 3 + [rest] * n

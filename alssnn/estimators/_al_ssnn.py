@@ -1,6 +1,8 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
+from ..descent import FADING, USUAL
 from ._networks import Networks
+from ._noise import is_predicting
 from ._options import estimator
 from ._ssnn import Ssnn
 
@@ -64,3 +66,6 @@ class AlSsnn(Networks, Ssnn):
             "activation": self.activation,
             "odd": self.odd,
         }
+
+    def _descents(self):
+        return (USUAL,) if is_predicting(self) else (USUAL, FADING)

@@ -419,7 +419,7 @@ class StateSpaceModel(
     def _criterion_terms(self, structure):
         """Return the structure with its penalized channels, and their weights."""
         weight = self._output_weight(structure.sizes["y"])
-        return structure, {"weights": {"y": weight}}
+        return structure, {"y": weight}
 
     def _publish(self, result, watch):
         """Set the fitted attributes, in the user's units."""

@@ -64,6 +64,6 @@ class GrSsnn(Ssnn):
             "tied_bias": False,
         }
 
-    def _descent(self):
+    def _descents(self):
         # a network that nothing penalizes is held by the decay alone
-        return super()._descent() if is_predicting(self) else SMOOTH
+        return super()._descents() if is_predicting(self) else (SMOOTH,)

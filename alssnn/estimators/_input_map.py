@@ -135,9 +135,9 @@ def stages_of_search(estimator):
         Options of `search.search`.
     """
     if getattr(estimator, "input_map", "identity") == "identity":
-        return {"max_iter": estimator.max_iter, "descent": estimator._descent()}
+        return {"max_iter": estimator.max_iter, "descents": estimator._descents()}
     longer = LONGER_STAGES * estimator.max_iter
-    return {"max_iter": longer, "descent": Descent(DECAYS, contends=CONTENDS)}
+    return {"max_iter": longer, "descents": (Descent(DECAYS, contends=CONTENDS),)}
 
 
 def searched(model):
@@ -240,7 +240,7 @@ def idle_g(model, structure, theta):
 
 def _helps(model, found, structure, theta, decay, watch):
     """Tell whether g makes the error on hidden samples less."""
-    penalized, terms = model._criterion_terms(structure)
+    penalized, weights = model._criterion_terms(structure)
     options = model._training(structure)
     options["max_iter"] = min(found.refit_iter, TRIAL)
     result = train(
@@ -250,10 +250,10 @@ def _helps(model, found, structure, theta, decay, watch):
         x0=found.x0,
         watch=watch.quiet(),
         **decay,
-        **terms,
+        weights=weights,
         **options,
     )
-    weight = terms["weights"]["y"]
+    weight = weights["y"]
     without = found.fold.error(found.structure, found.theta, found.x0, weight)
     error = found.fold.error(structure, result.theta, result.x0, weight)
     return error < found.gain * without

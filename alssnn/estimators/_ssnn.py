@@ -322,12 +322,12 @@ class Ssnn(StateSpaceModel):
                 starts = [self._start(plain, linear, near, seed) for seed in seeds]
                 decay = {"alpha": 0.0 if is_auto else self.alpha}
         self._decay = decay if is_auto else None
-        penalized, terms = self._criterion_terms(plain)
+        penalized, weights = self._criterion_terms(plain)
         if watch.observe is not None:
             watch.observe.attributes = partial(snapshot, self, plain)
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
-        options = {**self._training(plain, held), **terms, **stages(self)}
+        options = {**self._training(plain, held), "weights": weights, **stages(self)}
         options |= {"continuation": 0 if is_auto else self.continuation}
         options |= {"validation": held_out, "max_iter": max_iter, "watch": watch}
 
@@ -395,9 +395,9 @@ class Ssnn(StateSpaceModel):
         rng = np.random.default_rng(seed)
         return initial_theta(plain, linear, experiments, rng, held, **options)
 
-    def _descent(self):
+    def _descents(self):
         """Return the weights of the decay along which the search goes."""
-        return USUAL
+        return (USUAL,)
 
     def _search(self, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted."""
@@ -496,4 +496,4 @@ class Ssnn(StateSpaceModel):
         for channel, gamma in gammas.items():
             if gamma > 0 and channel in plain.signals:
                 weights[channel] = gamma
-        return plain.observe(*weights), {"weights": weights}
+        return plain.observe(*weights), weights

@@ -329,7 +329,7 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
     judge = None
     if held_out is not None:
         judge = held_out.of(lambda pairs: with_nodes(structure, pairs))
-    penalized, terms = estimator._criterion_terms(structure)
+    penalized, weights = estimator._criterion_terms(structure)
     theta = _finite(structure, theta, experiments)
     if x0 is not None and not np.isfinite(_misses(structure, theta, x0, experiments)):
         x0 = None
@@ -343,7 +343,7 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
         penalized,
         experiments,
         [theta],
-        **terms,
+        weights=weights,
         **decay,
         **within_derivatives(estimator, structure, theta),
         at_rest=estimator._at_rest,

@@ -303,7 +303,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     experiments = _seen(model, u, y, parts)
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
-    structure, terms = model._criterion_terms(predictor(model._structure))
+    structure, weights = model._criterion_terms(predictor(model._structure))
     held = idle_g(model, structure, model._theta)
     own = model._training(structure, held)
     if is_continuous(model):
@@ -318,7 +318,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
             structure,
             noisy,
             [model._theta],
-            **terms,
+            weights=weights,
             **options,
         )
         whole = simulated_experiments(model, u, y, parts)
@@ -346,8 +346,8 @@ def _gauss_newton(model, u, y, experiment):
     u, y, parts = labeled_data(model, u, y, experiment)[:3]
     experiments = _seen(model, u, y, parts)
     structure, theta = predictor(model._structure), model._theta
-    penalized, terms = model._criterion_terms(structure)
-    weights = {"y": terms["weights"]["y"]}
+    penalized, weights = model._criterion_terms(structure)
+    of_y = {"y": weights["y"]}
     longest = max(len(u_s) for u_s, _ in experiments)
     with single_threaded():
         if model._at_rest:
@@ -358,8 +358,8 @@ def _gauss_newton(model, u, y, experiment):
             JJ = [
                 criterion.normal_equations(criterion.join(theta, x0))[0]
                 for criterion in (
-                    Criterion(penalized, experiments, **terms),
-                    Criterion(structure, experiments, weights=weights),
+                    Criterion(penalized, experiments, weights=weights),
+                    Criterion(structure, experiments, weights=of_y),
                 )
             ]
         except FloatingPointError:
