@@ -6,10 +6,11 @@
 
 The constants that no argument sets, on plants of the field benchmark whose fits take
 seconds; those of a monotone input map on the plants of `benchmarks.true_loops`, whose
-fits take half a minute.  Instead of half and double, the decays of a monotone map and
-of GR-SSNN are compared with those of all other models.  Prints the error of every test
-relative to that with the value of the package, the median over the seeds; below them
-median and worst of all fits.  One process, one thread.
+fits take half a minute.  Instead of half and double, the decays of a monotone map, of
+GR-SSNN and of the second path of AL-SSNN are compared with those of all other models.
+Prints the error of every test relative to that with the value of the package, the
+median over the seeds; below them median and worst of all fits.  One process, one
+thread.
 """
 
 import argparse
@@ -46,7 +47,9 @@ FREE = (
     "dead zone",
     "short",
 )
+TWICE = ("levitation", "saturating motor", "Duffing", "two tanks", "short", "prey")
 CONSTANTS = {
+    "FADING": ("al", TWICE),
     "DECAYS": ("fl", (*ACTUATORS, "levitation loop", "arm loop")),
     "INITIAL_SLOPE": ("fl", SMALL),
     "INITIAL_ROOTS": ("fl", ACTUATORS),
@@ -56,7 +59,7 @@ CONSTANTS = {
     "WINDOW": ("fl", SMALL),
 }
 # what is tried instead of half and double
-OTHERS = {"DECAYS": [tuple(ALPHAS)], "SMOOTH": [USUAL]}
+OTHERS = {"DECAYS": [tuple(ALPHAS)], "SMOOTH": [USUAL], "FADING": [USUAL]}
 
 
 def recorded(loop):

@@ -5,8 +5,9 @@ import pytest
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn
 from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL
-from alssnn.estimators import _gr_ssnn, _input_map
+from alssnn.estimators import _al_ssnn, _gr_ssnn, _input_map
 from alssnn.models import state_space
+from alssnn.search import CONTENDS
 from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
 from benchmarks import constants
@@ -51,14 +52,19 @@ def test_starts_and_stages_follow_their_constants(rng):
         assert _input_map.stages_of_search(model)["max_iter"] == 7 * model.max_iter
         plain = _input_map.stages_of_search(FlSsnn())
         assert plain == {"max_iter": model.max_iter, "descents": (USUAL,)}
-    assert _input_map.stages_of_search(model)["descents"][0].alphas == _input_map.DECAYS
+    (descent,) = _input_map.stages_of_search(model)["descents"]
+    assert descent.alphas == _input_map.DECAYS and descent.contends == CONTENDS > 1
     with changed("DECAYS", (1.0, 0.5)):
         assert _input_map.stages_of_search(model)["descents"][0].alphas == (1.0, 0.5)
 
 
 @pytest.mark.parametrize(
     ("constant", "module", "other"),
-    [("DECAYS", _input_map, tuple(ALPHAS)), ("SMOOTH", _gr_ssnn, USUAL)],
+    [
+        ("DECAYS", _input_map, tuple(ALPHAS)),
+        ("SMOOTH", _gr_ssnn, USUAL),
+        ("FADING", _al_ssnn, USUAL),
+    ],
 )
 def test_decays_are_compared_with_those_of_other_models(
     monkeypatch, constant, module, other
@@ -90,6 +96,8 @@ def test_a_free_network_is_held_by_a_decay_to_zero():
         assert cls(noise="innovations")._descents() == (USUAL,)
     with changed("SMOOTH", USUAL):
         assert GrSsnn()._descents() == (USUAL,)
+    with changed("FADING", USUAL):
+        assert AlSsnn()._descents() == (USUAL, USUAL)
 
 
 @pytest.mark.parametrize("name", LOOPS)

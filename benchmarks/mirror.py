@@ -1,0 +1,101 @@
+"""AL-SSNN of the fine steering mirror: one model of 28 states for three levels.
+
+    python -m benchmarks.mirror [--realizations 1 6] [--minutes 30 60] [--save FILE]
+                                [--start FILE]
+
+Defaults of the package search with three random starts and hidden samples, which takes
+days on a record of 18 periods of 8,192 samples, three inputs and outputs.  Options are
+set by hand: periodic initial states, one random start, alpha = 1e-6, no search.
+
+A first stage fits one realization of every level, and the next ones go on from there
+with more of them.  After every stage the test error of each level is printed, in
+micrometres, as the mean over outputs, realizations and periods; the first 100 samples
+estimate the initial state.  `--save` keeps the model behind every stage, and `--start`
+goes on from a kept one.
+"""
+
+import argparse
+import os
+import time
+import warnings
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from sklearn.exceptions import ConvergenceWarning
+
+import alssnn
+from alssnn import AlSsnn
+from alssnn.datasets import fetch_fine_steering_mirror
+
+NX, WINDOW, MICROMETRES = 28, 100, 1e6
+OPTIONS = {
+    "nx": NX,
+    "n_h": 10,
+    "n_g": 10,
+    "feedthrough": True,
+    "initial_state": "periodic",
+    "alpha": 1e-6,
+    "n_init": 1,
+    "coarse_samples": None,
+    "random_state": 0,
+}
+
+
+def errors(model, tests):
+    """Return the test error of every level, in micrometres."""
+    means = []
+    for records in tests.values():
+        own = []
+        for u, y in records:
+            x0 = model.estimate_x0(u[:WINDOW], y[:WINDOW])
+            missed = (model.simulate(u, x0=x0) - y)[WINDOW:]
+            own.append(np.sqrt(np.mean(missed**2, axis=0)))
+        means.append(MICROMETRES * np.mean(own))
+    return np.array(means)
+
+
+def of_every_level(train, n):
+    """Return inputs and outputs of the first n realizations of every level."""
+    each = len(train) // 3
+    chosen = [record for i, record in enumerate(train) if i % each < n]
+    return [record.u for record in chosen], [record.y for record in chosen]
+
+
+def stage(model, n, minutes, train):
+    """Fit, or go on with, a model on so many realizations of every level."""
+    model.set_params(max_time=60.0 * minutes, warm_start=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return model.fit(*of_every_level(train, n))
+
+
+def main(argv=None):
+    """Run the stages and print their errors."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--realizations", type=int, nargs="+", default=[1, 6])
+    parser.add_argument("--minutes", type=float, nargs="+", default=[30.0, 60.0])
+    parser.add_argument("--save", help="where the model is kept")
+    parser.add_argument("--start", help="a kept model")
+    parser.add_argument("--jobs", type=int, help="threads of a pass")
+    args = parser.parse_args(argv)
+    if len(args.realizations) != len(args.minutes):
+        parser.error("--realizations and --minutes must have as many numbers")
+    train, tests = fetch_fine_steering_mirror()
+    if args.start:
+        model = alssnn.load(args.start).set_params(n_jobs=args.jobs)
+    else:
+        model = AlSsnn(**OPTIONS, dt=train[0].dt, n_jobs=args.jobs)
+    print("realizations, steps, minutes,", ", ".join(tests), "um")
+    for n, minutes in zip(args.realizations, args.minutes, strict=True):
+        begun = time.perf_counter()
+        stage(model, n, minutes, train)
+        spent = (time.perf_counter() - begun) / 60
+        found = " ".join(f"{error:.4f}" for error in errors(model, tests))
+        print(f"{n} {model.n_iter_} {spent:.1f} {found}", flush=True)
+        if args.save:
+            model.save(args.save)
+
+
+if __name__ == "__main__":
+    main()
