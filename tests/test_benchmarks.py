@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alssnn.datasets import make_wiener_hammerstein
+from alssnn.datasets import Record, make_wiener_hammerstein
+from benchmarks import mirror
 from benchmarks.paper import __main__ as command
 from benchmarks.paper import published, report, studies, tables
 from benchmarks.paper.figures import envelope
@@ -144,3 +145,28 @@ def test_the_envelope_keeps_the_extremes(rng):
     assert (z_few.min(), z_few.max()) == (z.min(), z.max())
     np.testing.assert_array_equal(z_few, z[t_few.astype(int)])
     np.testing.assert_array_equal(envelope(t[:9], z[:9])[1], z[:9])
+
+
+def test_the_mirror_is_fitted_to_realizations_of_every_level(rng):
+    train = [Record(*rng.standard_normal((2, 8, 1)), 1.0) for _ in range(6)]
+    us, ys = mirror.of_every_level(train, 1)
+    for i, (u, y) in enumerate(zip(us, ys, strict=True)):
+        assert u is train[2 * i].u and y is train[2 * i].y
+    assert len(us) == 3 and len(mirror.of_every_level(train, 2)[0]) == 6
+
+
+def test_errors_of_the_mirror_are_means_over_outputs_and_records(rng):
+    u = rng.standard_normal((300, 1))
+    y = np.column_stack([u, 2 * u])
+
+    class Model:
+        def estimate_x0(self, u, y):
+            assert len(u) == len(y) == mirror.WINDOW
+            return "x0"
+
+        def simulate(self, u, x0):
+            assert x0 == "x0"
+            return np.column_stack([u + 1e-6, 2 * u - 3e-6])
+
+    tests = {"low": [Record(u, y, 1.0)], "high": [Record(u, y + 1e-6, 1.0)] * 2}
+    np.testing.assert_allclose(mirror.errors(Model(), tests), [2.0, 2.0], rtol=1e-6)
