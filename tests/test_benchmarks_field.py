@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from alssnn import LinearStateSpace
+from alssnn import AlSsnn, LinearStateSpace
 from alssnn.metrics import rmse
 from benchmarks.field import __main__ as command
 from benchmarks.field import rivals, runs, table
@@ -91,7 +91,7 @@ def test_the_page_has_cases_that_are_whole():
         for model, cells in {
             "lti": {"relative": "1", "rmse": "0.2", "std": "0.5"},
             "fl": {"relative": "0.25"},
-            "al": {"relative": "0.125"},
+            "al": {"relative": "0.125", "linearization": "0.0123"},
             "gr": {"relative": "1.004"},
         }.items()
     ]
@@ -104,7 +104,11 @@ def test_the_page_has_cases_that_are_whole():
     lines = table.page([*rows, *more, other, alone], command.CASES)
     (y,) = (y for _, y in command.CASES["linear"].load().train)
     noise = 0.05 * y.std() / 0.2  # as the case says
-    assert lines[-1] == f"   linear, 0.500, 0.25 (0.50), 0.12, 1.00, 3/1/1, {noise:.2f}"
+    start = "   linear, 0.500, 0.25 (0.50), 0.12, 1.00, "
+    assert lines[-1] == f"{start}1.2%, 3/1/1, {noise:.2f}"
+    rows[2]["linearization"] = ""  # of a file that is older than the column
+    (line,) = (z for z in table.page(rows, command.CASES) if "linear, 0.500" in z)
+    assert line.endswith(f"0.12, 1.00, , 1, {noise:.2f}")
     assert not any(name in line for line in lines for name in ("pendulum", "tanks"))
 
 
@@ -142,6 +146,19 @@ def test_the_page_of_measured_records_has_their_unit_and_what_others_published()
         ["   drives", '"experiment 1"'],
         ["   drives", '"experiment 2"'],
     ]
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_a_row_of_a_model_with_a_law_has_what_the_law_leaves(out):
+    options = {"nx": 1, "n_h": 2, "n_g": 2, "alpha": 1e-4, "max_iter": 9}
+    runs.run([TINY], ["fl", "al", "gr"], 1, out, options=options, jobs=0)
+    left = {row["model"]: row["linearization"] for row in runs.read(out)}
+    assert left["lti"] == left["gr"] == "" and left["fl"] == "0"
+    (test,) = TINY.load().tests["fresh"]
+    model = AlSsnn(**options, random_state=0).fit(*TINY.load().train[0])
+    model.set_params(n_init_samples=20)
+    (expected,) = model.linearizability(*test).linearization_error
+    assert float(left["al"]) == pytest.approx(expected, rel=1e-4) and expected > 0
 
 
 def test_a_run_goes_on_where_the_file_ends(out, monkeypatch):
@@ -279,7 +296,8 @@ def test_the_page_and_the_readme_say_what_the_runs_say():
     folder = Path(__file__).parents[1]
     rows = runs.read(folder / "doc" / "benchmarks" / "field_runs.csv")
     lines = (folder / "doc" / "benchmarks" / "field.inc").read_text().splitlines()
-    shown = {line.split(",")[0].strip(): line.split(",")[2:5] for line in lines[8:]}
+    body = lines[lines.index("") + 1 :]
+    shown = {line.split(",")[0].strip(): line.split(",")[2:5] for line in body}
     medians = {}
     for model, column in (("fl", 0), ("al", 1), ("gr", 2)):
         seeds = {name: [] for name in PLANTS}

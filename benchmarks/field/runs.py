@@ -3,8 +3,9 @@
 A row is the error of one fit on one test. Its columns: `rmse`, the mean over outputs
 and experiments, in the unit of the case, infinite if the simulation diverges; the same
 relative to that of the linear model (`relative`) and to the standard deviation of the
-output (`std`); what the fit says of itself; its time in seconds of processor and
-clock; the warnings by category; and what it raised, if it crashed.
+output (`std`); of a model with a law, its linearization error on the test
+(`linearization`, eq. gauge); what the fit says of itself; its time in seconds of
+processor and clock; the warnings by category; and what it raised, if it crashed.
 """
 
 import csv
@@ -35,6 +36,7 @@ COLUMNS = (
     "rmse",
     "relative",
     "std",
+    "linearization",
     "converged",
     "message",
     "nx",
@@ -121,7 +123,7 @@ def _fit(job, data):
     model.set_params(n_init_samples=job.case.n_init)  # of the score, not of the fit
     with np.errstate(all="ignore"):
         return told, {
-            name: score(model, test, job.case.scale)
+            name: score(model, test, job.case.scale) | left_by_the_law(model, test)
             for name, test in data.tests.items()
         }
 
@@ -134,6 +136,17 @@ def score(model, experiments, scale=1.0):
     errors = np.mean([rmse(*pair, multioutput="raw_values") for pair in pairs], axis=0)
     spread = np.nanstd(np.vstack([y.reshape(len(y), -1) for y, _ in pairs]), axis=0)
     return {"rmse": scale * errors.mean(), "std": np.mean(errors / spread)}
+
+
+def left_by_the_law(model, experiments):
+    """Return the linearization error of a model with a law, mean over a test."""
+    if not isinstance(model, (FlSsnn, AlSsnn)):
+        return {}
+    shares = [
+        model.linearizability(u, y, in_loop=False).linearization_error
+        for u, y in experiments
+    ]
+    return {"linearization": float(np.mean(shares))}
 
 
 # -- many ------------------------------------------------------------------------------

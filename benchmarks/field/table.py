@@ -107,6 +107,7 @@ def page(rows, cases):
         noise = floor(case) / linear
         errors = [_by_seed(parts[model]) for model in NETWORKS]
         cells = [_median_and_worst(error) for error in errors]
+        cells += [_left_by_the_law(parts["al"])]
         cells += [_counts_of_seeds(errors)]
         cells += [f"{noise:.2f}" if np.isfinite(noise) else ""]
         lines.append(f"   {name}, {size:.3f}, {', '.join(cells)}")
@@ -114,9 +115,11 @@ def page(rows, cases):
         ".. csv-table:: Default fits: the error of the linear model over the standard",
         "   deviation of the output; and over the error of the linear model, those of",
         "   the networks, medians of the seeds and in brackets the worst where it is",
-        f"   above {AGREE[0]} medians; the number of seeds, of each where it differs;",
-        "   and the noise, which no model goes below",
-        "   :header: case, LinearStateSpace, FlSsnn, AlSsnn, GrSsnn, seeds, noise",
+        f"   above {AGREE[0]} medians; the linearization error of AlSsnn, median of",
+        "   its seeds; the number of seeds, of each where it differs; and the noise,",
+        "   which no model goes below",
+        "   :header: case, LinearStateSpace, FlSsnn, AlSsnn, GrSsnn, "
+        "left by the law, seeds, noise",
         "   :widths: auto",
         "",
     ]
@@ -181,6 +184,12 @@ def _by_seed(rows):
             for seed in seeds
         ]
     )
+
+
+def _left_by_the_law(rows):
+    """Return the median linearization error in percent; empty where it is unknown."""
+    shares = [float(row["linearization"] or "nan") for row in rows]
+    return f"{np.median(shares):.1%}" if np.isfinite(shares).all() else ""
 
 
 def _median_and_worst(errors, form=".2f"):
