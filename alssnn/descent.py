@@ -45,6 +45,9 @@ class Descent:
     contends : float, default=1.0
         Of a long record, starts with at most so many times the least root mean square
         error there go on.
+    finalists : int, default=1
+        Of a short record, so many paths go on at their alpha before one is chosen, if
+        the lowest loses what it had.
 
     Examples
     --------
@@ -60,6 +63,7 @@ class Descent:
     center: str = "start"
     enough: float = ENOUGH
     contends: float = 1.0
+    finalists: int = 1
 
     def times(self, scale):
         """Return the descent along weights that are so many times as large.
@@ -108,5 +112,8 @@ USUAL = Descent()
 # times for a servo, 2.5 for a robot joint, 1.3 to 1.8 for the others, medians of two
 # seeds (`python -m benchmarks.constants SMOOTH`).
 SMOOTH = Descent((1e-4, 1e-5, 1e-6, 1e-7, 1e-8), (0, 3, 1), stages=6, center="zero")
-# Beside the usual one, for AL-SSNN (`python -m benchmarks.field --models al`).
+# Of AL-SSNN, whose lowest path is often one of several that reach nearly the same
+# (`python -m benchmarks.constants RIVALLING`).
+RIVALLING = replace(USUAL, finalists=3)
+# Beside that one, for AL-SSNN (`python -m benchmarks.field --models al`).
 FADING = replace(SMOOTH, alphas=(1e-2, 1e-3, *SMOOTH.alphas))

@@ -396,23 +396,34 @@ def descended(paths, watch, tally, n_jobs=None, only_first=False):
     return [walked[i] for i in range(len(calls))]
 
 
-def choose(paths, nearly):
-    """Return the path that goes on, and the stage from which it does.
+def lowest(paths, nearly, n=1, within=np.inf):
+    """Return the paths that come lowest, and of each the stage from which it goes on.
 
     Parameters
     ----------
     paths : list of Path
         Paths of several starts, also along different alphas.
     nearly : float
-        Mean square error over the least one that is as good.
+        Mean square error over the least one of a path that is as good.
+    n : int, default=1
+        Number of paths, at most.
+    within : float, default=inf
+        Score over the least one of all paths, at most.
 
     Returns
     -------
-    path : Path
-        The one that comes lowest behind its start.
-    stage : int
-        Of its stages that do nearly as well as the best, the one of the largest alpha.
+    lowest : list of tuple of Path and int
+        The paths by what they reach behind their start, the lowest first. Of the stages
+        that do nearly as well as the best of their path, the one of the largest alpha.
     """
-    path = min(paths, key=lambda path: min(path.scores[1:]))
-    scores = np.array(path.scores[1:])
-    return path, 1 + int(np.argmax(scores <= nearly * scores.min()))
+
+    def reached(path):
+        return min(path.scores[1:])
+
+    def stage(path):
+        scores = np.array(path.scores[1:])
+        return 1 + int(np.argmax(scores <= nearly * scores.min()))
+
+    best, *others = sorted(paths, key=reached)[:n]
+    near = [path for path in others if reached(path) <= within * reached(best)]
+    return [(path, stage(path)) for path in (best, *near)]

@@ -7,7 +7,9 @@ by the simulation error on hidden quarters of the record (`holdout`).
 The path that comes lowest is taken, which may be that by which an order was chosen, and
 of its alphas that do nearly as well as the best the largest.  From there it goes on at
 this alpha as long as the error on the hidden samples falls; of a long record, the fit
-to all its samples does that in one go.
+to all its samples does that in one go.  A stage may have broken off where the error is
+small by chance, and the fit to all samples goes on from it: where the path loses what
+it had, other low ones may go on, too, and the one is taken that ends lowest.
 
 The networks are kept if they beat the best linear model on the hidden samples: in the
 sum over the folds, by more than chance makes of it (eq. certainty), with outputs that
@@ -29,7 +31,7 @@ import numpy as np
 from .descent import USUAL
 from .excursions import Excursion
 from .holdout import SHARE, Fold, certainty
-from .paths import Path, Tally, choose, descended
+from .paths import Path, Tally, descended, lowest
 from .training import LEAST_MOVE
 from .watch import Watch
 
@@ -257,7 +259,11 @@ def search(
         "label": "search",
     }
     descents = [d.times(_scale(orders, is_predictor, d)) for d in descents]
-    usual, more = descents[0], max_iter // descents[0].steps(max_iter)
+    usual = descents[0]
+    # of a single fold, the fit that follows goes on, without a break
+    is_long = len(folds) == 1
+    more = 0 if is_long else max_iter // usual.steps(max_iter)
+    n_finalists = 1 if is_long else usual.finalists
     common = {
         "weight": output_weight,
         "bounds": _bounds(orders, output_weight),
@@ -270,7 +276,7 @@ def search(
 
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
     n_stages = _expected(len(ways), len(seeds), descents)
-    tally = Tally(watch, orders.errors[orders.nx], n_stages + more * (len(folds) > 1))
+    tally = Tally(watch, orders.errors[orders.nx], n_stages + n_finalists * more)
     curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
         among = seeds[:TRIED], orders, candidates, largest, usual.screened
@@ -279,15 +285,14 @@ def search(
     nx = len(linears[0].A)
     paths, others = _begun(begin, linears, seeds, descents, tried)
     paths = _walked(paths, quiet, tally, n_jobs)
-    walk, stage = choose([*paths, *others], nearly)
-    alpha = walk.alphas[stage - 1]
+    finalists = lowest([*paths, *others], nearly, n_finalists, CONTENDS**2)
+    walk, chosen, stage = _gone_on(finalists, nearly, more, quiet, tally)
+    alpha = walk.alphas[chosen - 1]
     # what goes on from here is chosen by the same samples
-    judged, chosen = walk.errors[stage], walk.states[stage]
-    if len(folds) > 1:  # else the fit that follows goes on, without a break
-        stage = walk.go_on(stage, alpha, more, quiet, tally.plan(more))
+    judged, points = walk.errors[chosen], walk.states[chosen]
     reached = float(np.sqrt(np.mean(walk.errors[stage])))
     curve[nx] = min(curve.get(nx, np.inf), reached)  # the order was chosen by less
-    linear, sure, by_output = _beside(orders, walk, chosen, output_weight, is_predictor)
+    linear, sure, by_output = _beside(orders, walk, points, output_weight, is_predictor)
     i = walk.best_fold(stage, alpha, quiet)
     theta, x0 = walk.states[stage][i]
     return Found(
@@ -295,7 +300,7 @@ def search(
         theta,
         walk.centers[i],
         float(alpha),
-        max_iter if len(folds) == 1 else REFIT * walk.descent.steps(max_iter),
+        max_iter if is_long else REFIT * walk.descent.steps(max_iter),
         folds[i],
         x0,
         judged,
@@ -345,6 +350,26 @@ def _walked(paths, watch, tally, n_jobs):
     for i, path in zip(near, walked, strict=True):
         paths[i] = path
     return paths
+
+
+def _gone_on(finalists, nearly, n_stages, watch, tally):
+    """Let the lowest path go on from its stage; return a path, from where, and to.
+
+    Where it loses what it had, the others go on, too, and what ends lowest is taken. An
+    end is judged behind as many stages as the fit to all samples takes: it goes on from
+    the stage of the least score, as it did here.
+    """
+    ends = []
+    for path, stage in finalists:
+        alpha, reached = path.alphas[stage - 1], stage
+        if n_stages:
+            tell = tally.plan(n_stages)
+            reached = path.go_on(stage, alpha, n_stages, watch, tell)
+        end = min(path.scores[stage + REFIT :] or path.scores[stage:])
+        ends.append((end, path, stage, reached))
+        if len(ends) == 1 and end <= nearly * path.scores[stage]:
+            break
+    return min(ends, key=lambda end: end[0])[1:]
 
 
 def _bounds(orders, weight):

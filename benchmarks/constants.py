@@ -7,7 +7,8 @@
 The constants that no argument sets, on plants of the field benchmark whose fits take
 seconds; those of a monotone input map on the plants of `benchmarks.true_loops`, whose
 fits take half a minute.  Instead of half and double, the decays of a monotone map, of
-GR-SSNN and of the second path of AL-SSNN are compared with those of all other models.
+GR-SSNN and of the second path of AL-SSNN are compared with those of all other models,
+and so is how many paths of AL-SSNN go on before one is chosen.
 Prints the error of every test relative to that with the value of the package, the
 median over the seeds; below them median and worst of all fits.  One process, one
 thread.
@@ -48,6 +49,13 @@ FREE = (
     "short",
 )
 TWICE = ("levitation", "saturating motor", "Duffing", "two tanks", "short", "prey")
+RIVALS = (
+    "four tanks",
+    "overflowing tank",
+    "servo speed",
+    "ball on beam",
+    "short saturation",
+)
 CONSTANTS = {
     "FADING": ("al", TWICE),
     "DECAYS": ("fl", (*ACTUATORS, "levitation loop", "arm loop")),
@@ -55,11 +63,17 @@ CONSTANTS = {
     "INITIAL_ROOTS": ("fl", ACTUATORS),
     "LONGER_STAGES": ("fl", ACTUATORS),
     "HORIZONS": ("lti", LINEAR),
+    "RIVALLING": ("al", RIVALS),
     "SMOOTH": ("gr", FREE),
     "WINDOW": ("fl", SMALL),
 }
 # what is tried instead of half and double
-OTHERS = {"DECAYS": [tuple(ALPHAS)], "SMOOTH": [USUAL], "FADING": [USUAL]}
+OTHERS = {
+    "DECAYS": [tuple(ALPHAS)],
+    "SMOOTH": [USUAL],
+    "FADING": [USUAL],
+    "RIVALLING": [USUAL],
+}
 
 
 def recorded(loop):
@@ -119,10 +133,11 @@ def scaled(value, factor):
 
 def name_of(value):
     """Return a number, a few of them, or the first and the last of many."""
+    finalists = getattr(value, "finalists", 1)
     value = getattr(value, "alphas", value)
     if isinstance(value, tuple) and len(value) > 3:
-        return f"{value[0]:g}..{value[-1]:g}"
-    return str(value)
+        value = f"{value[0]:g}..{value[-1]:g}"
+    return f"{value}, {finalists} finalists" if finalists > 1 else str(value)
 
 
 def errors(cases, model, seeds, options):

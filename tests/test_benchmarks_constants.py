@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from alssnn import AlSsnn, FlSsnn, GrSsnn
-from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL
+from alssnn.descent import ALPHAS, FADING, RIVALLING, SMOOTH, USUAL
 from alssnn.estimators import _al_ssnn, _gr_ssnn, _input_map
 from alssnn.models import state_space
 from alssnn.search import CONTENDS
@@ -64,6 +64,7 @@ def test_starts_and_stages_follow_their_constants(rng):
         ("DECAYS", _input_map, tuple(ALPHAS)),
         ("SMOOTH", _gr_ssnn, USUAL),
         ("FADING", _al_ssnn, USUAL),
+        ("RIVALLING", _al_ssnn, USUAL),
     ],
 )
 def test_decays_are_compared_with_those_of_other_models(
@@ -87,17 +88,20 @@ def test_names_of_values_are_short():
     assert constants.name_of(tuple(ALPHAS)) == "10..0"
     assert constants.name_of((1, 2)) == "(1, 2)"
     assert constants.name_of(SMOOTH) == "0.0001..1e-08"
+    assert constants.name_of(RIVALLING) == "10..0, 3 finalists"
 
 
 def test_a_free_network_is_held_by_a_decay_to_zero():
     assert GrSsnn()._descents() == (SMOOTH,) and FlSsnn()._descents() == (USUAL,)
-    assert AlSsnn()._descents() == (USUAL, FADING)
+    assert AlSsnn()._descents() == (RIVALLING, FADING)
     for cls in (AlSsnn, GrSsnn):  # the errors of a predictor are noise
         assert cls(noise="innovations")._descents() == (USUAL,)
     with changed("SMOOTH", USUAL):
         assert GrSsnn()._descents() == (USUAL,)
+    with changed("RIVALLING", USUAL):
+        assert AlSsnn()._descents() == (USUAL, FADING)
     with changed("FADING", USUAL):
-        assert AlSsnn()._descents() == (USUAL, USUAL)
+        assert AlSsnn()._descents() == (RIVALLING, USUAL)
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -355,7 +355,7 @@ def test_the_path_that_chose_an_order_is_taken_if_it_comes_lower(errors, stage):
     paths = [Walked([3, 2, 1], row) for row in ((1, 0.5, 0.3, 0.3), (1, 0.9, 0.9, 0.9))]
     other = Walked([3, 1], errors)
     expected = (paths[0], 2) if stage is None else (other, stage)
-    assert walking.choose([*paths, other], 1.1) == expected
+    assert walking.lowest([*paths, other], 1.1) == [expected]
 
 
 def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(
@@ -439,17 +439,18 @@ def test_the_lowest_path_of_all_descents_is_taken(short, monkeypatch, to_zero):
     assert found.refit_iter == searching.REFIT * path.descent.steps(60)
 
 
-def told(monkeypatch, table, seeds, fold=0, zero=None):
+def told(monkeypatch, table, seeds, fold=0, zero=None, further=None):
     """Have paths whose errors are told: one row per seed, one column per stage.
 
-    Those of a decay to zero have a table of their own.
+    Those of a decay to zero have a table of their own. What they reach when they go on
+    is one more row per seed.
     """
 
     class Path(searching.Path):
         def __init__(self, recipe, folds, linears, seed, *of, **common):
             super().__init__(recipe, folds, linears, seed, *of, **common)
             own = zero if zero and self.descent.center == "zero" else table
-            self.row = own[seeds.index(seed)]
+            self.row, self.seed = own[seeds.index(seed)], seed
 
         def descend(self, alphas, watch, tell=None):
             n_folds, self.asked = len(self.folds), (list(alphas), self.descent.enough)
@@ -463,16 +464,69 @@ def told(monkeypatch, table, seeds, fold=0, zero=None):
             walked.append(self)
             return self
 
-        def go_on(self, stage, *args):
-            return stage
+        def go_on(self, stage, alpha, *args):
+            assert alpha == self.alphas[stage - 1]
+            if further is None:
+                return stage
+            went_on.append(self)
+            kept, more = slice(0, stage + 1), further[seeds.index(self.seed)]
+            n_folds = len(self.folds)
+            self.scores = [*self.scores[kept], *more]
+            self.errors = [np.full(n_folds, z / n_folds) for z in self.scores]
+            self.states = [*self.states[kept], *(self.states[stage] for _ in more)]
+            self.alphas = [*self.alphas[:stage], *(alpha for _ in more)]
+            return stage + int(np.argmin(self.scores[stage:]))
 
         def best_fold(self, stage, alpha, watch):
             assert alpha == self.alphas[stage - 1]
             return fold
 
     walked: list = []
+    went_on = told.went_on = []
     monkeypatch.setattr(searching, "Path", Path)
     return walked
+
+
+@pytest.mark.parametrize(
+    ("finalists", "further", "taken", "went"),
+    [
+        # the lowest had not come to rest, and the fit that follows would go on as well
+        (3, [[0.5, 0.45], [0.38, 0.37], [0.1, 0.1]], 1, 2),
+        (2, [[0.5, 0.45], [0.46, 0.47], [0.1, 0.1]], 0, 2),
+        # one more stage is not as many as that fit takes
+        (2, [[0.2, 0.50, 0.52], [0.4, 0.45], [0.1, 0.1]], 1, 2),
+        # it keeps nearly what it had: no other one goes on, wherever it would end
+        (3, [[0.5, 0.32], [0.1, 0.1], [0.1, 0.1]], 0, 1),
+        # stopped before it has taken as many
+        (2, [[0.2], [0.1], [0.1]], 0, 1),
+        (1, [[0.5, 0.45], [0.38, 0.37], [0.1, 0.1]], 0, 1),
+        # the third is not near the others: it does not go on
+        (9, [[0.5, 0.45], [0.46, 0.47], [0.1, 0.1]], 0, 2),
+    ],
+)
+def test_of_low_paths_the_one_that_ends_lowest_if_the_lowest_does_not_rest(
+    short, monkeypatch, finalists, further, taken, went
+):
+    orders, seeds = compare_orders(scaled(*short), [1]), [11, 22, 33]
+    table = [[1, 0.3, 0.9], [1, 0.9, 0.4], [1, 0.9, 0.8]]
+    told(monkeypatch, table, seeds, further=further)
+    descents = [replace(USUAL, finalists=finalists)]
+    found = search(recipe(), orders, [1], seeds, descents=descents, max_iter=10)
+    assert len(told.went_on) == went
+    # judged by what it had before it went on
+    assert found.errors.sum() == pytest.approx(table[taken][1 + taken])
+    assert found.alpha == ALPHAS[taken]
+    least = np.sqrt(min(table[taken][1 + taken], *further[taken]) / 3)
+    assert found.curve[1] == pytest.approx(least)
+
+
+def test_the_path_of_a_long_record_does_not_go_on(monkeypatch):
+    orders, seeds = compare_orders(scaled(*soft(0, 4100)), [1]), [11, 22]
+    assert len(orders.folds) == 1
+    told(monkeypatch, [[1, 0.3], [1, 0.4]], seeds, further=[[0.5, 0.5], [0.1, 0.1]])
+    descents = [replace(USUAL, finalists=3)]
+    found = search(recipe(), orders, [1], seeds, descents=descents, max_iter=10)
+    assert not told.went_on and found.errors.sum() == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(
@@ -759,9 +813,19 @@ def test_what_larger_inputs_take_away_counts_with_twice_its_error(
 def test_of_two_paths_the_one_that_stays(short):
     stays, leaves = Walked([2, 1], (1, 0.5, 0.3)), Walked([2, 1], (1, 0.4, 0.2))
     leaves.scores = [1, 0.4, 0.8]
-    assert walking.choose([stays, leaves], 1.1) == (stays, 2)
+    assert walking.lowest([stays, leaves], 1.1) == [(stays, 2)]
     leaves.scores = [1, 0.4, 0.2]
-    assert walking.choose([stays, leaves], 1.1) == (leaves, 2)
+    assert walking.lowest([stays, leaves], 1.1) == [(leaves, 2)]
+
+
+def test_the_lowest_paths_are_those_near_the_best():
+    rows = [(1, 0.5, 0.4), (1, 0.29, 0.28), (1, 0.9, 0.2), (0.1, 0.9, 0.46), (1, 3, 3)]
+    paths = [Walked([2, 1], row) for row in rows]
+    order = [(paths[2], 2), (paths[1], 1), (paths[0], 2), (paths[3], 2), (paths[4], 1)]
+    assert walking.lowest(paths, 1.1, 9) == order  # the start is none of its stages
+    assert walking.lowest(paths, 1.1, 9, 2.25) == order[:3]
+    assert walking.lowest(paths, 1.1, 2, 2.25) == order[:2]
+    assert walking.lowest(paths, 1.1, 9, 1.0) == order[:1]
 
 
 def test_overflowing_derivatives_are_a_cliff_and_not_the_end():

@@ -1,6 +1,6 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
-from ..descent import FADING, USUAL
+from ..descent import FADING, RIVALLING
 from ._networks import Networks
 from ._noise import is_predicting
 from ._options import estimator
@@ -68,4 +68,4 @@ class AlSsnn(Networks, Ssnn):
         }
 
     def _descents(self):
-        return (USUAL,) if is_predicting(self) else (USUAL, FADING)
+        return super()._descents() if is_predicting(self) else (RIVALLING, FADING)
