@@ -263,7 +263,6 @@ def search(
     # of a single fold, the fit that follows goes on, without a break
     is_long = len(folds) == 1
     more = 0 if is_long else max_iter // usual.steps(max_iter)
-    n_finalists = 1 if is_long else usual.finalists
     common = {
         "weight": output_weight,
         "bounds": _bounds(orders, output_weight),
@@ -276,7 +275,7 @@ def search(
 
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
     n_stages = _expected(len(ways), len(seeds), descents)
-    tally = Tally(watch, orders.errors[orders.nx], n_stages + n_finalists * more)
+    tally = Tally(watch, orders.errors[orders.nx], n_stages + more)
     curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
         among = seeds[:TRIED], orders, candidates, largest, usual.screened
@@ -285,7 +284,8 @@ def search(
     nx = len(linears[0].A)
     paths, others = _begun(begin, linears, seeds, descents, tried)
     paths = _walked(paths, quiet, tally, n_jobs)
-    finalists = lowest([*paths, *others], nearly, n_finalists, CONTENDS**2)
+    n = 1 if is_long else usual.finalists
+    finalists = lowest([*paths, *others], nearly, n, CONTENDS**2)
     walk, chosen, stage = _gone_on(finalists, nearly, more, quiet, tally)
     alpha = walk.alphas[chosen - 1]
     # what goes on from here is chosen by the same samples
