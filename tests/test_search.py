@@ -818,6 +818,43 @@ def test_of_two_paths_the_one_that_stays(short):
     assert walking.lowest([stays, leaves], 1.1) == [(leaves, 2)]
 
 
+def test_a_path_ends_after_three_stages_without_a_gain():
+    class Path(walking.Path):
+        def __init__(self, told):
+            self.told, self.folds, self.descent = iter(told), [], USUAL
+            self.alphas, self.errors, self.scores, self.states = [], [], [1.0], []
+
+        def _judge(self):
+            self.scores.append(next(self.told))
+            self.errors.append(np.array([self.scores[-1]]))
+
+    # a gain is one of more than a hundredth, of the least so far
+    path = Path([0.5, 0.51, 0.497, 0.4, 0.45, 0.41, 0.399, 0.1])
+    path.descend([1e-5] * 8, Watch())
+    assert path.has_ended and len(path.alphas) == 7
+    path = Path([0.5, 0.6, 0.6, 0.6, 0.6, 0.6])
+    path.descend([1e-3, 1e-3, 1e-3, 1e-3, 1e-4, 1e-5], Watch())
+    assert path.has_ended and len(path.alphas) == 5  # not before `enough`
+
+
+def test_a_tally_tells_what_is_done_and_reached():
+    told = []
+
+    class Told:
+        def searched(self, *what):
+            told.append(what)
+
+    tally = walking.Tally(Told(), np.ones(2), 5)
+    tally.plan(2)(np.array([0.25, 0.25]))
+    tally(np.ones(2))
+    tally.plan(3)(np.array([0.09, 0.09]))  # two stages less than planned
+    tally.plan(4)(np.array([0.5, 0.5]))  # more than expected
+    tally.walked([np.array([0.5, 0.5]), np.array([0.04, 0.04])], 2)
+    done, of, share = np.transpose(told)
+    assert list(done) == [1, 2, 3, 6, 11] and list(of) == [5, 5, 5, 9, 11]
+    np.testing.assert_allclose(share, [0.5, 0.5, 0.3, 0.3, 0.2])
+
+
 def test_the_lowest_paths_are_those_near_the_best():
     rows = [(1, 0.5, 0.4), (1, 0.29, 0.28), (1, 0.9, 0.2), (0.1, 0.9, 0.46), (1, 3, 3)]
     paths = [Walked([2, 1], row) for row in rows]
