@@ -284,9 +284,7 @@ def search(
     nx = len(linears[0].A)
     paths, others = _begun(begin, linears, seeds, descents, tried)
     paths = _walked(paths, quiet, tally, n_jobs)
-    n = 1 if is_long else usual.finalists
-    finalists = lowest([*paths, *others], nearly, n, CONTENDS**2)
-    walk, chosen, stage = _gone_on(finalists, nearly, more, quiet, tally)
+    walk, chosen, stage = _gone_on([*paths, *others], nearly, more, quiet, tally)
     alpha = walk.alphas[chosen - 1]
     # what goes on from here is chosen by the same samples
     judged, points = walk.errors[chosen], walk.states[chosen]
@@ -352,15 +350,15 @@ def _walked(paths, watch, tally, n_jobs):
     return paths
 
 
-def _gone_on(finalists, nearly, n_stages, watch, tally):
+def _gone_on(paths, nearly, n_stages, watch, tally):
     """Let the lowest path go on from its stage; return a path, from where, and to.
 
-    Where it loses what it had, the others go on, too, and what ends lowest is taken. An
-    end is judged behind as many stages as the fit to all samples takes: it goes on from
-    the stage of the least score, as it did here.
+    Where it loses what it had, others go on, too, and what ends lowest is taken. An end
+    is judged behind as many stages as the fit to all samples takes: it goes on from the
+    stage of the least score, as it did here. Without stages, the lowest path is taken.
     """
-    ends = []
-    for path, stage in finalists:
+    n, ends = paths[0].descent.finalists if n_stages else 1, []
+    for path, stage in lowest(paths, nearly, n, CONTENDS**2):
         alpha, reached = path.alphas[stage - 1], stage
         if n_stages:
             tell = tally.plan(n_stages)

@@ -8,10 +8,11 @@ days on a record of 18 periods of 8,192 samples, three inputs and outputs.  Opti
 set by hand: periodic initial states, one random start, alpha = 1e-6, no search.
 
 A first stage fits one realization of every level, and the next ones go on from there
-with more of them.  After every stage the test error of each level is printed, in
-micrometres, as the mean over outputs, realizations and periods; the first 100 samples
-estimate the initial state.  `--save` keeps the model behind every stage, and `--start`
-goes on from a kept one.
+with more of them.  After every stage the error of each level is printed, in
+micrometres, as the mean over outputs, realizations and periods: of the tests, and
+behind a bar of all training records.  The first 100 samples estimate the initial state.
+`--save` keeps the model behind every stage.  `--start` goes on from a kept one, whose
+errors are the first row.
 """
 
 import argparse
@@ -42,10 +43,10 @@ OPTIONS = {
 }
 
 
-def errors(model, tests):
-    """Return the test error of every level, in micrometres."""
+def errors(model, levels):
+    """Return the error of every level, in micrometres."""
     means = []
-    for records in tests.values():
+    for records in levels:
         own = []
         for u, y in records:
             x0 = model.estimate_x0(u[:WINDOW], y[:WINDOW])
@@ -53,6 +54,14 @@ def errors(model, tests):
             own.append(np.sqrt(np.mean(missed**2, axis=0)))
         means.append(MICROMETRES * np.mean(own))
     return np.array(means)
+
+
+def row(model, train, tests):
+    """Return the errors of the tests and of the training records as text."""
+    each = len(train) // 3
+    trained = [train[i : i + each] for i in range(0, len(train), each)]
+    parts = errors(model, tests.values()), errors(model, trained)
+    return " | ".join(" ".join(f"{error:.4f}" for error in part) for part in parts)
 
 
 def of_every_level(train, n):
@@ -86,12 +95,14 @@ def main(argv=None):
         model = alssnn.load(args.start).set_params(n_jobs=args.jobs)
     else:
         model = AlSsnn(**OPTIONS, dt=train[0].dt, n_jobs=args.jobs)
-    print("realizations, steps, minutes,", ", ".join(tests), "um")
+    print("realizations, steps, minutes,", ", ".join(tests), "um | training")
+    if args.start:
+        print("0 0 0.0", row(model, train, tests), flush=True)
     for n, minutes in zip(args.realizations, args.minutes, strict=True):
         begun = time.perf_counter()
         stage(model, n, minutes, train)
         spent = (time.perf_counter() - begun) / 60
-        found = " ".join(f"{error:.4f}" for error in errors(model, tests))
+        found = row(model, train, tests)
         print(f"{n} {model.n_iter_} {spent:.1f} {found}", flush=True)
         if args.save:
             model.save(args.save)

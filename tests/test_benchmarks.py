@@ -169,4 +169,7 @@ def test_errors_of_the_mirror_are_means_over_outputs_and_records(rng):
             return np.column_stack([u + 1e-6, 2 * u - 3e-6])
 
     tests = {"low": [Record(u, y, 1.0)], "high": [Record(u, y + 1e-6, 1.0)] * 2}
-    np.testing.assert_allclose(mirror.errors(Model(), tests), [2.0, 2.0], rtol=1e-6)
+    found = mirror.errors(Model(), tests.values())
+    np.testing.assert_allclose(found, [2.0, 2.0], rtol=1e-6)
+    train = [Record(u, y + shift, 1.0) for shift in (0, 0, 0, 0, 5e-6, 5e-6)]
+    assert mirror.row(Model(), train, tests) == "2.0000 2.0000 | 2.0000 2.0000 6.0000"
