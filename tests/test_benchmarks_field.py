@@ -203,6 +203,18 @@ def test_divergence_is_an_infinite_error():
     assert runs.score(Diverging(), [(y, y)]) == {"rmse": np.inf, "std": np.inf}
 
 
+def test_what_diverges_is_not_asked_for_its_linearization_error():
+    class Diverging(AlSsnn):
+        def simulate_test(self, u, y):
+            return y, np.full_like(y, np.inf)
+
+        def linearizability(self, *record, **options):
+            raise AssertionError("its simulation diverges")
+
+    y = np.ones((4, 1))
+    assert runs.tested(Diverging(), [(y, y)]) == {"rmse": np.inf, "std": np.inf}
+
+
 def test_scores_are_means_over_experiments_and_outputs():
     class Off:
         def simulate_test(self, u, y):

@@ -123,7 +123,7 @@ def _fit(job, data):
     model.set_params(n_init_samples=job.case.n_init)  # of the score, not of the fit
     with np.errstate(all="ignore"):
         return told, {
-            name: score(model, test, job.case.scale) | left_by_the_law(model, test)
+            name: tested(model, test, job.case.scale)
             for name, test in data.tests.items()
         }
 
@@ -136,6 +136,14 @@ def score(model, experiments, scale=1.0):
     errors = np.mean([rmse(*pair, multioutput="raw_values") for pair in pairs], axis=0)
     spread = np.nanstd(np.vstack([y.reshape(len(y), -1) for y, _ in pairs]), axis=0)
     return {"rmse": scale * errors.mean(), "std": np.mean(errors / spread)}
+
+
+def tested(model, experiments, scale=1.0):
+    """Return what a row has of a test; what diverges has no linearization error."""
+    errors = score(model, experiments, scale)
+    return errors | (
+        left_by_the_law(model, experiments) if np.isfinite(errors["rmse"]) else {}
+    )
 
 
 def left_by_the_law(model, experiments):
