@@ -302,10 +302,16 @@ def test_a_fan_is_linearized_by_default_options():
     assert figures.closed_linearization_error.max() < 1e-9
 
 
-@pytest.mark.parametrize(("matched", "nx"), [(True, 1), (False, 2)])
-def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
-    """A curve of the actuator is all of phi; no law cancels one behind a state."""
-    rng = np.random.default_rng(0)
+@pytest.mark.parametrize(
+    ("matched", "nx", "seed", "needed"),
+    [(True, 1, 0, False), (False, 2, 0, True), (False, 2, 2, False)],
+)
+def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx, seed, needed):
+    """A curve of the actuator is all of phi; no law cancels one behind a state.
+
+    The third training without g has found a phi so good that g gains 5 %: too little.
+    """
+    rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1, 1, 200), 3)
     x, y = np.zeros(2), np.empty(600)
     for k in range(600):
@@ -319,11 +325,11 @@ def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx):
     options = {"feedback": "state", "input_map": "monotone", "random_state": 0}
     model = alssnn.AlSsnn(**sizes, **options).fit(u, y)
     assert np.any(model.params_["W_h"]) and np.any(model.params_["r_phi"])
-    assert np.any(model.params_["W_g"]) != matched
+    assert np.any(model.params_["W_g"]) == needed
     error = model.linearizability(u, y).closed_linearization_error.max()
-    assert error == 0.0 if matched else error > 0.01
+    assert error > 0.01 if needed else error == 0.0
     fit = fitted_model(model)  # what is held has no variance
-    assert fit.free[fit.structure.slices["W_g"]].all() != matched
+    assert fit.free[fit.structure.slices["W_g"]].all() == needed
     assert fit.free[fit.structure.slices["W_h"]].all()
     if matched:
         covariance = model.parameter_covariance(u, y)

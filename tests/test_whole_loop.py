@@ -57,6 +57,7 @@ def test_the_form_is_the_loop(name, integrates, limits, rng):
         assert np.abs(U).max() == pytest.approx(limits)
 
 
+@pytest.mark.parametrize("name", NAMES + SOLVED)
 @pytest.mark.parametrize("observer", [True, False])
 def test_the_design_is_that_of_the_gain(name, observer, rng):
     controller = controlled(name)

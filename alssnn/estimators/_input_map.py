@@ -15,6 +15,7 @@ from ..equations import LEAST_GAIN
 from ..search import CONTENDS
 from ..simulation import outputs
 from ..training import train
+from ._noise import is_predicting
 
 MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
 # A stage of the search takes three times the steps of other models, for squared weights
@@ -33,7 +34,13 @@ DECAYS = (1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 # the best does, of ten long records of an arm (`benchmarks.true_loops`) FL-SSNN has 10,
 # 3.5 and 2 times the deviation with three, and 0.75 times with one.
 
-TRIAL = 60  # steps of the short fit that asks whether g helps, at most
+TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
+# Mean square error with g over that without, on hidden samples, below which it is: no
+# law cancels what g takes over. Of 40 records of `benchmarks.true_loops`, six gained 4
+# to 8 % by it; four of the true loops missed their design 1.2 to 3.1 times as much with
+# it, two 0.94 times. Errors one sample ahead are mostly noise, which nothing halves:
+# their standard is that of the search.
+NEEDED = 0.5
 
 
 def check_map(estimator):
@@ -177,7 +184,7 @@ def completed(model, found, linear, experiments, seed, watch):
     seed : int
         Seed of the inner weights of g.
     watch : Watch
-        May end the short fit that asks whether g helps.
+        May end the short fit that asks whether g is needed.
 
     Returns
     -------
@@ -188,7 +195,7 @@ def completed(model, found, linear, experiments, seed, watch):
     decay : dict
         Weight ``alpha`` and ``center`` of their decay.
     held : dict of str to tuple of ndarray
-        Bounds that hold g at zero, if it does not help on hidden samples.
+        Bounds that hold g at zero, if hidden samples do not need it.
     """
     known, alpha = found.structure, {"alpha": found.alpha}
     if searched(model) is model:
@@ -204,7 +211,7 @@ def completed(model, found, linear, experiments, seed, watch):
         for each in (found.theta, found.center)
     )
     decay = alpha | {"center": center}
-    if _helps(model, found, structure, theta, decay, watch):
+    if _is_needed(model, found, structure, theta, decay, watch):
         return structure, theta, decay, {}
     return structure, theta, decay, idle_g(model, structure, theta)
 
@@ -238,8 +245,8 @@ def idle_g(model, structure, theta):
     return {name: (p[name], p[name]) for name in of_g}
 
 
-def _helps(model, found, structure, theta, decay, watch):
-    """Tell whether g makes the error on hidden samples less."""
+def _is_needed(model, found, structure, theta, decay, watch):
+    """Tell whether g makes the error on hidden samples so much less."""
     penalized, weights = model._criterion_terms(structure)
     options = model._training(structure)
     options["max_iter"] = min(found.refit_iter, TRIAL)
@@ -256,4 +263,4 @@ def _helps(model, found, structure, theta, decay, watch):
     weight = weights["y"]
     without = found.fold.error(found.structure, found.theta, found.x0, weight)
     error = found.fold.error(structure, result.theta, result.x0, weight)
-    return error < found.gain * without
+    return error < (found.gain if is_predicting(model) else NEEDED) * without
