@@ -72,8 +72,8 @@ class Ssnn(StateSpaceModel):
         for `continuation`, where every weight may take as many, and for the stages that
         follow on a record longer than `coarse_samples` (`polish_iter`). Not counted is
         the search of ``alpha="auto"``: a stage, one alpha of one start, takes a 25th of
-        it, three 25ths with ``input_map="monotone"``, and a sixth for `GrSsnn` with
-        ``noise="output"``.
+        it, three 25ths with ``input_map="monotone"``, and a sixth for `GrSsnn` and for
+        the second kind of paths of `AlSsnn`, both with ``noise="output"``.
     tol : float, default=1e-4
         Relative change of cost or parameters that ends a stage.
     bounds : dict of str to tuple or None, default=None
@@ -145,8 +145,9 @@ class Ssnn(StateSpaceModel):
         Whether the training ended by itself: a tolerance was reached, validation or
         the number of steps that hidden samples allow ended the last stage, or the
         linear model, or that of the search, was returned (see `alpha`); false where
-        `max_iter`, `max_time`, a callback or the user ended the fit. It does not say
-        that the cost has settled.
+        `max_iter`, `max_time`, a callback or the user ended the fit, or where the last
+        stage of a record longer than `coarse_samples` has used its `polish_iter` steps.
+        It does not say that the cost has settled.
     """
 
     max_iter: int = option(300, [POSITIVE])

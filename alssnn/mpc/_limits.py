@@ -1,4 +1,4 @@
-"""Limits of the actuators and of their rate, in the units of u: they always hold."""
+"""Limits of the actuators, which always hold, and of their rate, in the units of u."""
 
 from dataclasses import dataclass
 from functools import cached_property
