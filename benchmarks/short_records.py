@@ -3,15 +3,15 @@
     python -m benchmarks.short_records [--split seen] [--models al fl] [--seeds 2]
                                        [--out short_records.csv]
 
-Records of 300 to 1,000 samples of plants with one to three inputs and outputs, most of
-them of `benchmarks.field`, with noise of 0.5 to 5 %.  Every plant is fitted with the
-defaults, several seeds, and with small networks of which alpha is one of three numbers
-(the grid, one seed).  Errors are those of a fresh record, relative to the linear model.
-Counted are default fits that are worse than the linear model by more than 2 %, those
-that return it where the best of the grid has less than half of its error, and the
-median of default over best of the grid.  Rules are chosen on the plants that are
-called seen; those called unseen tell what they are worth.  One process; a run goes on
-where its file ends.
+Records of 300 to 1,000 samples of plants with one to three inputs and one or two
+outputs, most of them of `benchmarks.field`, with noise of 0.5 to 5 %.  Every plant is
+fitted with the defaults, several seeds, and with small networks of which alpha is one
+of three numbers (the grid, one seed).  Errors are those of a fresh record, relative to
+the linear model.  Counted are default fits that are worse than the linear model by more
+than 2 %, those that return it where the best of the grid has less than half of its
+error, and the median of default over best of the grid.  Rules are chosen on the plants
+that are called seen; those called unseen tell what they are worth.  One process; a run
+goes on where its file ends.
 """
 
 import argparse
