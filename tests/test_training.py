@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from alssnn import AlSsnn, GrSsnn
 from alssnn.criterion import Criterion
 from alssnn.initial_states import estimate_x0
 from alssnn.linear_model import LinearModel
@@ -365,3 +366,22 @@ def test_threads_over_experiments_change_no_digit(problem, missing):
     ):
         np.testing.assert_array_equal(a, b)
     assert one.norm(free) == two.norm(free)
+
+
+@pytest.mark.parametrize("cls", [AlSsnn, GrSsnn])
+def test_a_large_alpha_is_reached_from_a_small_one(cls):
+    """From random networks it would lead to the linear model, with an error of 0.28."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, 80), 4)
+    x, y = 0.0, np.empty(320)
+    for k in range(320):
+        y[k] = x
+        x = 0.8 * x + 0.3 * np.tanh(3 * u[k])
+    costs = []
+    for seed in range(2):
+        model = cls(nx=1, alpha=0.01, n_init=1, random_state=seed).fit(u, y)
+        assert np.sqrt(1 - model.score(u, y)) < 0.1
+        costs.append(model.cost_)
+    assert costs[0] == pytest.approx(costs[1], rel=1e-2)
+    model.set_params(warm_start=True).fit(u, y)  # goes on, without the small one
+    assert model.n_iter_ < 20 and model.cost_ <= 1.001 * costs[1]

@@ -68,8 +68,8 @@ class Ssnn(StateSpaceModel):
         in any case up to three, and beyond as long as each is clearly better. See
         `orders_`.
     max_iter : int, default=300
-        Largest number of trial steps of the training of one start: of `n_iter_`, but
-        for `continuation`, where every weight may take as many, and for the stages that
+        Largest number of trial steps of one start, for every weight that it goes along
+        (`alpha`, `continuation`). `n_iter_` counts them, and those of the stages that
         follow on a record longer than `coarse_samples` (`polish_iter`). Not counted is
         the search of ``alpha="auto"``: a stage, one alpha of one start, takes a 25th of
         it, three 25ths with ``input_map="monotone"``, and a sixth for `GrSsnn` and for
@@ -93,14 +93,13 @@ class Ssnn(StateSpaceModel):
         Weight of the squared network parameters (eq. cost). "auto" chooses it, and with
         it the random start, by the simulation error on hidden quarters of the record
         (eq. holdout). It pulls the networks back to their start, so that a large weight
-        leaves the linear model. (The network of `GrSsnn` is pulled to zero, by smaller
-        weights.) If no networks beat the linear model on the hidden quarters, the fit
-        returns it, with a ConvergenceWarning. Training on all samples may make the
-        simulation worse than that of the linear model, or take it far from the record
-        (eq. escape, latch). It is then repeated with up to 30 times the weight; if none
-        is better than the model of the search, the fit returns that one, with such a
-        warning, too. A number is used as it is, pulls towards zero, and hides no
-        samples.
+        leaves the linear model. (Those of `GrSsnn` are pulled to zero.) If no networks
+        beat the linear model on the hidden quarters, the fit returns it, with a
+        ConvergenceWarning. Training on all samples may make the simulation worse than
+        that of the linear model, or take it far from the record (eq. escape, latch). It
+        is then repeated with up to 30 times the weight; if none is better than the
+        model of the search, the fit returns that one, with such a warning, too. A
+        number pulls towards zero, hides no samples, and comes behind 1e-4 if above it.
     n_init : int, default=3
         Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
         on, with a number the one of least cost on the coarse stage.
@@ -289,8 +288,8 @@ class Ssnn(StateSpaceModel):
 
     def _seeds(self):
         """Return one seed per random start."""
-        largest = np.iinfo(np.int32).max
-        return check_random_state(self.random_state).randint(largest, size=self.n_init)
+        rng = check_random_state(self.random_state)
+        return rng.randint(np.iinfo(np.int32).max, size=self.n_init)
 
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
@@ -329,8 +328,9 @@ class Ssnn(StateSpaceModel):
         if self._phi is not None:
             self._x_scale = np.ones(plain.sizes["x"])
         options = {**self._training(plain, held), "weights": weights, **stages(self)}
-        options |= {"continuation": 0 if is_auto else self.continuation}
         options |= {"validation": held_out, "max_iter": max_iter, "watch": watch}
+        if not is_auto:
+            options |= {"continuation": self.continuation, "rises": not continues}
 
         def train(decay):
             how = {**options, **decay, "fallback": fallback}
