@@ -1,4 +1,4 @@
-"""Simulated plants that came when the defaults were settled: none has changed a rule.
+"""Simulated plants that came when the first rules of the defaults were settled.
 
 Every plant is a function ``(rng, N) -> (u, y)`` of a record without noise.
 """
