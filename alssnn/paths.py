@@ -362,7 +362,7 @@ def _descend(path, alphas, watch):
     return path.descend(alphas, watch)
 
 
-def descended(paths, watch, tally, n_jobs=None, only_first=False):
+def descended(paths, watch, tally, n_jobs=None, only_first=False, alphas=None):
     """Go down several paths, in processes of their own if asked for.
 
     Parameters
@@ -377,13 +377,16 @@ def descended(paths, watch, tally, n_jobs=None, only_first=False):
         Paths in parallel, as in joblib.
     only_first : bool, default=False
         Whether to stop where a path may end.
+    alphas : sequence of float or None, default=None
+        Weights of the decay of all paths; None takes what is left of the descent of
+        each.
 
     Returns
     -------
     paths : list of Path
         The same, or copies from other processes.
     """
-    left = [path.left(only_first) for path in paths]
+    left = [path.left(only_first) if alphas is None else alphas for path in paths]
     if n_jobs in (None, 1) or len(paths) == 1:
         for path, rest in zip(paths, left, strict=True):
             path.descend(rest, watch, tally.plan(len(rest)))

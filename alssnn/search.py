@@ -152,7 +152,9 @@ class _Way:
     error: float = np.inf
 
 
-def _compared(begin, seeds, orders, candidates, largest, screened, watch, tally):
+def _compared(
+    begin, seeds, orders, candidates, largest, screened, watch, tally, n_jobs
+):
     """Return the least error on hidden samples by order, and the best ways.
 
     They are of the smallest order that does nearly as well as the best, and from one
@@ -163,30 +165,32 @@ def _compared(begin, seeds, orders, candidates, largest, screened, watch, tally)
     """
     first, rest = screened
     curve: dict[int, float] = {}
-    fresh: list[_Way] = []
     ways: list[_Way] = []
     pending = list(candidates)
 
-    def walked(way, alphas):
-        way.path.descend(alphas, watch, tally.plan(len(alphas)))
-        least = min(way.path.errors, key=np.sum)
-        curve[way.nx] = min(curve.get(way.nx, np.inf), float(np.sqrt(np.mean(least))))
-        return replace(way, error=float(np.sqrt(min(way.path.scores) / len(least))))
+    def walked(ways, alphas):
+        paths = [way.path for way in ways]
+        paths = descended(paths, watch, tally, n_jobs, alphas=alphas)
+        for way, path in zip(ways, paths, strict=True):
+            least = float(np.sqrt(np.mean(min(path.errors, key=np.sum))))
+            curve[way.nx] = min(curve.get(way.nx, np.inf), least)
+            error = float(np.sqrt(min(path.scores) / len(path.folds)))
+            yield replace(way, path=path, error=error)
 
     while pending:
-        nx = pending.pop(0)
-        fresh += [
-            walked(_Way(nx, seed, begin(linears, seed), linears), first)
+        begun = [
+            _Way(nx, seed, begin(linears, seed), linears)
+            for nx in pending
             for linears, seed in product(orders.starts(nx), seeds)
         ]
-        if pending:
-            continue
+        nx, pending = pending[-1], []
+        fresh = list(walked(begun, first))
         # by few stages alone, an order that comes down late looks like a smaller one
         near = CONTENDS * min(way.error for way in fresh)
         fresh = [way for way in fresh if way.error <= near]
         if len(ways) + len(fresh) > 1 or nx < largest:
-            fresh = [walked(way, rest) for way in fresh]
-        ways, fresh = ways + fresh, []
+            fresh = list(walked(fresh, rest))
+        ways += fresh
         smaller = min((curve[n] for n in curve if n < nx), default=np.inf)
         is_best = curve[nx] * CLEARLY < smaller
         if is_best and nx < largest and watch.reason is None:
@@ -279,7 +283,7 @@ def search(
     curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
         among = seeds[:TRIED], orders, candidates, largest, usual.screened
-        curve, tried = _compared(begin, *among, quiet, tally)
+        curve, tried = _compared(begin, *among, quiet, tally, n_jobs)
         linears = tried[0].linears
     nx = len(linears[0].A)
     paths, others = _begun(begin, linears, seeds, descents, tried)

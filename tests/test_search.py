@@ -157,7 +157,8 @@ def test_a_number_of_alpha_searches_nothing(short, monkeypatch):
         monkeypatch.setattr(f"alssnn.estimators._ssnn.{name}", pytest.fail)
     model = quietly(make("fl", alpha=1e-3), *short)
     assert model.alpha_ == 1e-3 and model.orders_ == {}
-    assert "start 2/2" in {step.label for step in model.history_}
+    labels = {step.label for step in model.history_}
+    assert "start 2/2, stage 2/2, alpha 0.001" in labels
 
 
 def test_a_search_is_no_part_of_the_history(fitted):
@@ -959,6 +960,26 @@ def test_starts_in_parallel_are_those_of_one_process(short, fitted):
     parallel = quietly(make("fl", n_jobs=2), *short)
     np.testing.assert_allclose(parallel._theta, fitted._theta, rtol=1e-9)
     assert parallel.alpha_ == fitted.alpha_
+
+
+def test_orders_are_compared_in_parallel_as_in_one_process(short, monkeypatch):
+    u, y = short
+    sent, finished = [], walking.finished
+
+    def noted(function, calls, n_jobs):
+        sent.append((len(calls), n_jobs))
+        return finished(function, calls, n_jobs)
+
+    monkeypatch.setattr(walking, "finished", noted)
+    options = {"nx": range(1, 3), "n_init": 2}
+    alone = quietly(make("fl", **options), u[:200], y[:200])
+    assert not sent
+    parallel = quietly(make("fl", n_jobs=2, **options), u[:200], y[:200])
+    # of both orders two starts, and of the larger one two with an idle state
+    assert sent[0] == (6, 2)
+    np.testing.assert_allclose(parallel._theta, alone._theta, rtol=1e-9)
+    networks = (model.orders_["networks"] for model in (parallel, alone))
+    assert next(networks) == pytest.approx(next(networks))
 
 
 # -- what a fit leaves ---------------------------------------------------------------

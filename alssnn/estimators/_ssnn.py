@@ -121,8 +121,8 @@ class Ssnn(StateSpaceModel):
         Whether a repeated `fit` continues from the last parameters and scaling, if
         they still fit the signals and the other options.
     n_jobs : int or None, default=None
-        Random starts trained in parallel, or experiments in threads if there is one
-        start, as in joblib. The result does not depend on it.
+        Random starts and orders trained in parallel, or experiments in threads if there
+        is one start, as in joblib. The result does not depend on it.
     random_state : int, RandomState instance or None, default=None
         Source of the initial inner weights.
 
