@@ -15,7 +15,6 @@ Nothing here knows what is being fitted: `minimize` takes any
 """
 
 import functools
-import time
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -107,16 +106,14 @@ def minimize(
     Returns
     -------
     result : OptimizeResult
-        ``x``, ``cost`` (the squared norm, eq. cost), ``nfev``, ``njev``, ``status``,
-        ``success``, ``message`` and ``seconds``; ``validation_rmse`` is that of ``x``,
-        nan without patience.
+        ``x``, ``cost`` (the squared norm, eq. cost), ``nfev``, ``status``, ``success``
+        and ``message``; ``validation_rmse`` is that of ``x``, nan without patience.
 
     Raises
     ------
     ValueError
         If the criterion is not finite at the start.
     """
-    start = time.perf_counter()
     if not criterion.norm(free) < DIVERGED_NORM:
         raise ValueError(
             "The model diverges from its initial parameters. Scale `u` and `y`, "
@@ -147,12 +144,10 @@ def minimize(
         x=search.best,
         cost=cost,
         nfev=search.nfev,
-        njev=search.njev,
         status=status,
         # that a wish of the user ends a search is a kind of convergence
         success=status > 0 or message in (NO_PROGRESS, AT_FLOOR),
         message=message,
-        seconds=time.perf_counter() - start,
         validation_rmse=np.nan if patience is None else patience.least,
     )
 
@@ -170,7 +165,7 @@ class _Search:
         self.last = None  # accepted point
         self.best = free.copy()
         self.least = np.inf
-        self.nfev = self.njev = self.n_accepted = 0
+        self.nfev = self.n_accepted = 0
         # older releases of scipy ask twice for the start, and once more for the end
         self.known: list[tuple] = []  # points and residuals: the last and the least
         self.derived: tuple | None = None  # the last point with its Jacobian
@@ -244,7 +239,6 @@ class _Search:
         if self.derived is not None and np.array_equal(x, self.derived[0]):
             return self.derived[1]
         self.accept(x)
-        self.njev += 1
         self.edge = x.copy()
         jacobian = self.criterion.jac(x)
         if self.anchor is None or np.any(x != self.anchor):
