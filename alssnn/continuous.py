@@ -312,39 +312,23 @@ def leading(structure):
     return names
 
 
-def rates(A, fastest=FASTEST):
-    """Return the derivative that a discrete state matrix samples (eq. d2c).
+def _modes(A):
+    """Return eigenvalues, their logarithms, and eigenvectors (eq. d2c).
 
-    Parameters
-    ----------
-    A : ndarray of shape (nx, nx)
-        State matrix from sample to sample.
-    fastest : float, default=2.5
-        Largest modulus of an eigenvalue of the result.
-
-    Returns
-    -------
-    rates : ndarray of shape (nx, nx)
-        Its logarithm. Eigenvalues that decay faster than `fastest` become real ones of
-        that rate. Negative ones, which alternate from sample to sample and have no
-        logarithm, decay by `ALTERNATING`.
+    Eigenvalues that decay faster than `FASTEST` become real ones of that rate. Negative
+    ones, which alternate from sample to sample and have no logarithm, decay by
+    `ALTERNATING`.
     """
-    _, logarithm, vectors = _modes(A, fastest)
-    return np.real(vectors * logarithm @ np.linalg.inv(vectors))
-
-
-def _modes(A, fastest=FASTEST):
-    """Return eigenvalues, their logarithms, and eigenvectors."""
     values, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) > DEFECTIVE:  # part eigenvalues that are one
         spread = APART * np.arange(len(A)) * max(1.0, np.abs(A).max())
         values, vectors = np.linalg.eig(A + np.diag(spread))
-    least = np.exp(-fastest)
+    least = np.exp(-FASTEST)
     alternates = is_alternating(values)
     is_fast = (np.abs(values) < least) | alternates
     logarithm = np.log(np.where(is_fast, least, values).astype(complex))
     size = np.abs(logarithm)
-    logarithm *= np.minimum(1.0, fastest / np.maximum(size, fastest))
+    logarithm *= np.minimum(1.0, FASTEST / np.maximum(size, FASTEST))
     return values, np.where(alternates, -ALTERNATING, logarithm), vectors
 
 

@@ -23,7 +23,6 @@ from alssnn.continuous import (
     derivative,
     flow,
     held,
-    rates,
     sampled,
     with_nodes,
 )
@@ -119,6 +118,12 @@ def test_between_two_samples_a_cubic_is_a_cubic():
         np.testing.assert_allclose(nodes, expected, atol=slack)
     assert between(u, "zoh", 3).shape == (12, 0)
     np.testing.assert_array_equal(between(u[:1], "cubic", 1), [[*u[0], *u[0]]])
+
+
+def rates(A):
+    """Return the derivative that a discrete state matrix samples."""
+    p = {"A": A, "B": np.ones((len(A), 1)), "C": np.ones((1, len(A)))}
+    return converted(state_space(len(A), 1, 1), p)["A"]
 
 
 def test_rates_are_the_logarithm():
