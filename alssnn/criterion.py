@@ -130,8 +130,6 @@ class Criterion(LeastSquares):
         Parameters from which that weight pulls away as little as possible; None means
         zero. Around the random start of a network it leads to the linear model, while
         around zero it takes the inner weights, too, and with them the gradient.
-    x0_weight : float, default=0.0
-        Weight of the squared initial states: a prior, for short records.
     chunk : int or None, default=None
         Samples per chunk of the sensitivities; None fits the cache.
     n_jobs : int or None, default=None
@@ -163,7 +161,6 @@ class Criterion(LeastSquares):
         weights=None,
         alpha=0.0,
         center=None,
-        x0_weight=0.0,
         chunk=None,
         n_jobs=None,
         periodic=False,
@@ -183,7 +180,6 @@ class Criterion(LeastSquares):
             structure, np.sqrt(square / N), chunk, pipelined, periodic
         )
         self.decay = np.zeros(self.n)  # square roots of the L2 weights
-        self.decay[structure.n_params :] = np.sqrt(x0_weight)
         for name in structure.network_parameters:
             self.decay[structure.slices[name]] = np.sqrt(alpha)
         self.center = np.zeros(self.n)

@@ -417,7 +417,6 @@ def test_gradient_of_any_model(structure, seed, lengths, missing, max_delay, chu
         experiments,
         weights={**weights(structure), "y": rng.uniform(0, 2, ny)},
         alpha=0.01,
-        x0_weight=0.1,
         chunk=chunk,
     )
     x0 = rng.standard_normal((len(lengths), structure.n_x0))
