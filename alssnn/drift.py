@@ -68,7 +68,7 @@ def identify(experiments, nx, *, drift=None, given=(), **options):
     """
     if drift is None:
         return identify_linear(experiments, nx, **options)
-    watch, n_jobs = (options.get(name) for name in ("watch", "n_jobs"))
+    watch = options.get("watch")
     trial = stretch(experiments, TRIAL_SAMPLES)
     is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
     steps = {name: options[name] for name in ("max_iter", "tol") if name in options}
@@ -76,7 +76,7 @@ def identify(experiments, nx, *, drift=None, given=(), **options):
     for rate in RATES:
         model = identify_linear(filtered(trial, rate), nx, **options)
         points = [
-            _started(trial, walk, given, n_jobs, is_known=rate == 0)
+            _started(trial, walk, given, is_known=rate == 0)
             for walk in _walks(model, drift, given, rate)
         ]
         best = min(points, key=lambda point: point[0].norm(point[1]))
@@ -85,7 +85,7 @@ def identify(experiments, nx, *, drift=None, given=(), **options):
             break
     model = min(found, key=lambda one: one.result.cost)
     if is_trial:
-        point = _started(experiments, model, given, n_jobs)
+        point = _started(experiments, model, given)
         steps["max_iter"] = POLISH_STEPS
         model = _refined(model, drift, given, *point, watch=watch, **steps)
     return decorrelate(model, experiments)
@@ -155,10 +155,10 @@ def _walks(model, drift, given, rate):
     return [replace(model, K_b=share * K_b) for share in SHARES if rate or share == 1]
 
 
-def _started(experiments, model, given, n_jobs, is_known=False):
+def _started(experiments, model, given, is_known=False):
     """Return the criterion of a search, and the point where it starts."""
     structure, theta, fit = model.as_fit(given)
-    criterion = Criterion(structure, experiments, n_jobs=n_jobs)
+    criterion = Criterion(structure, experiments)
     theta = Limits(structure).clip(theta)
     if is_known:
         return criterion, criterion.join(theta, fit.x0)

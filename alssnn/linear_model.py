@@ -222,8 +222,6 @@ class AllEntries(Criterion):
         Pairs (u, y) of scaled deviations.
     model : LinearModel
         Where the search starts.
-    n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib.
 
     Attributes
     ----------
@@ -231,9 +229,9 @@ class AllEntries(Criterion):
         Free vector of the model.
     """
 
-    def __init__(self, experiments, model, n_jobs=None):
+    def __init__(self, experiments, model):
         structure = model.structure
-        super().__init__(structure, experiments, n_jobs=n_jobs)
+        super().__init__(structure, experiments)
         self.start = self.join(structure.join(vars(model)), model.x0)
         self.held = np.zeros(self.n, dtype=bool)
         if model.feedthrough and model.n_measured:  # no output is told to itself

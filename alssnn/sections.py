@@ -121,8 +121,6 @@ class Sections(LeastSquares):
         are nan.
     model : LinearModel
         Where the search starts; only its A and C count.
-    n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib.
     radius : float, default=1.0
         Largest modulus of a pole.
 
@@ -137,8 +135,8 @@ class Sections(LeastSquares):
         If A is not stable, or its eigenvectors do not allow for sections.
     """
 
-    def __init__(self, experiments, model, n_jobs=None, radius=1.0):
-        self.experiments = Held.of(experiments, n_jobs)
+    def __init__(self, experiments, model, radius=1.0):
+        self.experiments = Held.of(experiments)
         self.T, sigma, q = section_basis(model.A)
         (nx, nu), m, ny = model.B.shape, len(sigma), len(model.C)
         self.is_odd = nx % 2 == 1

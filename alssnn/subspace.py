@@ -207,9 +207,7 @@ def shift_structure(U, s, nx, ny):
     return stabilize(lstsq(Gamma[:-ny], Gamma[ny:])[0]), Gamma[:ny]
 
 
-def fit_input(
-    experiments, A, C, feedthrough=False, n_jobs=None, n_measured=0, radius=1.0
-):
+def fit_input(experiments, A, C, feedthrough=False, n_measured=0, radius=1.0):
     """Solve for (B, D, x0) at given (A, C): a linear least-squares problem.
 
     Parameters
@@ -222,8 +220,6 @@ def fit_input(
         Output matrix.
     feedthrough : bool, default=False
         Whether D is free; else it is zero.
-    n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib.
     n_measured : int, default=0
         Number of last inputs that are the measured outputs of a predictor.
     radius : float, default=1.0
@@ -239,18 +235,18 @@ def fit_input(
     limits = {"n_measured": n_measured, "radius": radius}
     model = LinearModel(A, B, C, D, x0, feedthrough, **limits)
     with single_threaded():
-        found = _search(experiments, model, n_jobs).solved()
+        found = _search(experiments, model).solved()
     return replace(model, **{**found, "A": A, "C": C})
 
 
-def _search(experiments, model, n_jobs):
+def _search(experiments, model):
     """Return the criterion of a search from a linear model."""
     if model.feedthrough and model.n_measured:  # D has entries that are held
-        return AllEntries(experiments, model, n_jobs)
+        return AllEntries(experiments, model)
     try:
-        return Sections(experiments, model, n_jobs, model.radius)
+        return Sections(experiments, model, model.radius)
     except LinAlgError:  # such as a chain of delays: several poles at one place
-        return AllEntries(experiments, model, n_jobs)
+        return AllEntries(experiments, model)
 
 
 def _candidate_horizons(experiments, nx):
@@ -313,7 +309,7 @@ def without_gaps(experiments):
     return pieces
 
 
-def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
+def refine(experiments, model, *, max_iter, tol, watch=None):
     """Refine all matrices of a linear model on its simulation error.
 
     Parameters
@@ -328,15 +324,13 @@ def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
         Relative tolerance.
     watch : Watch or None, default=None
         Told of every step; may end the search.
-    n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib.
 
     Returns
     -------
     model : LinearModel
         Stable model of least simulation error near the start; `result` is set.
     """
-    problem, structure = _search(experiments, model, n_jobs), model.structure
+    problem, structure = _search(experiments, model), model.structure
 
     def to_point(free):
         found = problem.matrices(free)
@@ -358,7 +352,7 @@ def refine(experiments, model, *, max_iter, tol, watch=None, n_jobs=None):
     # A finite record may prefer a slowly growing mode, which no simulation of
     # another record survives: reflect it, and keep the better of two stable models.
     A = stabilize(refined.A, limit=model.radius * (1.0 - REFINED_MARGIN))
-    kind = model.feedthrough, n_jobs, model.n_measured, model.radius
+    kind = model.feedthrough, model.n_measured, model.radius
     reflected = fit_input(experiments, A, refined.C, *kind)
     best = min(model, reflected, key=partial(simulation_error, experiments))
     return replace(best, result=result)
@@ -372,7 +366,6 @@ def identify_linear(
     max_iter=100,
     tol=1e-8,
     watch=None,
-    n_jobs=None,
     n_measured=0,
 ):
     """Identify a linear model: subspace start, then simulation-error refinement.
@@ -391,9 +384,6 @@ def identify_linear(
         Relative tolerance of the refinement.
     watch : Watch or None, default=None
         Told of every step; may end the search.
-    n_jobs : int or None, default=None
-        Experiments summed in parallel threads, as in joblib. The result does not
-        depend on it.
     n_measured : int, default=0
         Number of last inputs that are the measured outputs of a predictor, whose
         simulation error is the error one sample ahead.
@@ -429,24 +419,23 @@ def identify_linear(
     pairs = [shift_structure(U, s, nx, ny) for U, s in spaces]
     is_trial = sum(len(u) for u, _ in trial) < sum(len(u) for u, _ in experiments)
     trial_tol = max(tol, TRIAL_TOLERANCE) if is_trial else tol
-    options = {"watch": watch, "n_jobs": n_jobs}
     if n_measured and any(np.isnan(y[:]).any() for _, y in pieces):
         # the regression is on bridged outputs, of which a simulation sees nothing
         kind = {"feedthrough": feedthrough, "max_iter": max_iter, "tol": trial_tol}
         plain = [(u[:, :-n_measured], y) for u, y in trial]
-        free = identify_linear(plain, nx, **kind, **options)
+        free = identify_linear(plain, nx, watch=watch, **kind)
         pairs.append((free.A, free.C))
 
     def found(radius):
-        kind = feedthrough, n_jobs, n_measured, radius
+        kind = feedthrough, n_measured, radius
         inside = START_SHARE * radius if n_measured else np.inf
         starts = [fit_input(trial, stabilize(A, inside), C, *kind) for A, C in pairs]
         model = min(starts, key=partial(simulation_error, trial))
-        model = refine(trial, model, max_iter=max_iter, tol=trial_tol, **options)
+        model = refine(trial, model, max_iter=max_iter, tol=trial_tol, watch=watch)
         if is_trial:
             model = fit_input(experiments, model.A, model.C, *kind)
             polish = {"max_iter": POLISH_STEPS, "tol": tol}
-            model = refine(experiments, model, **polish, **options)
+            model = refine(experiments, model, **polish, watch=watch)
         return model
 
     distance = MEMORY / max(len(u) for u, _ in trial) if n_measured else 0.0

@@ -8,6 +8,7 @@ from scipy.optimize import approx_fprime
 from alssnn import kernels
 from alssnn.criterion import DIVERGED_NORM
 from alssnn.linear_model import AllEntries, LinearModel
+from alssnn.mapping import Held
 from alssnn.sections import Sections, section_basis
 from alssnn.subspace import identify_linear
 from helpers import simulate_linear
@@ -92,7 +93,7 @@ def test_predicted_decrease_is_that_of_all_entries(sections, entries):
 
 
 def test_threads_change_no_digit(model, pairs, sections):
-    threaded = Sections(pairs, model, n_jobs=2)
+    threaded = Sections(Held(pairs, n_jobs=2), model)
     for one, two in zip(
         sections.normal_equations(sections.start),
         threaded.normal_equations(sections.start),
