@@ -56,16 +56,5 @@ class AlSsnn(Networks, Ssnn):
     True
     """
 
-    def _networks(self):
-        return {
-            "n_h": self.n_h,
-            "n_g": self.n_g,
-            "n_k": self.n_k,
-            "feedback": self.feedback,
-            "input_map": self.input_map,
-            "activation": self.activation,
-            "odd": self.odd,
-        }
-
     def _descents(self):
         return super()._descents() if is_predicting(self) else (RIVALLING, FADING)

@@ -52,12 +52,3 @@ class FlSsnn(Ssnn):
     h_inputs: Any = take(Networks, "h_inputs")
     activation: Any = take(Networks, "activation")
     odd: bool = take(Networks, "odd")
-
-    def _networks(self):
-        return {
-            "n_h": self.n_h,
-            "feedback": self.feedback,
-            "input_map": self.input_map,
-            "activation": self.activation,
-            "odd": self.odd,
-        }

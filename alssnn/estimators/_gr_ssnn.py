@@ -57,12 +57,7 @@ class GrSsnn(Ssnn):
     activation: Any = take(Networks, "activation")
 
     def _networks(self):
-        return {
-            "n_g": self.n_f,
-            "n_k": self.n_k,
-            "activation": self.activation,
-            "tied_bias": False,
-        }
+        return {**super()._networks(), "n_g": self.n_f, "tied_bias": False}
 
     def _descents(self):
         # a network that nothing penalizes is held by the decay alone

@@ -15,6 +15,8 @@ FEEDBACK = StrOptions({"output", "state"})
 ACTIVATION = [StrOptions(set(ACTIVATIONS)), Activation, dict]
 H_INPUTS = ["array-like", str, Integral, None]
 G_INPUTS = ["array-like", None]  # a dict is one, for scikit-learn
+# options that tell a structure which networks it has
+DECLARED = ("n_h", "n_g", "n_k", "feedback", "input_map", "activation", "odd")
 
 
 @menu

@@ -1,6 +1,5 @@
 """The training that all estimators with networks share."""
 
-from abc import abstractmethod
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
@@ -39,6 +38,7 @@ from ._input_map import (
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._judge import warn_left_linear
+from ._networks import DECLARED
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
@@ -55,8 +55,8 @@ LEFT_LINEAR = "the networks do not help: this is the linear model"
 class Ssnn(StateSpaceModel):
     """Share the training of models with networks.
 
-    A model declares its options and names its networks in ``_networks``; one of another
-    family declares its structure in ``_declare``.
+    A model declares its options, of which ``_networks`` returns those of its networks;
+    one of another family declares its structure in ``_declare``.
 
     Parameters
     ----------
@@ -178,9 +178,10 @@ class Ssnn(StateSpaceModel):
     _forgets = 0.0  # least rate of decay of a predictor
     _linear_cost = 0.0  # of the linear model that a fit began with
 
-    @abstractmethod
     def _networks(self):
         """Return the sizes and kinds of networks, for `_declare`."""
+        own = self._parameter_constraints
+        return {name: getattr(self, name) for name in DECLARED if name in own}
 
     def _declare(self, nx, nu, ny, **networks):
         """Return the structure; models of another family declare their own."""
