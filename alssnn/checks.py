@@ -123,6 +123,27 @@ def as_numbers(name, value):
     )
 
 
+def numbers_of_shape(value, shape):
+    """Return numbers of a shape, nan where something has none that fit.
+
+    Parameters
+    ----------
+    value : object
+        What a user gave: one number, or an array of them.
+    shape : int or tuple of int
+        Shape that it is to have.
+
+    Returns
+    -------
+    value : ndarray of shape `shape`
+        The numbers, or nan alone; what nan means is said by the caller.
+    """
+    try:
+        return np.broadcast_to(as_numbers("value", value), shape).copy()
+    except ValueError:
+        return np.full(shape, np.nan)
+
+
 def check_columns(name, z, size):
     """Return a signal with a column per variable, or refuse what would be broadcast.
 
@@ -320,11 +341,8 @@ def noise_levels(known, ny):
             "record without periods, which does not tell its noise. Give the floor "
             "itself, or None; or record one input twice."
         )
-    try:
-        floor = np.broadcast_to(np.asarray(value, dtype=float), ny).copy()
-    except (TypeError, ValueError):
-        floor = np.empty(0)
-    if len(floor) != ny or not np.all((floor > 0) & np.isfinite(floor)):
+    floor = numbers_of_shape(value, ny)
+    if not np.all((floor > 0) & np.isfinite(floor)):
         raise ValueError(
             f"`noise_floor` must be positive, one number or one for each of {ny} "
             f"outputs, got {value!r}. Noise apart from distortion is only known of "

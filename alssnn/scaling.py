@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .checks import numbers_of_shape
 from .experiments import Sliced, chunks
 
 EXTREME = 1e30  # size of signals from which products of some of them overflow
@@ -255,13 +256,10 @@ def _columns(which):
 
 
 def _operating_value(value, size, name):
-    try:
-        values = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):  # no numbers, or rows of unequal length
-        values = np.array(np.nan)
-    if values.ndim > 1 or values.size not in (1, size) or not np.isfinite(values).all():
+    values = numbers_of_shape(value, size)
+    if not np.isfinite(values).all():
         raise ValueError(
             f"`operating_point` must give one finite value per column of `{name}` "
             f"({size}), got {value!r}."
         )
-    return np.broadcast_to(values, (size,)).copy()
+    return values

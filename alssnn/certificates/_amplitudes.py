@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..checks import as_numbers
 from ._peaks import TooSlow, peaks
 
 
@@ -50,10 +51,7 @@ def checked_sizes(name, value, n, *, zero=False):
     ValueError
         If they are no numbers, of another shape, negative or not finite.
     """
-    try:
-        sizes = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        sizes = np.full((1, 1), np.nan)
+    sizes = as_numbers(name, value)
     is_good = sizes.shape in ((), (n,)) and np.isfinite(sizes).all()
     if not is_good or np.any(sizes < 0) or not (zero or np.all(sizes > 0)):
         raise ValueError(

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import beta
 
+from ..checks import numbers_of_shape
 from ._tube_bound import TubeWithBound, plain
 from ._units import (
     check_units,
@@ -255,17 +256,14 @@ class Tube:
             If the bound is no nonnegative number per output.
         """
         value = getattr(bound, "output_bounds", bound)
-        try:
-            value = np.broadcast_to(np.asarray(value, float), self.quantile.shape)
-        except (TypeError, ValueError):
-            value = np.array([np.nan])
+        value = numbers_of_shape(value, self.quantile.shape)
         if not np.all(value >= 0):
             raise ValueError(
                 "`bound` must be at least 0, one number or one per output "
                 f"({len(self.quantile)}), got {bound!r}. Pass a certificate."
             )
         kind = getattr(bound, "verdict", "")
-        return TubeWithBound(self, value.copy(), getattr(bound, "source", kind))
+        return TubeWithBound(self, value, getattr(bound, "source", kind))
 
     def _simulated(self, u, y, experiment, x0):
         """Return the outputs of the model and half widths, as columns if `fit` had."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..checks import numbers_of_shape
 from ._amplitudes import checked_sizes, record_box, sizes_in_words, within_record
 from ._error_gain import ErrorGain
 from ._gain import GainCertificate, gain_certificate
@@ -343,17 +344,14 @@ def _error(own, error):
         return None
     shape = own.ny, own.nv
     given = error.gain if isinstance(error, ErrorGain) else error
-    try:
-        gain = np.broadcast_to(np.asarray(given, dtype=float), shape)
-    except (TypeError, ValueError):
-        gain = np.full(shape, np.nan)
+    gain = numbers_of_shape(given, shape)
     if not np.isfinite(gain).all() or np.any(gain < 0):
         remedy = " Take `certificates.error_gain`, or None."
         raise ValueError(
             f"`error` must be at least 0 and finite, one number or of shape {shape}, "
             f"got {error!r}{'' if isinstance(error, ErrorGain) else '.' + remedy}"
         )
-    return gain.copy() if np.any(gain) else None
+    return gain if np.any(gain) else None
 
 
 def _noise(own, noise):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..checks import numbers_of_shape
 from ..names import signal_names
 
 ROUNDS = 10_000  # periods until a signal of limited rate repeats itself, at most
@@ -168,16 +169,13 @@ def vector(name, value, size):
     ValueError
         If there are more or fewer, or one is not finite.
     """
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        numbers = np.array(np.nan)
-    if numbers.shape not in [(), (1,), (size,)] or not np.isfinite(numbers).all():
+    numbers = numbers_of_shape(value, size)
+    if not np.isfinite(numbers).all():
         raise ValueError(
             f"`{name}` must be a finite number or {size} of them, one per input, got "
             f"{value!r}."
         )
-    return np.array(np.broadcast_to(numbers, size))
+    return numbers
 
 
 def input_names(names, nu):
