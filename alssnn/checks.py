@@ -144,6 +144,54 @@ def numbers_of_shape(value, shape):
         return np.full(shape, np.nan)
 
 
+def as_signal(name, z, gaps=False):
+    """Return a signal as columns of finite real numbers.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    z : array_like of shape (N, n) or (N,)
+        Signal, of at least one sample.
+    gaps : bool, default=False
+        Whether values may be nan.
+
+    Returns
+    -------
+    z : ndarray of shape (N, n)
+        The signal.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    try:
+        z = np.asarray(unmasked(z))
+    except ValueError:  # ragged
+        z = np.empty(0, dtype=object)
+    if z.dtype.kind not in "biuf":  # text and complex would convert silently
+        raise ValueError(
+            f"`{name}` must be an array of real numbers, got dtype {z.dtype}. Convert "
+            "it to floats, one row per sample."
+        )
+    if z.ndim not in (1, 2) or not z.size:
+        raise ValueError(
+            f"`{name}` must be a nonempty array of shape (N,) or (N, n_signals), got "
+            f"shape {z.shape}. Let time run down the rows."
+        )
+    z = z.reshape(len(z), -1).astype(float, copy=False)
+    wrong = np.isinf(z) if gaps else ~np.isfinite(z)
+    if wrong.any():
+        k, i = np.argwhere(wrong)[0]
+        others = " What was not measured is nan." if gaps else ""
+        raise ValueError(
+            f"`{name}` must be finite, got {z[k, i]} at row {k} of column {i}. "
+            f"Interpolate the sample or cut the record there.{others}"
+        )
+    return z
+
+
 def check_columns(name, z, size):
     """Return a signal with a column per variable, or refuse what would be broadcast.
 

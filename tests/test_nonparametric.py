@@ -583,7 +583,10 @@ def copies():
         (lambda: best_linear_approximation(GOOD, Y[:-1]), "the same number of samples"),
         (lambda: best_linear_approximation(GOOD, Y * np.inf), "`y` must be finite"),
         (lambda: best_linear_approximation(GOOD.u * np.nan, Y), "`u` must be finite"),
-        (lambda: best_linear_approximation(GOOD, Y * 1j), "`y` must be real numbers"),
+        (
+            lambda: best_linear_approximation(GOOD, Y * 1j),
+            "`y` must be an array of real",
+        ),
         (lambda: best_linear_approximation(GOOD, Y, dt=-1), "`dt` must be a positive"),
         (
             lambda: best_linear_approximation([GOOD.u], Y, period=64),

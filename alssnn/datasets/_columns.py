@@ -1,8 +1,8 @@
-"""Arguments of a record: signals, names and a state, checked and converted."""
+"""Arguments of a record: names and a state, checked and converted."""
 
 import numpy as np
 
-from ..checks import unmasked
+from ..checks import as_numbers
 
 
 def as_list(names):
@@ -55,57 +55,6 @@ def as_names(names, letter, size):
     return names
 
 
-def _as_real_array(values, name, gaps=False):
-    """Convert to a finite float array of any shape; with gaps, nan are left."""
-    array = np.asarray(unmasked(values))
-    if array.dtype.kind not in "biuf":  # text and complex would convert silently
-        raise ValueError(
-            f"`{name}` must be an array of real numbers, got dtype {array.dtype}. "
-            "Convert it to floats first."
-        )
-    array = array.astype(float, copy=False)
-    wrong = np.isinf(array) if gaps else ~np.isfinite(array)
-    if wrong.any():
-        row = int(np.argwhere(wrong)[0][0]) if array.ndim else 0
-        found = "infinity" if gaps else "NaN or infinity"
-        raise ValueError(
-            f"`{name}` must be finite, got {found} at row {row}. "
-            "Interpolate the sample or cut the record there."
-        )
-    return array
-
-
-def as_signal(values, name, gaps=False):
-    """Convert to a float array of shape (N, n_signals) with at least one sample.
-
-    Parameters
-    ----------
-    values : array-like of shape (N,) or (N, n_signals)
-        Signal.
-    name : str
-        Name of the argument.
-    gaps : bool, default=False
-        Whether values may be nan.
-
-    Returns
-    -------
-    signal : ndarray of shape (N, n_signals)
-        Signal.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
-    signal = _as_real_array(values, name, gaps)
-    if signal.ndim not in (1, 2) or signal.size == 0:
-        raise ValueError(
-            f"`{name}` must be a nonempty array of shape (N,) or (N, n_signals), "
-            f"got shape {signal.shape}. Let time run down the rows."
-        )
-    return signal.reshape(len(signal), -1)
-
-
 def as_state(values):
     """Convert to a float array of shape (nx,).
 
@@ -124,10 +73,10 @@ def as_state(values):
     ValueError
         If it is none.
     """
-    x0 = _as_real_array(values, "x0")
-    if x0.ndim != 1:
+    x0 = as_numbers("x0", values)
+    if x0.ndim != 1 or not np.isfinite(x0).all():
         raise ValueError(
-            f"`x0` must be of shape (nx,), got shape {x0.shape}. "
-            "Flatten it to one dimension."
+            f"`x0` must be of shape (nx,) and finite, got {x0.tolist()}. "
+            "Give one number per state."
         )
     return x0

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import is_count, is_positive
+from ..checks import as_signal, is_count, is_positive
 from ..containers import check_rows_meet
 from ._checks import _check_number, _check_positive
-from ._columns import as_list, as_names, as_signal, as_state
+from ._columns import as_list, as_names, as_state
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,8 +95,8 @@ class Record:
     def __post_init__(self) -> None:
         """Check the fields and give the signals two dimensions."""
         check_rows_meet(self.u, self.y)
-        u = as_signal(self.u, "u")  # (N, nu)
-        y = as_signal(self.y, "y", gaps=True)  # (N, ny)
+        u = as_signal("u", self.u)  # (N, nu)
+        y = as_signal("y", self.y, gaps=True)  # (N, ny)
         if len(u) != len(y):
             raise ValueError(
                 "`u` and `y` must have the same number of samples, "

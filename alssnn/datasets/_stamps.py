@@ -3,9 +3,8 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..checks import sampling_time
+from ..checks import as_signal, sampling_time
 from ..warn import warn_user
-from ._columns import as_signal
 from ._record import Record
 from ._times import as_times, in_seconds
 
@@ -141,7 +140,7 @@ def _paired(name, signals, stamps):
         )
     pairs = []
     for z, t in zip(signals, stamps, strict=True):
-        z, t = as_signal(z, name, gaps=True), as_times(t, f"t_{name}")
+        z, t = as_signal(name, z, gaps=True), as_times(t, f"t_{name}")
         if len(z) != len(t):
             raise ValueError(
                 f"`t_{name}` must have a time for each of {len(z)} samples, got "

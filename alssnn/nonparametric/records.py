@@ -4,16 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks import unmasked
+from ..checks import as_signal
 from ..containers import Container
 from ..excitation import Excitation
 from ..experiments import join_records, split_experiments
 from ..names import signal_names
-
-REMEDY = {
-    "u": "Fill the gap, or cut the record there.",
-    "y": "Outputs that were not measured are nan.",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +84,7 @@ class Records:
         u, y, experiment = join_records(u, y, experiment)
         names = Container.of(u).output_names if names is None else names
         output_names = Container.of(y).output_names
-        u, y = _signal(u, "u"), _signal(y, "y")
+        u, y = as_signal("u", u), as_signal("y", y, gaps=True)
         if len(u) != len(y):
             raise ValueError(
                 "`u` and `y` must have the same number of samples, got "
@@ -107,26 +102,3 @@ class Records:
 def _is_list(y):
     """Tell whether y is a list of records, which may have one dimension."""
     return isinstance(y, list | tuple) and all(np.ndim(part) > 0 for part in y)
-
-
-def _signal(z, name):
-    """Return a signal as columns of floats."""
-    try:
-        array = np.asarray(unmasked(z))
-        real = array.dtype.kind in "biuf"
-    except ValueError:  # ragged
-        array, real = np.empty(0), False
-    if not real or array.ndim not in (1, 2) or not array.size:
-        raise ValueError(
-            f"`{name}` must be real numbers of shape (N,) or (N, n{name}), got shape "
-            f"{array.shape} and dtype {array.dtype}. Time runs down the rows."
-        )
-    array = array.reshape(len(array), -1).astype(float, copy=False)
-    wrong = np.isinf(array) if name == "y" else ~np.isfinite(array)
-    if wrong.any():
-        k, i = np.argwhere(wrong)[0]
-        raise ValueError(
-            f"`{name}` must be finite, got {array[k, i]} at sample {k} of column {i}. "
-            f"{REMEDY[name]}"
-        )
-    return array
