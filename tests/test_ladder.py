@@ -236,6 +236,12 @@ def test_wrong_arguments(record, options, message):
         model_ladder(*record, **options)
 
 
+def test_what_no_estimator_takes_is_refused(record):
+    message = "must be given options of estimators, got order. Look at"
+    with pytest.raises(TypeError, match=message):
+        model_ladder(*record, nx=2, order=6)
+
+
 @pytest.mark.parametrize(("u", "sizes"), [(np.zeros((3, 1)), "3"), (1.0, "0")])
 def test_signals_of_different_lengths(record, u, sizes):
     with pytest.raises(ValueError, match=f"same number of samples, got {sizes} and"):

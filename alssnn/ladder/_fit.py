@@ -38,23 +38,10 @@ def model_ladder(
     experiment=None,
     test=None,
     test_size=0.5,
-    nx="auto",
-    n_h=10,
-    n_g=10,
-    n_f=15,
     gamma=None,
     gamma_h=None,
-    alpha="auto",
     stability="auto",
     feedback=None,
-    input_map="identity",
-    disturbances=None,
-    noise="output",
-    drift=None,
-    horizon=1,
-    time="discrete",
-    hold="zoh",
-    substeps=1,
     dt=1.0,
     random_state=0,
     max_iter=None,
@@ -81,45 +68,17 @@ def model_ladder(
     test_size : float, default=0.5
         Share of every experiment, its last part, that is kept for testing; not used
         when `test` is given.
-    nx : int, "auto" or array_like of int, default="auto"
-        Number of states; "auto", a range or a list chooses it by hidden samples, for
-        every model by itself.
-    n_h, n_g : int, default=10
-        Hidden neurons of h and g.
-    n_f : int, default=15
-        Hidden neurons of f in GR-SSNN.
     gamma : float or None, default=None
         Weight of the residual in AL-SSNN, outputs scaled to unit variance; None means
         0.01, and 1 for "al-paper".
     gamma_h : float or None, default=None
         Weight of ``|h|^2`` in all models with h; None means 0.
-    alpha : float or "auto", default="auto"
-        Weight of the squared network parameters; "auto" chooses it by hidden samples.
     stability : {"auto", "contractive"} or None, default="auto"
         Whether A is a contraction, in all models with networks; "auto" leaves it to the
         models: all are contractions but "al-paper".
     feedback : {"output", "state"} or None, default=None
         What h sees in all models with h; None leaves it to the models: the state, and
         the output in "al-paper".
-    input_map : {"identity", "monotone"}, default="identity"
-        Whether the linear part of all models with h answers to v = u + h(s), or to a
-        monotone map v = phi(u, s).
-    disturbances : array_like of int or str, or None, default=None
-        Columns of u that are measured but not moved, in all models.
-    noise : {"output", "innovations"}, default="output"
-        Whether all models are fitted by the error of a simulation, or by the error one
-        sample ahead, for noise of the process and records of a loop.
-    drift : {"output", "input"} or None, default=None
-        Random walk that nobody measured, of all models with ``noise="innovations"``.
-    horizon : int, default=1
-        Samples over which predictions are trained, in all models with
-        ``noise="innovations"``.
-    time : {"discrete", "continuous"}, default="discrete"
-        Whether the equations give the next sample or derivatives (eq. derivative).
-    hold : {"zoh", "linear", "cubic"}, default="zoh"
-        What u does between samples, in continuous time.
-    substeps : int, default=1
-        Steps of Runge and Kutta per sample, in continuous time.
     dt : float, default=1.0
         Sampling time, in seconds.
     random_state : int or None, default=0
@@ -144,8 +103,11 @@ def model_ladder(
     callback : callable or None, default=None
         Called as ``callback(row)`` with every finished `Rung`.
     **more : dict
-        Further options of the estimators, such as ``input_delay``, ``odd`` or
-        ``max_time``, for all models that have them; not for a dict.
+        Options of `AlSsnn`, and `n_f` of `GrSsnn`, for all models that have them; not
+        for a dict. Those that are left out have their defaults: the order `nx`; the
+        neurons `n_h`, `n_g` and `n_f`; `alpha`, `input_map` and `input_delay`;
+        `disturbances`, `noise`, `drift` and `horizon`; `time`, `hold` and `substeps`;
+        `max_time` and all others.
 
     Returns
     -------
@@ -184,24 +146,7 @@ def model_ladder(
     >>> [row.name for row in ladder]
     ['LTI']
     """
-    options = {
-        "nx": nx,
-        "n_h": n_h,
-        "n_g": n_g,
-        "n_f": n_f,
-        "alpha": alpha,
-        "dt": dt,
-        "random_state": random_state,
-        "input_map": input_map,
-        "disturbances": disturbances,
-        "noise": noise,
-        "drift": drift,
-        "horizon": horizon,
-        "time": time,
-        "hold": hold,
-        "substeps": substeps,
-        "verbose": verbose,
-    }
+    options = {"dt": dt, "random_state": random_state, "verbose": verbose}
     choices = {
         "gamma": gamma,
         "gamma_h": gamma_h,
@@ -223,7 +168,7 @@ def model_ladder(
     options |= more
     u, y, experiment = join_records(u, y, experiment)
     floor = noise_levels(noise_floor, 1 if np.ndim(y) < 2 else np.shape(y)[1])
-    if floor is not None and noise == "output":
+    if floor is not None and more.get("noise", "output") == "output":
         options["noise_floor"] = floor
     estimators = _estimators(models, options)
     if test is None:
