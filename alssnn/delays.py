@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.stats import chi2
 
-from .experiments import stretch
+from .experiments import last_measured, stretch
 from .noise import Moments, fit_noise, highest_order
 from .orders import compare_orders
 from .regression import Triangle, lagged
@@ -193,7 +193,7 @@ def _factor(experiments, j, first, lags):
     triangle = Triangle(PAST * ny + lags * nu + 1)
     for u, y in experiments:
         u, y = np.asarray(u), np.asarray(y)
-        past = lagged(_hold(y), range(1, PAST + 1))
+        past = lagged(last_measured(y), range(1, PAST + 1))
         inputs = [
             lagged(u[:, [i]], range(first + lags - 1, first - 1, -1)) for i in range(nu)
         ]
@@ -230,10 +230,3 @@ def _growth(R, i, lags, nu):
     size = np.linalg.norm(S, axis=0)
     explained = np.where(np.abs(np.diag(S)) > RANK * size, S[:, -1] ** 2, 0.0)
     return np.cumsum(explained[-2 : -2 - lags : -1]), float(S[-1, -1] ** 2)
-
-
-def _hold(y):
-    """Return y with every gap filled by the last measured sample, never a later one."""
-    k = np.arange(len(y))[:, None]
-    last = np.maximum.accumulate(np.where(np.isnan(y), -1, k), axis=0)
-    return np.where(last < 0, 0.0, np.take_along_axis(y, np.maximum(last, 0), axis=0))

@@ -423,6 +423,24 @@ class Tail(Sliced):
         return self.values[self.start + first : self.start + stop : step]
 
 
+def last_measured(y):
+    """Return the last measured value of every output at every sample.
+
+    Parameters
+    ----------
+    y : ndarray of shape (N, ny)
+        Outputs; nan where they were not measured.
+
+    Returns
+    -------
+    y : ndarray of shape (N, ny)
+        Every gap filled by what came before it; zero before the first measured value.
+    """
+    k = np.where(np.isnan(y), 0, np.arange(len(y))[:, None])
+    last = np.maximum.accumulate(k, axis=0)
+    return np.nan_to_num(np.take_along_axis(y, last, axis=0))
+
+
 def from_measured(u, y):
     """Return an experiment from its first measured sample on.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..experiments import last_measured
 from ..metrics import fit_percent
 from ..plants import as_plant
 from ..shown import short_repr
@@ -103,7 +104,7 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
     found: dict[int, list] = {int(step): [] for step in steps}
     for u_k, y_k, x0 in experiments:
         X = observer.filter(u_k, y_k, x0)
-        past = _hold(y_k)
+        past = last_measured(y_k)
         for step in range(1, min(steps[-1], len(y_k) - 1) + 1):
             X = observer.plant.step(X[: len(y_k) - step], u_k[step - 1 : -1])
             if step in found:
@@ -129,14 +130,6 @@ def _first(model, u, y, experiment):
         out.append((record.u[:left], record.y[:left], x0))
         left -= len(record.y)
     return out
-
-
-def _hold(y):
-    """Return the last measured value of every output at every sample."""
-    index = np.where(np.isnan(y), 0, np.arange(len(y))[:, None])
-    return np.nan_to_num(
-        np.take_along_axis(y, np.maximum.accumulate(index, axis=0), axis=0)
-    )
 
 
 def _fit(y_true, guess):
