@@ -296,25 +296,28 @@ def ahead(form, law, seen, moved):
     )
 
 
-def behind(form, n):
-    """Return a form without its first neurons.
+def part(form, neurons, nz=None, nu=None):
+    """Return the form with some of its neurons, channels and inputs.
 
     Parameters
     ----------
     form : Lure
         Form.
-    n : int
-        Number of neurons that are left out.
+    neurons : ndarray of int
+        The neurons that stay, in their new order.
+    nz, nu : int or None, default=None
+        How many channels and inputs stay, the first ones; None means all.
 
     Returns
     -------
     form : Lure
-        The same for all that does not depend on them.
+        The same for all that does not depend on the others.
     """
-    row, column = form.nx + form.nz, form.nx + form.nu
-    Theta = np.delete(form.Theta, np.s_[row : row + n], axis=0)
-    Theta = np.delete(Theta, np.s_[column : column + n], axis=1)
-    return Lure(Theta, form.nx, form.nu, form.nw - n, form.sigma[n:])
+    nx, nz, nu = form.nx, form.nz if nz is None else nz, form.nu if nu is None else nu
+    rows = np.r_[: nx + nz, nx + form.nz + neurons]
+    columns = np.r_[: nx + nu, nx + form.nu + neurons, -1]
+    sigma = tuple(form.sigma[i] for i in neurons)
+    return Lure(form.Theta[np.ix_(rows, columns)], nx, nu, len(neurons), sigma)
 
 
 def observed(form, moved):

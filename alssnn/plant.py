@@ -478,7 +478,7 @@ class Plant(Signals):
     @cached_property
     def _behind(self):
         """Return the form without the first neurons, which make v and nothing else."""
-        return forms.behind(self.lure, self.law_form.nw)
+        return forms.part(self.lure, np.arange(self.law_form.nw, self.lure.nw))
 
     def _regressors(self, x, u, with_v=False):
         """Return phi of states and inputs, one per row."""

@@ -13,10 +13,11 @@ from itertools import product
 
 import numpy as np
 
+from ..forms import part
 from ..lure import Lure
 from ..simulation import regressors
 from ._lines import lines
-from ._neurons import differences, part, reaching, renumbered, seen_at
+from ._neurons import differences, reaching, renumbered, seen_at
 
 FIRST = 500  # cells of the first grid, about
 CHUNK = 4_000  # cells that are evaluated at once

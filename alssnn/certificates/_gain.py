@@ -25,10 +25,11 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cholesky, solve_discrete_lyapunov, solve_triangular
 
+from ..forms import part
 from ..lure import Lure
 from ._hinf import hinf_norm
 from ._interior import n_unknowns, smallest_gain
-from ._neurons import part, reaching
+from ._neurons import reaching
 from ._state_feedback import matrices
 
 TOLERANCES = (1e-5, 1e-3)  # of gamma^2: the second where rounding takes the first

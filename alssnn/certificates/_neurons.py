@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..lure import Lure
 from ..simulation import regressors
 
 ROUNDING = 1e-13  # of the entries of a row: what is less is left by a cancellation
@@ -88,30 +87,6 @@ def reaching(lure, nz, twins=()):
         if np.array_equal(more, live):
             return np.flatnonzero(live)
         live = more
-
-
-def part(lure, neurons, nz=None, nu=None):
-    """Return the form with some of its neurons, channels and inputs.
-
-    Parameters
-    ----------
-    lure : Lure
-        Form of a loop.
-    neurons : ndarray of int
-        The neurons that stay, in their new order.
-    nz, nu : int or None, default=None
-        How many channels and inputs stay, the first ones; None means all.
-
-    Returns
-    -------
-    form : Lure
-        The form.
-    """
-    nx, nz, nu = lure.nx, lure.nz if nz is None else nz, lure.nu if nu is None else nu
-    rows = np.r_[: nx + nz, nx + lure.nz + neurons]
-    columns = np.r_[: nx + nu, nx + lure.nu + neurons, -1]
-    sigma = tuple(lure.sigma[i] for i in neurons)
-    return Lure(lure.Theta[np.ix_(rows, columns)], nx, nu, len(neurons), sigma)
 
 
 def renumbered(twins, neurons):

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cholesky
 
+from ..forms import part
 from ..lure import Lure
 from ..simulation import simulate
-from ._neurons import differences, part, seen_at
+from ._neurons import differences, seen_at
 from ._whole import WholeLoop
 
 LONG = 5_000  # samples after which a loop without inputs should rest

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..activations import Activation
+from ..forms import part
 from ..lure import Lure
-from ._neurons import part, renumbered
+from ._neurons import renumbered
 from ._state_feedback import linear_form, matrices
 
 SAME = 1e-9  # relative difference of weights of one and the same neuron
