@@ -302,13 +302,15 @@ def check_type(name, value, kind, remedy):
         )
 
 
-def sampling_time(dt):
+def sampling_time(dt, name="dt"):
     """Return a sampling time.
 
     Parameters
     ----------
     dt : float
         Sampling time, in seconds.
+    name : str, default="dt"
+        Name of the argument, for the message.
 
     Returns
     -------
@@ -322,8 +324,8 @@ def sampling_time(dt):
     """
     if not is_positive(dt):
         raise ValueError(
-            f"`dt` must be a positive number, got {dt!r}. Give the sampling time in "
-            "seconds."
+            f"`{name}` must be a positive number, got {dt!r}. Give the sampling time "
+            "in seconds."
         )
     return float(dt)
 

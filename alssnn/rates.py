@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import forms
-from .checks import is_positive
+from .checks import sampling_time
 from .continuous import derivative, held, is_resolved, leading
 from .shown import short_repr
 from .structures import Structure
@@ -93,7 +93,7 @@ def resampled(plant, dt, ahead):
     ValueError
         As of `Plant.at`.
     """
-    dt = checked_time(dt)
+    dt = sampling_time(dt)
     if dt == plant.dt and ahead == plant.looks_ahead:
         return plant
     if plant.rates is None:
@@ -105,29 +105,6 @@ def resampled(plant, dt, ahead):
     looks = ahead and plant.cancels
     plant = replace(plant, **plant.rates.forms(dt), dt=dt, delay=delay)
     return replace(plant, **_looking_ahead(plant)) if looks else plant
-
-
-def checked_time(dt):
-    """Return a sampling time.
-
-    Parameters
-    ----------
-    dt : float
-        What a user gave, in seconds.
-
-    Returns
-    -------
-    dt : float
-        The same.
-
-    Raises
-    ------
-    ValueError
-        If it is no positive number.
-    """
-    if not is_positive(dt):
-        raise ValueError(f"`dt` must be a positive time in seconds, got {dt!r}.")
-    return float(dt)
 
 
 def kept(structure, theta, units):

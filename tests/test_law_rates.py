@@ -298,7 +298,7 @@ def test_what_cannot_look_ahead_is_refused(duffing):
         discrete.linearizability(record.u, record.y, law_dt=0.1)
     with pytest.raises(ValueError, match="part or a multiple"):
         model.linearizability(record.u, record.y, law_dt=0.3 * record.dt)
-    with pytest.raises(ValueError, match="positive time"):
+    with pytest.raises(ValueError, match="`dt` must be a positive number"):
         model.linearizability(record.u, record.y, law_dt=-1.0)
     plant = model.plant_.at(record.dt, ahead=True)
     assert plant.at(record.dt, ahead=True) is plant
@@ -308,6 +308,8 @@ def test_what_cannot_look_ahead_is_refused(duffing):
         model.linearizability(record.u[:9], record.y[:9], law_dt=10 * record.dt)
     with pytest.raises(ValueError, match="must have sampling times"):
         law_rates(model, record.u, record.y, law_dt=[])
+    with pytest.raises(ValueError, match="`law_dt` must be a positive number"):
+        law_rates(model, record.u, record.y, law_dt=[0.1, -1.0])
     linear = alssnn.LinearStateSpace(nx=2, time="continuous", dt=record.dt, max_iter=2)
     linear.fit(record.u, record.y)
     assert not linear.plant_.at(0.1, ahead=True).looks_ahead  # nothing to look for

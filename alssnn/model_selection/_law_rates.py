@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..checks import sampling_time
 from ..linearizability import Linearizability, worst_error
-from ..rates import checked_time
 from ..rows import data_frame
 
 PARTS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the sampling time of the record
@@ -145,7 +145,8 @@ def law_rates(model, u, y, experiment=None, law_dt=None):
         )
     if law_dt is None:
         law_dt = plant.dt * np.array(PARTS)
-    law_dt = np.unique([checked_time(float(dt)) for dt in np.ravel(law_dt)])[::-1]
+    times = [sampling_time(float(dt), "law_dt") for dt in np.ravel(law_dt)]
+    law_dt = np.unique(times)[::-1]
     if not len(law_dt):
         raise ValueError(
             "`law_dt` must have sampling times, got none. Give one or more."
