@@ -16,7 +16,7 @@ time), ours (time, signals).
 """
 
 from .controller import split_gain
-from .design import balanced_weights, linear_part, lqi, lqr, place, weigh_outputs
+from .design import balanced_weights, lqi, lqr, place, weigh_outputs
 from .deviation import DesignDistance, design_distance
 from .disturbance import DisturbanceObserver
 from .export import linearize, signal_names, to_nlsys, to_statespace
@@ -44,7 +44,6 @@ __all__ = [
     "design_distance",
     "designed_loop",
     "input_range",
-    "linear_part",
     "linearize",
     "lqi",
     "lqr",

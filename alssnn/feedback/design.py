@@ -63,8 +63,9 @@ def lqr(model, Q, R, N=None):
     >>> K.shape, bool(abs(np.linalg.eigvals(model.A_ - model.B_ @ K)).max() < 1)
     ((1, 4), True)
     """
-    A, B, _ = linear_part(model)
-    return _regulator(A, B, Q, R, N, as_plant(model).late().x_scale)
+    plant = as_plant(model).late()
+    A, B, _, _ = plant.linear()
+    return _regulator(A, B, Q, R, N, plant.x_scale)
 
 
 def weigh_outputs(model, Q, R):
@@ -108,7 +109,7 @@ def weigh_outputs(model, Q, R):
     >>> lqr(model, *weigh_outputs(model, np.eye(1), np.eye(1))).shape
     (1, 4)
     """
-    _, B, C, D = linear_system(model)
+    _, B, C, D = as_plant(model).late().linear()
     Q = check_weight("Q", Q, len(C))
     R = check_weight("R", R, B.shape[1], definite=True)
     return C.T @ Q @ C, R + D.T @ Q @ D, C.T @ Q @ D
@@ -157,7 +158,8 @@ def lqi(model, Q, R, N=None):
     >>> lqi(model, np.eye(5), np.eye(1)).shape  # four states, one integrator
     (1, 5)
     """
-    A, B, C, D = linear_system(model)
+    plant = as_plant(model).late()
+    A, B, C, D = plant.linear()
     nx, (ny, nu) = len(A), D.shape
     if ny > nu:
         raise ValueError(
@@ -165,7 +167,6 @@ def lqi(model, Q, R, N=None):
             f"and {nu} inputs. Identify a model of the outputs that have a reference."
         )
     A, B = np.block([[A, np.zeros((nx, ny))], [C, np.eye(ny)]]), np.vstack([B, D])
-    plant = as_plant(model).late()
     return _regulator(A, B, Q, R, N, np.append(plant.x_scale, plant.y_scale))
 
 
@@ -202,14 +203,15 @@ def place(model, poles):
     >>> np.sort(np.linalg.eigvals(model.A_ - model.B_ @ K).real).round(6)
     array([0.5, 0.6, 0.7, 0.8])
     """
-    A, B, _ = linear_part(model)
+    plant = as_plant(model).late()
+    A, B, _, _ = plant.linear()
     poles = np.asarray(poles)
     if poles.shape != (len(A),):
         raise ValueError(
             f"`poles` must have shape ({len(A)},), got {poles.shape}. Give one pole "
             "per state."
         )
-    x_scale, v_scale = as_plant(model).late().x_scale, as_plant(model).v_scale
+    x_scale, v_scale = plant.x_scale, plant.v_scale
     _check_controllable(A, B, x_scale, radius=0.0)
     if not np.isfinite(poles).all():
         raise ValueError(f"`poles` must be finite, got {poles}. Give numbers.")
@@ -298,38 +300,6 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     Q[own, own] += state / plant.x_scale[own] ** 2
     Q[nx:, nx:] = np.diag(integral / plant.y_scale**2)
     return Q, np.diag(control / plant.v_scale**2)
-
-
-def linear_part(model):
-    """Return the linear system that v sees.
-
-    Parameters
-    ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
-
-    Returns
-    -------
-    A, B, C : ndarray
-        Its matrices; the past of inputs that arrive late are further states.
-    """
-    return linear_system(model)[:3]
-
-
-def linear_system(model):
-    """Return the linear system that v sees, with its feedthrough.
-
-    Parameters
-    ----------
-    model : estimator or Plant
-        Fitted model, or its `plant_`.
-
-    Returns
-    -------
-    A, B, C, D : ndarray
-        Its matrices, as in `linear_part`.
-    """
-    return as_plant(model).late().linear()
 
 
 def _regulator(A, B, Q, R, N, x_size):

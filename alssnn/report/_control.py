@@ -254,7 +254,7 @@ def controller(model, doubt=""):
     html : str
         HTML.
     """
-    from ..feedback import balanced_weights, linear_part, lqi, lqr
+    from ..feedback import balanced_weights, lqi, lqr
 
     weights = (
         "Weights of one for every signal over its standard deviation in the training "
@@ -269,7 +269,7 @@ def controller(model, doubt=""):
             "The model passed on this record. With its law it is nearly (A, B, C), "
             "from v to y. This is a proposal to begin with. " + weights
         )
-    nx = len(linear_part(model)[0])
+    nx = model.plant_.late().nx
     Q, R = balanced_weights(model)
     try:
         K = lqi(model, Q, R)
