@@ -330,13 +330,15 @@ def sampling_time(dt, name="dt"):
     return float(dt)
 
 
-def probability(level):
+def probability(level, remedy=""):
     """Return a probability that is neither 0 nor 1.
 
     Parameters
     ----------
     level : float
         Value of the argument `level`.
+    remedy : str, default=""
+        What it means, or what to do instead.
 
     Returns
     -------
@@ -349,7 +351,8 @@ def probability(level):
         If it is not between them.
     """
     if isinstance(level, bool) or not 0 < level < 1:
-        raise ValueError(f"`level` must be between 0 and 1, got {level!r}.")
+        words = f"`level` must be between 0 and 1, got {level!r}. {remedy}"
+        raise ValueError(words.rstrip())
     return level
 
 

@@ -286,8 +286,8 @@ def test_a_certificate_says_where_its_bounds_come_from(eps, said, rng):
             "`eta` must be at least 0, one number",
         ),
         (([[0.5]],), {"phi": 1.5}, "`phi` must be between 0 and 1, got 1.5"),
-        (([[0.5]],), {"objective": "x"}, "`objective` must be one of"),
-        (([[0.5]],), {"method": "x"}, "`method` must be one of"),
+        (([[0.5]],), {"objective": "x"}, "`objective` must be 'peak'"),
+        (([[0.5]],), {"method": "x"}, "`method` must be 'lyapunov'"),
     ],
 )
 def test_wrong_arguments(args, kwargs, match):

@@ -491,9 +491,9 @@ def test_refusals(tmp_path):
     own = Activation("own", np.tanh, lambda v, w: 1 - w**2, (0, 1))
     with pytest.raises(ValueError, match=r"expression in 'c' .*'own'"):
         to_fmu(make_unknown(own), path)
-    with pytest.raises(ValueError, match=r"`what` must be one of 'model', .*'plant'"):
+    with pytest.raises(ValueError, match=r"`what` must be 'model', .*'plant'"):
         to_fmu(loop.plant, path, what="plant")
-    with pytest.raises(ValueError, match=r"`version` must be one of .* got 2"):
+    with pytest.raises(ValueError, match=r"`version` must be '3.0' or .* got 2"):
         to_fmu(loop.plant, path, version=2)
     with pytest.raises(ValueError, match="`gain` must be given with what='both'"):
         to_fmu(loop.plant, path, what="both")

@@ -236,7 +236,7 @@ def test_labels_of_any_kind_carry_sample_numbers():
         (BlockedTimeSeriesSplit(1), None, "at least 2"),
         (BlockedTimeSeriesSplit(3, gap=-1), None, "nonnegative integer"),
         (BlockedTimeSeriesSplit(3, gap=50), None, "leave samples in every fold"),
-        (BlockedTimeSeriesSplit(3, train="left"), None, "must be one of"),
+        (BlockedTimeSeriesSplit(3, train="left"), None, "`train` must be 'longest'"),
         (BlockedTimeSeriesSplit(3, train="both"), np.zeros(60), "must show seams"),
         (ExperimentKFold(3), None, "number of experiments"),
     ],

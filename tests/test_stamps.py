@@ -115,7 +115,7 @@ def test_a_model_of_a_slow_sensor():
         ({"t_y": [20, 21, 22, 23]}, "must overlap"),
         ({"t_y": [20, 21, 22, 23], "hold": "linear"}, "must overlap"),
         ({"u": [1, np.nan, 2, 3]}, "`u` must be finite"),
-        ({"hold": "spline"}, "`hold` must be one of zoh, linear, cubic"),
+        ({"hold": "spline"}, "`hold` must be 'zoh', 'linear' or 'cubic'"),
         ({"dt": -1.0}, "`dt` must be a positive number"),
         ({"dt": 1e-9}, "`dt` must be longer"),
         ({"t_y": [0, 1, 2, 1e7]}, "`dt` must be longer"),

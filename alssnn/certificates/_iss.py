@@ -37,6 +37,8 @@ from scipy.linalg import (
 )
 from scipy.optimize import minimize_scalar
 
+from ..checks import check_option
+
 OBJECTIVES = ("peak", "feasible", "volume")
 METHODS = ("lyapunov", "sdp")
 STRICT = 1e-4  # relative: above rounding and solver tolerance, below what matters
@@ -473,12 +475,6 @@ def _check(A, C, eps, eta, phi, objective, method):
         raise ValueError(
             f"`phi` must be between 0 and 1, got {phi!r}. Pass None to search it."
         )
-    for name, value, options in (
-        ("objective", objective, OBJECTIVES),
-        ("method", method, METHODS),
-    ):
-        if value not in options:
-            raise ValueError(
-                f"`{name}` must be one of {options}, got {value!r}. Choose one."
-            )
+    check_option("objective", objective, OBJECTIVES)
+    check_option("method", method, METHODS)
     return A, C, np.broadcast_to(eta, len(C))

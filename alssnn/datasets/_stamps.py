@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..checks import as_signal, sampling_time
+from ..checks import as_signal, check_option, sampling_time
 from ..warn import warn_user
 from ._record import Record
 from ._times import as_times, in_seconds
@@ -68,8 +68,7 @@ def on_grid(
     >>> record.y[:5, 0]
     array([ 5., nan, nan, nan,  6.])
     """
-    if hold not in HOLDS:
-        raise ValueError(f"`hold` must be one of {', '.join(HOLDS)}, got {hold!r}.")
+    check_option("hold", hold, HOLDS)
     inputs = _names(u) if inputs is None else inputs
     outputs = _names(y) if outputs is None else outputs
     sent, seen = _paired("u", u, t_u), _paired("y", y, t_y)

@@ -15,6 +15,7 @@ import numpy as np
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils import indexable
 
+from ..checks import check_option
 from ..experiments import split_experiments
 
 TRAIN = ("longest", "past", "both")
@@ -134,8 +135,7 @@ class BlockedTimeSeriesSplit(_RecordSplit):
                 f"`gap` must be a nonnegative integer, got {self.gap!r}. It counts "
                 "samples."
             )
-        if self.train not in TRAIN:
-            raise ValueError(f"`train` must be one of {TRAIN}, got {self.train!r}.")
+        check_option("train", self.train, TRAIN)
         two_sided = self.train == "both"
         if two_sided and labels is not None and np.ndim(labels) == 1:
             raise ValueError(

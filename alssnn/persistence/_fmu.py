@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from ..checks import check_option
 from ..names import signal_names
 from ..whole_files import as_path, replace_file
 from ._archive import release
@@ -156,11 +157,8 @@ def _check(model, what, version, gain):
 
     is_controller = isinstance(model, LinearizingController)
     what = ("controller" if is_controller else "model") if what is None else what
-    options = ("what", what, WHAT), ("version", version, VERSIONS)
-    for argument, value, known in options:
-        if value not in known:
-            names = ", ".join(map(repr, known))
-            raise ValueError(f"`{argument}` must be one of {names}, got {value!r}.")
+    check_option("what", what, WHAT)
+    check_option("version", version, VERSIONS)
     if is_controller:
         if what == "model":
             raise ValueError(

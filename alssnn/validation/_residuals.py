@@ -36,6 +36,7 @@ from numbers import Real
 import numpy as np
 from scipy.stats import chi2, norm
 
+from ..checks import probability
 from ..regression import Triangle, lagged
 from ..shown import short_repr
 from ._explained import explained_shares
@@ -265,11 +266,7 @@ def check_options(level, n_lags):
     ValueError
         If `level` is not between 0 and 1 or `n_lags` not positive.
     """
-    if not 0 < level < 1:
-        raise ValueError(
-            f"`level` must be between 0 and 1, got {level}. It is the probability of "
-            "a false alarm, such as 0.01."
-        )
+    probability(level, "It is the probability of a false alarm, such as 0.01.")
     if isinstance(n_lags, str) and n_lags == AUTO:
         return
     number = isinstance(n_lags, Real) and not isinstance(n_lags, bool)
