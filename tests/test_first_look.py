@@ -54,7 +54,7 @@ def test_a_good_record_needs_no_attention(good):
     assert page["accuracy"].value == pytest.approx(share, rel=0.1)
     assert repr(page) == "FirstLook(attention=[])"
     assert all(len(line) < 80 for line in str(page).splitlines())
-    with pytest.raises(KeyError, match="'noise': there are"):
+    with pytest.raises(KeyError, match=r"`name` must be one of record, .* got 'noise'"):
         page["noise"]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..rows import Rows
 from ._recommend import Recommendation
 
 WIDTH = 79  # characters of a line
@@ -33,7 +34,7 @@ class Finding:
 
 
 @dataclass(frozen=True, repr=False)
-class FirstLook:
+class FirstLook(Rows):
     """Hold what was found in a record; printed, it is a page in words.
 
     Parameters
@@ -59,20 +60,11 @@ class FirstLook:
     All outputs were measured at all samples.
     """
 
+    _rows = "findings"
+
     findings: tuple[Finding, ...]
     noise_rms: np.ndarray | None = field(default=None, compare=False)
     recommendation: Recommendation | None = None
-
-    def __getitem__(self, name):
-        """Return the finding of a name."""
-        for finding in self.findings:
-            if finding.name == name:
-                return finding
-        raise KeyError(f"{name!r}: there are {[one.name for one in self.findings]}")
-
-    def __iter__(self):
-        """Iterate over the findings."""
-        return iter(self.findings)
 
     def __repr__(self):
         """Return the names of what needs attention."""
