@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..estimators import FlSsnn, LinearStateSpace
+from ..rows import aligned
 from ..shown import times
 from ._comparison import TEXT_WIDTH
 
@@ -183,13 +184,8 @@ def explain(outcomes, noise):
             "Time that the training took.",
         ),
     )
-    width = max(len(name) for name, _, _ in lines)
-    rows = [f"{'':{width}}  {LINEAR:>12}  {LAW:>12}"]
-    rows.append("-" * len(rows[0]))
-    rows += [
-        f"{name:{width}}  {figure(linear):>12}  {figure(law):>12}"
-        for name, figure, _ in lines
-    ]
+    cells = [(name, figure(linear), figure(law)) for name, figure, _ in lines]
+    head, *rows = aligned([("", LINEAR, LAW), *cells])
     notes = [
         textwrap.fill(
             f"- {name.partition(',')[0]}: {note}", TEXT_WIDTH, subsequent_indent="  "
@@ -197,7 +193,7 @@ def explain(outcomes, noise):
         for name, _, note in lines
     ]
     verdict = textwrap.fill(_verdict(linear, law), TEXT_WIDTH)
-    return "\n".join([*rows, "", *notes, "", verdict])
+    return "\n".join([head, "-" * len(head), *rows, "", *notes, "", verdict])
 
 
 def _verdict(linear, law):
