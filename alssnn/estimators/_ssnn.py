@@ -55,8 +55,8 @@ LEFT_LINEAR = "the networks do not help: this is the linear model"
 class Ssnn(StateSpaceModel):
     """Share the training of models with networks.
 
-    A model declares its options, of which ``_networks`` returns those of its networks;
-    one of another family declares its structure in ``_declare``.
+    A model declares its options; ``_networks`` returns those of its networks. One of
+    another family declares its structure in ``_declare``.
 
     Parameters
     ----------
@@ -99,7 +99,8 @@ class Ssnn(StateSpaceModel):
         that of the linear model, or take it far from the record (eq. escape, latch). It
         is then repeated with up to 30 times the weight; if none is better than the
         model of the search, the fit returns that one, with such a warning, too. A
-        number pulls towards zero, hides no samples, and comes behind 1e-4 if above it.
+        number pulls towards zero and hides no samples; above 1e-4, it is reached from
+        there.
     n_init : int, default=3
         Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
         on, with a number the one of least cost on the coarse stage.
@@ -144,9 +145,9 @@ class Ssnn(StateSpaceModel):
         Whether the training ended by itself: a tolerance was reached, validation or
         the number of steps that hidden samples allow ended the last stage, or the
         linear model, or that of the search, was returned (see `alpha`); false where
-        `max_iter`, `max_time`, a callback or the user ended the fit, or where the last
-        stage of a record longer than `coarse_samples` has used its `polish_iter` steps.
-        It does not say that the cost has settled.
+        `max_iter`, `max_time`, a callback or the user ended it, or `polish_iter` the
+        last stage of a record longer than `coarse_samples`. True does not say that the
+        cost has settled.
     """
 
     max_iter: int = option(300, [POSITIVE])
@@ -287,11 +288,6 @@ class Ssnn(StateSpaceModel):
             self._x_scale = np.ones(1)  # a basis of its own
         return linear
 
-    def _seeds(self):
-        """Return one seed per random start."""
-        rng = check_random_state(self.random_state)
-        return rng.randint(np.iinfo(np.int32).max, size=self.n_init)
-
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
         max_iter, is_auto = self.max_iter, self.alpha == "auto"
@@ -306,7 +302,8 @@ class Ssnn(StateSpaceModel):
             is_linear = plain.nw == 0 and not self._phi and not self._shapes_linear()
             if is_linear and held_out is None and experiments.is_here:
                 return linear.as_fit(self.disturbances_)  # nothing more to train
-            seeds = self._seeds()
+            rng = check_random_state(self.random_state)
+            seeds = rng.randint(np.iinfo(np.int32).max, size=self.n_init)
             fallback = self._start(plain, linear, near, seeds[0])
             if is_auto and plain.nw > 0:
                 # a stretch of a stretch would not be that of the training
