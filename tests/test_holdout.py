@@ -54,6 +54,10 @@ def test_the_share_that_is_hidden_can_be_chosen(rng):
     )
 
 
+def test_smaller_shares_make_no_more_folds(rng):
+    assert len(hold_out(records(rng, (400,)), share=0.1)) == 3
+
+
 def test_what_the_record_lacks_judges_nobody(rng):
     experiments = records(rng, (80,))
     experiments[0][1][70:, 1] = np.nan
@@ -98,11 +102,12 @@ def test_the_error_is_that_of_a_simulation_through_the_gap(rng, weight, monkeypa
 
 def test_the_error_is_the_worst_from_starts_next_to_x0(rng):
     ((u, _),), x0 = records(rng, (80,)), np.array([[0.3, -0.2]])
-    y = simulate_linear(A, B, C, u, x0[0])
+    x_true = x0[0] + [0.3, 0.3]  # so that a direction that is not tried is the worst
+    y = simulate_linear(A, B, C, u, x_true)
     fold, (structure, theta) = hold_out([(u, y)])[-1], point(A, B, C)
     signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(2, 1, 2))
     errors = []
-    for sign in signs[:, 0]:
+    for sign in [np.zeros(2), *signs[:, 0]]:
         shifted = simulate_linear(A, B, C, u, x0[0] + 0.1 * sign)
         errors.append(np.mean((shifted - y)[20:40] ** 2))
     assert max(errors) > 0
@@ -152,6 +157,24 @@ def test_a_model_that_ends_elsewhere_from_another_state_is_found_out(rng, w, for
         assert fold.error(structure, theta, x0) < 1e-6
         error = fold.error(structure, theta, x0, elsewhere=True)
         assert error < 1e-6 if forgets else error > 1.0
+
+
+def test_elsewhere_are_four_states_in_the_middle_of_quarters(rng):
+    A = np.diag([0.999, 0.995])  # what it begins with is seen to the end
+    ((u, _),), x0 = records(rng, (600,)), np.array([[0.3, -0.2]])
+    X = np.empty((600, 2))
+    X[0] = x0
+    for k in range(599):
+        X[k + 1] = A @ X[k] + B @ u[k]
+    y = simulate_linear(A, B, C, u, x0[0]) + rng.standard_normal((600, len(C)))
+    fold, (structure, theta) = hold_out([(u, y)])[-1], point(A, B, C)
+    known = np.isfinite(fold.hidden[0][1])
+    errors = [
+        np.mean((simulate_linear(A, B, C, u, X[k]) - y)[known] ** 2)
+        for k in (75, 225, 375, 525)
+    ]
+    error = fold.error(structure, theta, x0, elsewhere=True)
+    assert error == pytest.approx(max(errors), rel=1e-12)
 
 
 def test_a_simulation_that_diverges_does_so_from_everywhere(rng):
