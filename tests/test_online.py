@@ -181,6 +181,10 @@ def test_it_takes_a_linear_controller(plants, name, error_only):
     run = controller.simulate(plant, r)
     assert_same(run, plant, response(closed_loop(plant, controller), plant, r, d))
     assert (controller.observer is None) == (plant.feedback == "output")
+    controller.reset()
+    rest = [controller.step(plant.y_offset, plant.y_offset) for _ in range(3)]
+    if plant.feedback == "output":  # then nothing moves at the operating point
+        np.testing.assert_allclose(rest[1:], [rest[0]] * 2, rtol=0, atol=1e-9)
     with pytest.raises(ValueError, match="must be a controller with a gain"):
         controller.to_c("nowhere")
 
