@@ -23,6 +23,9 @@ ALPHAS = np.append(10.0 ** np.arange(1, -9, -1), 0.0)
 SCREEN = (2, 7, 2)
 STAGES = 25  # a stage of a path has this share of the trial steps of a fit
 ENOUGH = 1e-4  # the largest alpha at which a path may end
+# Largest network weight over that of the start, below which a decay to zero has taken
+# the networks away. It would not give them back: the linear model is a saddle.
+GONE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -117,3 +120,28 @@ SMOOTH = Descent((1e-4, 1e-5, 1e-6, 1e-7, 1e-8), (0, 3, 1), stages=6, center="ze
 RIVALLING = replace(USUAL, finalists=3)
 # Beside that one, for AL-SSNN (`python -m benchmarks.field --models al`).
 FADING = replace(SMOOTH, alphas=(1e-2, 1e-3, *SMOOTH.alphas))
+
+
+def is_gone(structure, theta, start):
+    """Tell whether a decay to zero has taken the networks away.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Parameters.
+    start : ndarray of shape (n_params,)
+        Those of the random start.
+
+    Returns
+    -------
+    is_gone : bool
+        Whether its largest network weight is less than a hundredth of that of the
+        start.
+    """
+    now, was = (
+        max(abs(p[name]).max(initial=0.0) for name in structure.network_parameters)
+        for p in (structure.split(point) for point in (theta, start))
+    )
+    return now < GONE * was

@@ -8,12 +8,10 @@ chosen here, too.
 import numpy as np
 
 from .criterion import DIVERGED_NORM, Criterion
+from .descent import is_gone
 from .workers import finished
 
 WAIT = 3  # alphas without a gain, after which a path ends
-# Largest network weight over that of the start, below which a decay to zero has taken
-# the networks away. It would not give them back: the linear model is a saddle.
-GONE = 1e-2
 # Mean square error of what other inputs take far from the record (eq. escape, latch),
 # as it counts: the plant may go there, too, where all else has twice the error.
 ESCAPED = 4.0
@@ -350,12 +348,8 @@ class Path:
         """Tell whether a decay to zero has taken the networks of a fold away."""
         if self.descent.center == "start":
             return False
-        structure = self.problems[i][0]
-        now, was = (
-            max(abs(p[name]).max(initial=0.0) for name in structure.network_parameters)
-            for p in (structure.split(z[i][0]) for z in (self.points, self.starts))
-        )
-        return now < GONE * was
+        (theta, _), (start, _) = self.points[i], self.starts[i]
+        return is_gone(self.problems[i][0], theta, start)
 
 
 def _descend(path, alphas, watch):

@@ -8,17 +8,20 @@ A small gamma is reached by continuation: from a large one, whose optimum is clo
 the linear start, down to the wanted one, each optimum the start of the next.  Aiming
 at a small gamma at once ends in worse optima, often with an unstable A.
 
-A large alpha is reached from a small one: it would take random networks away before
-they have found anything (`descent`).
+A large alpha may take random networks away before they have found anything
+(`descent`).  Then it is reached from a small one.
 
 All arrays here are scaled deviations (`experiments`).
 """
+
+from functools import partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult
 
 from .continuous import damped
 from .criterion import DIVERGED_NORM, Criterion
+from .descent import is_gone
 from .experiments import Sliced
 from .initial_states import WINDOW, estimate_x0, window_of
 from .limits import Limits
@@ -31,9 +34,10 @@ from .workers import finished
 GAMMA_STEP = np.sqrt(10.0)  # between two weights of a continuation
 ONLY_STAGE = "train"  # label of a training that is one search
 LEAST_MOVE = 1e-9  # relative change of the parameters that ends a stage
-# Largest decay to zero with which a training begins. From random networks, one of 1e-2
-# led to the linear model on the measured tanks with five seeds of six, behind this one
-# with none.
+# Decay to zero behind which a larger one is tried again. On the measured tanks, one of
+# 1e-2 led to the linear model with five seeds of six, behind this one with none. Before
+# every larger one it would be too small: trainings of the drone with 1e-3 and a free A
+# diverged on the test with more seeds.
 ALIVE = 1e-4
 MIDDLE = 3  # times the samples of the first stages: a stretch between them and all
 
@@ -94,8 +98,8 @@ def train(
         Number of searches with larger weights of all channels but the measured one
         that come first, each half a decade above the next.
     rises : bool, default=False
-        Whether a search with a small weight of the network parameters comes before one
-        with an `alpha` so large that it would take random networks away.
+        Whether a start whose networks an `alpha` has taken away is trained again, with
+        a small weight first.
     coarse_samples : int or None, default=None
         Samples of the first stages; None trains on all samples at once.
     polish_iter : int, default=20
@@ -136,32 +140,32 @@ def train(
         first = Held(first, n_jobs if len(starts) == 1 else None)
     first = Held.of(first)
     factors = GAMMA_STEP ** np.arange(continuation, -1, -1)
-    searches = [(factor, alpha) for factor in factors]
-    if rises and center is None and alpha > ALIVE:
-        searches.insert(0, (factors[0], ALIVE))
-    criteria = [
-        Criterion(
+
+    def of_first(factor, alpha):
+        return Criterion(
             structure,
             first,
             weights=_times(weights, factor, measured),
             periodic=periodic and not is_coarse,
-            alpha=weight,
-            center=center,
+            **{**decay, "alpha": alpha},
         )
-        for factor, weight in searches
-    ]
+
+    criteria = [of_first(factor, alpha) for factor in factors]
+    may_rise = rises and center is None and alpha > ALIVE
+    rise = [(f"alpha {ALIVE:g}", of_first(factors[0], ALIVE))] * may_rise
     middle = MIDDLE * coarse_samples if is_coarse else 0
     is_long = is_coarse and 2 * middle < experiments.n_samples
     finer = [f"{middle} samples"] * is_long + ["all samples"] * is_coarse
     penalties = [w for c, w in (weights or {}).items() if c != measured]
-    labels = _stage_labels(penalties, searches, finer)
+    labels = _stage_labels(penalties, factors, finer)
     limits = Limits(structure, phi, bounds, at_rest or periodic, radius)
     first_limits = limits
     if is_coarse:
         first_limits = Limits(structure, phi, bounds, radius=radius)
     stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     x0 = None if is_coarse else x0
-    best = _best_start(stages, starts, first_limits, watch, n_jobs, options, x0)
+    how = first_limits, watch, n_jobs, options, x0
+    best = _best_start(stages, starts, *how, rise)
     if not is_coarse:
         return best
     # as much work on the middle stretch as on all samples
@@ -185,12 +189,13 @@ def train(
     return best
 
 
-def _best_start(stages, starts, limits, watch, n_jobs, options, x0=None):
+def _best_start(stages, starts, limits, watch, n_jobs, options, x0, rise):
     """Descend from all starts, in parallel, and return the best result."""
+    own = partial(_of_start, n_starts=len(starts))
     calls = [
         # in a tuple a start is part of its task; a cluster would place a bare array
         # on one worker, and lose it with that worker
-        (_of_start(stages, i, len(starts)), (theta, x0), limits, watch.fork(), options)
+        (own(stages, i), (theta, x0), limits, watch.fork(), options, own(rise, i))
         for i, theta in enumerate(starts)
     ]
     found = {}
@@ -227,18 +232,16 @@ def _times(weights, factor, measured):
     }
 
 
-def _stage_labels(penalties, searches, finer):
+def _stage_labels(penalties, factors, finer):
     """Return what the stages of the training are called, in order."""
-    names = [
-        f"gamma {factor * penalties[0]:.3g}"
-        if len(penalties) == 1
-        else f"gammas x {factor:.3g}"
-        for factor, _ in searches
-    ]
-    if searches[0][0] == 1.0:  # the weights of the channels stay
-        names = [f"alpha {alpha:.3g}" for _, alpha in searches]
-    if len(searches) == 1:
-        names = [ONLY_STAGE]
+    names = [ONLY_STAGE]
+    if len(factors) > 1:
+        names = [
+            f"gamma {factor * penalties[0]:.3g}"
+            if len(penalties) == 1
+            else f"gammas x {factor:.3g}"
+            for factor in factors
+        ]
     names += finer
     if len(names) == 1:
         return names
@@ -256,14 +259,20 @@ def _of_start(stages, i, n_starts):
     ]
 
 
-def _descend(stages, start, limits, watch, options):
-    """Minimize one criterion after the other, each from the optimum of the last."""
+def _descend(stages, start, limits, watch, options, rise=()):
+    """Minimize one criterion after the other, each from the optimum of the last.
+
+    If they have taken the networks away, they do so again, behind those of `rise`.
+    """
     (theta, x0), steps = start, 0
     for label, criterion in stages:
         result = _stage(
             criterion, theta, limits, x0, watch=watch, label=label, **options
         )
         theta, x0 = result.theta, result.x0
+        steps += result.nfev
+    if rise and watch.reason is None and is_gone(criterion.structure, theta, start[0]):
+        result = _descend([*rise, *stages], start, limits, watch, options)
         steps += result.nfev
     result.nfev, result.history = steps, watch.history
     return result

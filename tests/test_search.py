@@ -157,8 +157,7 @@ def test_a_number_of_alpha_searches_nothing(short, monkeypatch):
         monkeypatch.setattr(f"alssnn.estimators._ssnn.{name}", pytest.fail)
     model = quietly(make("fl", alpha=1e-3), *short)
     assert model.alpha_ == 1e-3 and model.orders_ == {}
-    labels = {step.label for step in model.history_}
-    assert "start 2/2, stage 2/2, alpha 0.001" in labels
+    assert "start 2/2" in {step.label for step in model.history_}
 
 
 def test_a_search_is_no_part_of_the_history(fitted):

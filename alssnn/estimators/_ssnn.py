@@ -99,8 +99,8 @@ class Ssnn(StateSpaceModel):
         that of the linear model, or take it far from the record (eq. escape, latch). It
         is then repeated with up to 30 times the weight; if none is better than the
         model of the search, the fit returns that one, with such a warning, too. A
-        number pulls towards zero and hides no samples; above 1e-4, it is reached from
-        there.
+        number pulls towards zero and hides no samples. One above 1e-4 that takes the
+        networks away is tried again, behind 1e-4.
     n_init : int, default=3
         Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
         on, with a number the one of least cost on the coarse stage.
