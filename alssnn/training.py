@@ -164,8 +164,7 @@ def train(
         first_limits = Limits(structure, phi, bounds, radius=radius)
     stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     x0 = None if is_coarse else x0
-    how = first_limits, watch, n_jobs, options, x0
-    best = _best_start(stages, starts, *how, rise)
+    best = _best_start(stages, starts, first_limits, watch, n_jobs, options, x0, rise)
     if not is_coarse:
         return best
     # as much work on the middle stretch as on all samples
