@@ -3,6 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import AlSsnn, GrSsnn
 from alssnn.criterion import Criterion
@@ -385,3 +386,13 @@ def test_a_large_alpha_is_reached_from_a_small_one(cls):
     assert costs[0] == pytest.approx(costs[1], rel=1e-2)
     model.set_params(warm_start=True).fit(u, y)  # goes on, without the small one
     assert model.n_iter_ < 20 and model.cost_ <= 1.001 * costs[1]
+
+
+@pytest.mark.parametrize("cls", [AlSsnn, GrSsnn])
+def test_a_decay_that_leaves_nothing_is_told(cls):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(200)
+    y = lfilter([0, 1], [1, -0.8], u)
+    with pytest.warns(ConvergenceWarning, match=r"alpha=10 .* this model is linear"):
+        model = cls(nx=1, alpha=10.0, n_init=1, random_state=0).fit(u, y)
+    assert model.score(u, y) > 0.999  # as the linear model

@@ -29,7 +29,12 @@ from ._first_states import from_free, has_fixed_start, told_states, whole_states
 from ._fitted import as_fitted, fitted_model, publish_parameters
 from ._floor import floor_of, least_cost
 from ._integrators import find_integrators, note, with_integrators
-from ._judge import training_score, warn_if_unsettled, warn_if_unstable
+from ._judge import (
+    training_score,
+    warn_if_gone,
+    warn_if_unsettled,
+    warn_if_unstable,
+)
 from ._noise import check_noise, is_predicting, noise_covariance
 from ._options import estimator
 from ._periodic import came_round, check_periodic, is_periodic, settled
@@ -347,6 +352,7 @@ class StateSpaceModel(
             raise watch.interrupt
         if self._for_control:
             warn_if_unstable(self)
+        warn_if_gone(self)
         if watch.reason != BY_OBSERVER:
             warn_if_unsettled(self, watch)
 

@@ -17,6 +17,7 @@ from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
+VANISHED = 0.01  # largest weight of networks that are linear, in units of the fit
 
 
 def own_judge(estimator, experiments):
@@ -132,6 +133,25 @@ def warn_if_unstable(estimator):
         f"The linear part of {type(estimator).__name__} is unstable, spectral radius "
         f"{radius:.6g}: {loop}. Unless the plant is unstable itself, try {remedy}.",
     )
+
+
+def warn_if_gone(estimator):
+    """Warn of networks of which a decay has left nothing.
+
+    Parameters
+    ----------
+    estimator : StateSpaceModel
+        Fitted estimator.
+    """
+    structure = estimator._structure
+    p = structure.split(estimator._theta)
+    weights = [p[name] for name in structure.network_parameters if p[name].size]
+    if weights and max(np.abs(each).max() for each in weights) < VANISHED:
+        warn_of_training(
+            f"The decay alpha={estimator.alpha_:g} of {type(estimator).__name__} has "
+            "taken all network weights to zero: this model is linear. Try a smaller "
+            "`alpha`, or 'auto'."
+        )
 
 
 def warn_if_unsettled(estimator, watch):
