@@ -398,7 +398,7 @@ def test_what_h_does_not_see_phi_does_not_see():
         assert not np.any(model.params_[name][:, 1])
 
 
-@pytest.mark.filterwarnings("ignore:.*stopped after", "ignore:.*model is linear")
+@pytest.mark.filterwarnings("ignore:.*stopped after", "ignore:.*all but linear")
 @pytest.mark.parametrize("alpha", [1e-5, 0.1])
 def test_v_is_as_large_as_u(alpha):
     u, y = fan_arm(400, 0)

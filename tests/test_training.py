@@ -382,10 +382,17 @@ def test_a_large_alpha_is_reached_from_a_small_one(cls):
     for seed in range(2):
         model = cls(nx=1, alpha=0.01, n_init=1, random_state=seed).fit(u, y)
         assert np.sqrt(1 - model.score(u, y)) < 0.1
+        assert "alpha 0.0001" in {step.label for step in model.history_}
         costs.append(model.cost_)
     assert costs[0] == pytest.approx(costs[1], rel=1e-2)
     model.set_params(warm_start=True).fit(u, y)  # goes on, without the small one
     assert model.n_iter_ < 20 and model.cost_ <= 1.001 * costs[1]
+    both = cls(nx=1, alpha=0.01, n_init=2, n_jobs=2, random_state=0).fit(u, y)
+    assert both.cost_ == pytest.approx(costs[0], rel=1e-2)
+    assert "start 1/2, alpha 0.0001" in {step.label for step in both.history_}
+    # a start that keeps its networks is not trained again
+    kept = cls(nx=1, alpha=1e-3, n_init=1, random_state=1).fit(u, y)
+    assert {step.label for step in kept.history_} == {"linear", "train"}
 
 
 @pytest.mark.parametrize("cls", [AlSsnn, GrSsnn])
@@ -393,6 +400,6 @@ def test_a_decay_that_leaves_nothing_is_told(cls):
     rng = np.random.default_rng(0)
     u = rng.standard_normal(200)
     y = lfilter([0, 1], [1, -0.8], u)
-    with pytest.warns(ConvergenceWarning, match=r"alpha=10 .* this model is linear"):
+    with pytest.warns(ConvergenceWarning, match=r"alpha=10 .* all but linear"):
         model = cls(nx=1, alpha=10.0, n_init=1, random_state=0).fit(u, y)
     assert model.score(u, y) > 0.999  # as the linear model

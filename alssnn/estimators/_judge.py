@@ -17,7 +17,7 @@ from ._warn import warn_of_training
 
 TOO_FAR = 3.0  # error of a training record over that from the fitted initial state
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
-VANISHED = 0.01  # largest weight of networks that are linear, in units of the fit
+VANISHED = 0.01  # largest weight of networks without effect, in units of the fit
 
 
 def own_judge(estimator, experiments):
@@ -136,7 +136,7 @@ def warn_if_unstable(estimator):
 
 
 def warn_if_gone(estimator):
-    """Warn of networks of which a decay has left nothing.
+    """Warn of networks of which a decay has left next to nothing.
 
     Parameters
     ----------
@@ -146,11 +146,13 @@ def warn_if_gone(estimator):
     structure = estimator._structure
     p = structure.split(estimator._theta)
     weights = [p[name] for name in structure.network_parameters if p[name].size]
-    if weights and max(np.abs(each).max() for each in weights) < VANISHED:
+    if not weights or not estimator.alpha_ > 0:  # nothing pulls at them
+        return
+    if max(np.abs(each).max() for each in weights) < VANISHED:
         warn_of_training(
             f"The decay alpha={estimator.alpha_:g} of {type(estimator).__name__} has "
-            "taken all network weights to zero: this model is linear. Try a smaller "
-            "`alpha`, or 'auto'."
+            "taken its networks away: their weights are nearly zero, and the model is "
+            "all but linear. Set a smaller `alpha`."
         )
 
 
