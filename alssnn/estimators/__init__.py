@@ -15,11 +15,12 @@ downwards.
 from ._al_ssnn import AlSsnn
 from ._fl_ssnn import FlSsnn
 from ._gr_ssnn import GrSsnn
+from ._left_linear import LEFT_LINEAR
 from ._linear import LinearStateSpace
 from ._load import load
 from ._networks import Networks
 from ._options import estimator, option, take
-from ._ssnn import LEFT_LINEAR, Ssnn
+from ._ssnn import Ssnn
 
 __all__ = [
     "LEFT_LINEAR",

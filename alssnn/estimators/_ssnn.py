@@ -37,18 +37,17 @@ from ._input_map import (
 )
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
-from ._judge import warn_left_linear
+from ._left_linear import left_linear
 from ._networks import DECLARED
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
-from ._safe import as_found, safely_trained
-from ._time import is_continuous, stages
+from ._safe import safely_trained
+from ._time import stages
 from ._warm_start import forms, goes_on
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
 SETTLED = "as many steps as hidden samples allow"
-LEFT_LINEAR = "the networks do not help: this is the linear model"
 
 
 @estimator
@@ -310,7 +309,7 @@ class Ssnn(StateSpaceModel):
                 far = near if self.coarse_samples is None else experiments
                 found = self._search(far, linear, seeds, watch)
                 if found is None or not found.helps:
-                    return self._left_linear(linear, near, experiments, watch)
+                    return left_linear(self, linear, near, experiments, watch)
                 plain, theta, decay, held = completed(
                     self, found, linear, near, seeds[0], watch
                 )
@@ -344,7 +343,7 @@ class Ssnn(StateSpaceModel):
                 self, plain, train, decay, starts[0], linear, experiments, watch
             )
             if result is None:
-                return self._left_linear(linear, near, experiments, watch, trained=True)
+                return left_linear(self, linear, near, experiments, watch, refused=True)
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
 
@@ -455,36 +454,6 @@ class Ssnn(StateSpaceModel):
             return None
         self._curve = found.curve
         return found
-
-    def _left_linear(self, linear, near, experiments, watch, trained=False):
-        """Return the linear model as the outcome of a fit, and say so."""
-        self._decay = {"alpha": np.inf}
-        linear, plain = self._declared(linear)
-        theta = self._start(plain, linear, near, 0, roots=(0.0, 0.0))
-        if self._phi is not None:
-            self._x_scale = np.ones(plain.sizes["x"])
-        # in continuous time they may help yet; and unless all was tried, nobody knows
-        if watch.reason is None and not is_continuous(self):
-            warn_left_linear(self, trained)
-        if self._shapes_linear():
-            return self._shaped(plain, theta, experiments, watch)
-        # of a stretch elsewhere, then estimated: free, as in a fit
-        x0 = linear.starts(plain.given) if experiments.is_here else None
-        own = {"x0": x0, "noise": 0.0}
-        result = as_found(self, plain, theta, experiments, watch, LEFT_LINEAR, **own)
-        # of the search for this model, for the networks took none
-        result.nfev = linear.result.nfev if linear.result is not None else 1
-        return plain, theta, result
-
-    def _shaped(self, plain, theta, experiments, watch):
-        """Return the linear model as the user shapes it, networks held at zero."""
-        p, options = plain.split(theta), self._training(plain)
-        options["bounds"] |= {n: (p[n], p[n]) for n in plain.network_parameters}
-        options["weights"] = {"y": self._output_weight(plain.sizes["y"])}
-        result = trained(self, plain, experiments, [theta], watch=watch, **options)
-        if result.success:
-            result.message = LEFT_LINEAR
-        return plain, result.theta, result
 
     def _criterion_terms(self, plain):
         weights = {"y": self._output_weight(plain.sizes["y"])}
