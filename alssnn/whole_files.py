@@ -77,6 +77,31 @@ def replace_file(path, content):
         raise
 
 
+def write_file(path, content):
+    """Write a file into a folder, which is made if need be.
+
+    Parameters
+    ----------
+    path : Path
+        File; one that exists is replaced.
+    content : bytes or str
+        What `replace_file` takes.
+
+    Returns
+    -------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, content)
+    return path
+
+
 def write_files(directory, contents):
     """Write files into a folder, which is made if need be.
 
@@ -100,11 +125,7 @@ def write_files(directory, contents):
         If `directory` is neither a string nor a path.
     """
     folder = as_path("directory", directory)
-    paths = [folder / name for name in contents]
-    for path, content in zip(paths, contents.values(), strict=True):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, content)
-    return paths
+    return [write_file(folder / name, content) for name, content in contents.items()]
 
 
 def _mode(path):

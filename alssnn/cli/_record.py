@@ -340,11 +340,10 @@ def write_csv(path, header, rows):
     rows : iterable
         Rows of cells.
     """
-    from ..whole_files import replace_file
+    from ..whole_files import write_file
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     writer.writerow(header)
     writer.writerows(rows)
-    replace_file(path, text.getvalue())
+    write_file(path, text.getvalue())

@@ -22,7 +22,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from ..checks import check_option
 from ..names import signal_names
-from ..whole_files import as_path, replace_file
+from ..whole_files import as_path, write_file
 from ._archive import release
 from ._c import sources
 from ._export import Export
@@ -146,8 +146,7 @@ def to_fmu(
         entries["sources/buildDescription.xml"] = _build(name, files)
     if binary:
         entries[binary] = library
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, _archive(entries))
+    write_file(path, _archive(entries))
     return Fmu(path, version, binary, no_binary)
 
 

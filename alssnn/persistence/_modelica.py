@@ -10,7 +10,7 @@ import textwrap
 
 import numpy as np
 
-from ..whole_files import as_path, replace_file
+from ..whole_files import as_path, write_file
 from ._assigned import Literals, Map, sources
 from ._c_map import WIDTH
 from ._export import Export
@@ -94,10 +94,7 @@ def to_modelica(model, path, *, law=None, observer=None, gain=None):
         "law_d": ", d" if flags["DISTURBED"] else "",
         "v_words": v,
     }
-    text = fill("plant.mo", "plant", flags, blanks)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, text)
-    return path
+    return write_file(path, fill("plant.mo", "plant", flags, blanks))
 
 
 class _Literals(Literals):

@@ -12,7 +12,7 @@ import textwrap
 import numpy as np
 
 from ..checks import check_option
-from ..whole_files import as_path, replace_file
+from ..whole_files import as_path, write_file
 from ._assigned import Literals, Map, sources
 from ._c_map import WIDTH
 from ._export import Export
@@ -79,9 +79,8 @@ def to_st(
     uses_tanh = any(numbers.tanh in blanks[name] for name in ("maps", "respond"))
     text = fill("plant.st", prefix, {**parts.flags, "TANH": uses_tanh}, blanks)
     path = as_path("path", path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, plcopen(text, prefix) if path.suffix.lower() == ".xml" else text)
-    return path
+    is_xml = path.suffix.lower() == ".xml"
+    return write_file(path, plcopen(text, prefix) if is_xml else text)
 
 
 class _Literals(Literals):
