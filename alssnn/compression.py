@@ -47,3 +47,29 @@ def compress(JJ, Jr, norm):
         L_t = np.sqrt(np.maximum(eigenvalues, floor))[:, None] * Q.T * size
     L_t[:, still] = 0.0
     return np.vstack([a, L_t])
+
+
+def equilibrated_eigh(M, floor):
+    """Return the eigenvalues of an equilibrated matrix that are above rounding.
+
+    Parameters
+    ----------
+    M : ndarray of shape (n, n)
+        Symmetric, positive semidefinite up to rounding.
+    floor : float
+        Largest eigenvalue that counts as rounding, relative to the largest of all.
+
+    Returns
+    -------
+    values : ndarray of shape (rank,)
+        Eigenvalues of M over the outer product of `size` with itself.
+    Q : ndarray of shape (n, rank)
+        Their eigenvectors.
+    size : ndarray of shape (n,)
+        Square roots of the diagonal of M, ones where it is zero.
+    """
+    size = np.sqrt(np.diag(M))
+    size = np.where(size > 0, size, 1.0)
+    values, Q = eigh(M / np.outer(size, size))
+    seen = values > floor * max(values[-1], 0.0)
+    return values[seen], Q[:, seen], size

@@ -16,8 +16,8 @@ of dv/dtheta first: A and h may share them in any way, and no record tells which
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
+from .compression import equilibrated_eigh
 from .contribution import Contribution
 from .simulation import channels, sensitivities, simulate
 
@@ -224,11 +224,8 @@ def told(H):
     prior : ndarray of shape (n_params,)
         A little information on every parameter, which keeps sums regular.
     """
-    size = np.sqrt(np.diag(H))
-    size = np.where(size > 0, size, 1.0)
-    values, Q = eigh(H / np.outer(size, size))
-    seen = values > RANK * values[-1]
-    return Q[:, seen] / size[:, None], LEAST * size**2
+    _, Q, size = equilibrated_eigh(H, RANK)
+    return Q / size[:, None], LEAST * size**2
 
 
 def spread(X, u, y):

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.stats import chi2
 
+from .compression import equilibrated_eigh
 from .noise import Moments
 from .simulation import runs, sensitivities
 
@@ -149,12 +150,9 @@ def weighted_step(structure, theta, x0, experiments, output_weight, noise, score
     H, score = H[:, free], score[free]
     plain = pseudo_inverse(H[0])[0]
     P = plain @ score @ plain
-    size = np.sqrt(np.diag(H[1]))
-    size = np.where(size > 0, size, 1.0)
-    values, Q = eigh(H[1] / np.outer(size, size))
-    seen = values > RANK_FLOOR * max(values[-1], 0.0)
-    root = size[:, None] * Q[:, seen] * np.sqrt(values[seen])  # root root' = H[1]
-    back = Q[:, seen] / size[:, None] / np.sqrt(values[seen])  # root' back = 1
+    values, Q, size = equilibrated_eigh(H[1], RANK_FLOOR)
+    root = size[:, None] * Q * np.sqrt(values)  # root root' = H[1]
+    back = Q / size[:, None] / np.sqrt(values)  # root' back = 1
     step = back.T @ g[1] - root.T @ plain @ g[0]
     force = np.zeros(n)
     force[free] = H[0] @ back @ step
@@ -189,9 +187,6 @@ def pseudo_inverse(H):
     rank : int
         Number of eigenvalues above the level of rounding.
     """
-    size = np.sqrt(np.diag(H))
-    size = np.where(size > 0, size, 1.0)
-    values, Q = eigh(H / np.outer(size, size))
-    seen = values > RANK_FLOOR * values[-1]
-    Q = Q[:, seen] / size[:, None]
-    return (Q / values[seen]) @ Q.T, int(seen.sum())
+    values, Q, size = equilibrated_eigh(H, RANK_FLOOR)
+    Q = Q / size[:, None]
+    return (Q / values) @ Q.T, len(values)

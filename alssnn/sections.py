@@ -20,9 +20,9 @@ from operator import add
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag, eigh
+from scipy.linalg import LinAlgError, block_diag
 
-from .compression import EIGENVALUE_FLOOR
+from .compression import EIGENVALUE_FLOOR, equilibrated_eigh
 from .criterion import DIVERGED_NORM, LeastSquares
 from .kernels import filter_sections
 from .mapping import Held
@@ -447,9 +447,6 @@ def solve_singular(M, h):
     x : ndarray of the shape of h
         Solution of M x = h without the directions that M, equilibrated, does not see.
     """
-    size = np.sqrt(np.diag(M))
-    size[size == 0] = 1.0
-    eigenvalues, Q = eigh(M / np.outer(size, size))
-    kept = eigenvalues > EIGENVALUE_FLOOR * max(eigenvalues[-1], 0.0)
-    Q = Q[:, kept] / size[:, None]
-    return Q @ ((Q.T @ h).T / eigenvalues[kept]).T
+    values, Q, size = equilibrated_eigh(M, EIGENVALUE_FLOOR)
+    Q = Q / size[:, None]
+    return Q @ ((Q.T @ h).T / values).T
