@@ -19,6 +19,7 @@ how: make them by ``client.submit(read, path)``, not by ``client.scatter``.
 Dask lives here only.
 """
 
+import copy
 import functools
 import itertools
 
@@ -120,15 +121,13 @@ class Remote:
         experiments : Remote
             They scale what they read: nothing is copied.
         """
-        other = object.__new__(Remote)
-        vars(other).update(vars(self))
+        other = copy.copy(self)
         other.scale = functools.partial(_scaled, scaling, delay)
         return other
 
     def from_measured(self):
         """Return the same experiments, each from its first measured sample on."""
-        other = object.__new__(Remote)
-        vars(other).update(vars(self))
+        other = copy.copy(self)
         other.scale = functools.partial(_from_measured, self.scale)
         other.lengths = other.map(_length)
         other.n_samples = sum(other.lengths)
