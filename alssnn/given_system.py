@@ -5,7 +5,7 @@ a sampling time.  Systems of python-control cannot be pickled, and neither fits 
 file; this record can and does.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -79,16 +79,6 @@ class GivenSystem:
             "the model was fitted, `clone` undid it: pass "
             "`sklearn.frozen.FrozenEstimator(model)`."
         )
-
-    def as_dict(self):
-        """Return the fields by name.
-
-        Returns
-        -------
-        fields : dict
-            Such that ``GivenSystem(**fields)`` is the same system.
-        """
-        return asdict(self)
 
 
 def _signals(start):

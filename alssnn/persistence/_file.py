@@ -14,6 +14,7 @@ another way.  Everything is checked before a model is made of it: the file may c
 elsewhere.
 """
 
+from dataclasses import asdict
 from numbers import Real
 from types import SimpleNamespace
 
@@ -428,7 +429,7 @@ def _encode_param(name, value):
         else:
             value = _activation_name(value)
     elif name == "linear_start" and not isinstance(value, tuple | list | None):
-        value = GivenSystem.of(value).as_dict()
+        value = asdict(GivenSystem.of(value))
     elif name == "noise_floor":  # of what a look or a response says, the numbers
         value = getattr(value, "noise_rms", value)
     try:
