@@ -86,8 +86,8 @@ def add_command(commands, module):
     module.add(parser)
 
 
-def add_common(parser):
-    """Add the options of commands that fit.
+def add_seed(parser):
+    """Add the seed of commands that draw random numbers.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from ._arguments import add_common, add_figure, count, weight
+from ._arguments import add_figure, add_seed, count, weight
 
 # By plant: samples to simulate and largest number of trial steps; the same, if quick;
 # noise over std(y), small enough to tell the models apart.
@@ -91,7 +91,7 @@ def add(parser):
     parser.add_argument(
         "--quick", action="store_true", help="fewer samples and iterations"
     )
-    add_common(parser)
+    add_seed(parser)
 
 
 def run(args):

@@ -6,8 +6,8 @@ from pathlib import Path
 from ._arguments import (
     add_figure,
     add_output,
+    add_seed,
     count,
-    count_or_zero,
     finite,
     positive,
     refuse_existing,
@@ -80,9 +80,7 @@ def add(parser):
         default=None,
         help="lower peaks, for linear plants (multisine)",
     )
-    parser.add_argument(
-        "--seed", type=count_or_zero, default=0, metavar="N", help="seed (default: 0)"
-    )
+    add_seed(parser)
     add_output(parser, "FILE.csv", "file to write", Path("excitation.csv"))
     add_figure(parser, "draw it")
 

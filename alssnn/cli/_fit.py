@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ._arguments import (
-    add_common,
     add_figure,
     add_overwrite,
+    add_seed,
     refuse_existing,
 )
 from ._comparison import TEXT_WIDTH, prepare_figure, report, row_numbers, run_ladder
@@ -93,7 +93,7 @@ def add(parser):
         help="save a model that is worse than the linear one or than the mean, too",
     )
     add_overwrite(parser)
-    add_common(parser)
+    add_seed(parser)
 
 
 def run(args):

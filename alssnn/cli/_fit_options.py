@@ -36,11 +36,6 @@ def add_data(data):
         metavar="COL",
         help="columns of further inputs that are measured but no controller moves",
     )
-    data.add_argument(
-        "--experiment",
-        metavar="COL",
-        help="column of labels, one per uninterrupted experiment",
-    )
     add_sampling(data)
     data.add_argument(
         "--test-size",

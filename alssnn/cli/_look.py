@@ -26,7 +26,6 @@ def add(parser):
     """
     add_file(parser)
     add_columns(parser, "columns of {}", required=True)
-    parser.add_argument("--experiment", metavar="COL", help="column of labels")
     add_sampling(parser)
     parser.add_argument(
         "--period", type=count, metavar="N", help="samples of a period, if periodic"

@@ -40,7 +40,7 @@ def add_file(parser):
 
 
 def add_columns(parser, help="columns of the {}", **options):
-    """Add the options that name the columns of inputs and outputs.
+    """Add the options that name the columns of inputs, outputs and labels.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def add_columns(parser, help="columns of the {}", **options):
     help : str, default="columns of the {}"
         What they are, with {} for inputs or outputs.
     **options : dict
-        As for ``parser.add_argument``.
+        As for ``parser.add_argument``, of inputs and outputs.
     """
     for what in ("inputs", "outputs"):
         parser.add_argument(
@@ -59,6 +59,11 @@ def add_columns(parser, help="columns of the {}", **options):
             help=help.format(what),
             **options,
         )
+    parser.add_argument(
+        "--experiment",
+        metavar="COL",
+        help="column of labels, one per uninterrupted experiment",
+    )
 
 
 def add_data(parser, *, required=True):
@@ -81,11 +86,6 @@ def add_data(parser, *, required=True):
         + "; - is the standard input",
     )
     add_columns(data, "columns of the {} (default: those the model was fitted to)")
-    data.add_argument(
-        "--experiment",
-        metavar="COL",
-        help="column of labels, one per uninterrupted experiment",
-    )
     data.add_argument(
         "--last",
         type=fraction,
