@@ -49,6 +49,33 @@ def check_point(name, value, size, missing=False):
     return value
 
 
+def check_measured(y, size):
+    """Return a measurement.
+
+    Parameters
+    ----------
+    y : array_like of shape (size,)
+        What was measured, a number if there is one output.
+    size : int
+        Number of outputs.
+
+    Returns
+    -------
+    y : ndarray of shape (size,)
+        The same; nan where it was not finite.
+
+    Raises
+    ------
+    ValueError
+        If it is None or of another size.
+    """
+    if y is None:
+        raise ValueError(
+            "`y` must be a measurement, got None. Give nan where there is none."
+        )
+    return check_point("y", np.atleast_1d(y), size, missing=True)
+
+
 def check_weight(name, value, size, *, definite=False):
     """Return a symmetric, positive semidefinite matrix of given size.
 

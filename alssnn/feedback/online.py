@@ -14,7 +14,7 @@ from ..checks import as_numbers, check_type
 from ..deferred import deferred
 from ..forms import at_once
 from ..plants import as_plant
-from .checks import check_disturbances, check_point
+from .checks import check_disturbances, check_measured, check_point
 from .controller import from_gain, from_system
 from .design import balanced_weights, lqi
 from .law import LinearizingLaw
@@ -244,11 +244,7 @@ class LinearizingController(Controller):
         own = self.own
         self._check_runs()
         r = _given("reference", reference, self._r)
-        if y is None:
-            raise ValueError(
-                "`y` must be a measurement, got None. Give nan where there is none."
-            )
-        y = check_point("y", np.atleast_1d(y), own.ny, missing=True)
+        y = check_measured(y, own.ny)
         now = own.check_disturbances(None) if d is None else _given("d", d, self._d)
         if u_applied is not None:
             self._u = _given("u_applied", u_applied, self._u)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..checks import is_count
 from ..feedback import Controller, LinearizingLaw
-from ..feedback.checks import check_limits, check_point, check_weight
+from ..feedback.checks import check_limits, check_measured, check_point, check_weight
 from ..plants import as_plant
 from ._checks import check_ahead, check_observer, check_penalty, check_rate
 from ._condensed import CondensedProgram, Weights
@@ -278,11 +278,7 @@ class LinearizingMPC(Controller):
         measured = self._measured(d)
         if len(measured) > len(references):
             references = np.tile(references, (len(measured), 1))
-        if y is None:
-            raise ValueError(
-                "`y` must be a measurement, got None. Give nan where there is none."
-            )
-        y = check_point("y", np.atleast_1d(y), self._ny, missing=True)
+        y = check_measured(y, self._ny)
         if u_applied is not None:
             given = check_point("u_applied", u_applied, self._nu, missing=True)
             self._u = np.where(np.isnan(given), self._u, given)
