@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..plants import as_plant
-from ..validation import column_names
+from ..validation import column_names, moved_names
 from ._page import (
     attempt,
     figure,
@@ -152,8 +152,7 @@ def _local(model, doubt):
     certificate = model.local_certificate()
     if not certificate.holds:
         return _unproved(certificate)
-    inputs, outputs = column_names(model)
-    moved = [inputs[i] for i in model.plant_.moved]
+    moved, (_, outputs) = moved_names(model), column_names(model)
     of_v = certificate.amplitude[model.plant_.moved]
     rows = [
         (f"largest input for {name}, around the operating point", size)
@@ -316,9 +315,8 @@ def _beyond(model, responses):
     from ..feedback.law import leaves_range
 
     low, high = input_range(model)
-    inputs, outputs = column_names(model)
-    moved = [inputs[i] for i in model.plant_.moved]
-    u = responses["model"].outputs[len(outputs) + len(moved) :]
+    moved = moved_names(model)
+    u = responses["model"].outputs[-len(moved) :]
     said = [
         f"{name} goes from {number(np.min(z), 3)} to {number(np.max(z), 3)}, but the "
         f"training data end at {number(a, 3)} and {number(b, 3)}."
