@@ -210,14 +210,8 @@ def decouple(model, n):
         A_r = stabilize(A_r, limit=1.0 - REFINED_MARGIN)
     T = np.eye(len(model.A))
     T[n_r:, :n_r] = L @ np.linalg.inv(np.eye(n_r) - A_r)  # x_i + L (I - A_r)^-1 x_r
-    T_inv = 2 * np.eye(len(T)) - T
-    return replace(
-        model,
-        A=block_diag(A_r, np.eye(n)),
-        B=T @ model.B,
-        C=model.C @ T_inv,
-        x0=model.x0 @ T.T,
-    )
+    decoupled = model.in_basis(T, 2 * np.eye(len(T)) - T)
+    return replace(decoupled, A=block_diag(A_r, np.eye(n)))
 
 
 # -- starts -------------------------------------------------------------------------

@@ -82,6 +82,22 @@ class LinearModel:
         (nx, nu), ny = self.B.shape, len(self.C)
         return state_space(nx, nu, ny, feedthrough=self.feedthrough)
 
+    def in_basis(self, T, T_inv):
+        """Return the same model with the states T x.
+
+        Parameters
+        ----------
+        T, T_inv : ndarray of shape (nx, nx)
+            The new basis, and its inverse.
+
+        Returns
+        -------
+        model : LinearModel
+            The model in this basis.
+        """
+        A, B, C = T @ self.A @ T_inv, T @ self.B, self.C @ T_inv
+        return replace(self, A=A, B=B, C=C, x0=self.x0 @ T.T)
+
     def starts(self, given=()):
         """Return the initial states as `as_fit` has them.
 
@@ -436,14 +452,7 @@ def decorrelate(model, experiments):
     # an eigenvector has no sign of its own: rounding is not to choose the basis
     seen = C @ U
     U = U * np.where(seen[np.abs(seen).argmax(axis=0), range(len(A))] < 0, -1.0, 1.0)
-    T, T_inv = U.T @ T, T_inv @ U
-    return replace(
-        model,
-        A=T @ model.A @ T_inv,
-        B=T @ model.B,
-        C=model.C @ T_inv,
-        x0=model.x0 @ T.T,
-    )
+    return model.in_basis(U.T @ T, T_inv @ U)
 
 
 @np.errstate(over="ignore", invalid="ignore")

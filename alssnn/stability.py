@@ -186,10 +186,7 @@ def contractive_basis(model, phi, integrators=0, radius=1.0):
         values, V = np.linalg.eigh(P)
         T = np.sqrt(np.maximum(values, 1.0))[:, None] * V.T
     T /= np.sqrt(np.mean(T**2) * len(T))
-    T_inv = np.linalg.inv(T)
-    return replace(
-        model, A=T @ A @ T_inv, B=T @ model.B, C=model.C @ T_inv, x0=model.x0 @ T.T
-    )
+    return replace(model, A=A).in_basis(T, np.linalg.inv(T))
 
 
 def _lyapunov(A, Q):
