@@ -8,11 +8,10 @@ signal, and two signals of one record compare frequency by frequency.
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
 from scipy import ndimage
 
 from ..shown import percent
-from ._axes import MEASURED, color, finish, model_style, time_axis
+from ._axes import MEASURED, color, finish, frequency_axis, model_style, time_axis
 from ._spectrum import amplitude_spectrum
 
 VIEW = 300  # samples of the zoomed window
@@ -232,8 +231,7 @@ def _draw_spectra(ax, ladder, part, output):
             style = {"color": color(i), "linewidth": 1.4, "linestyle": (0, (4, 1.5))}
             label = f"nonlinear rest e\nof {row.name}"
             _draw_spectrum(ax, row.e[part, output], ladder.dt, label, style)
-    ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
-    ax.set_xlabel("frequency")
+    frequency_axis(ax)
     ax.margins(x=0.0)
     ax.set_title("Amplitude spectra", loc="left")
     finish(ax, legend="beside")
