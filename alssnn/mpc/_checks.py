@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..checks import as_numbers, check_type
+from ..experiments import last_measured
 from ..feedback import DisturbanceObserver, Observer
 from ..feedback.checks import check_disturbances, check_limits
 
@@ -46,11 +47,8 @@ def check_ahead(name, value, horizon, n, last):
             f"`{name}` must have shape ({n},) or ({horizon}, {n}), got {shape}. "
             "Give one value per signal."
         )
-    if np.isfinite(r).all():
-        return r
-    r = np.vstack([last, r])
-    source = np.where(np.isfinite(r), np.arange(len(r))[:, None], 0)
-    return np.take_along_axis(r, np.maximum.accumulate(source), axis=0)[1:]
+    known = np.where(np.isfinite(r), r, np.nan)
+    return last_measured(np.vstack([last, known]))[1:]
 
 
 GATE = 100.0  # standard deviations: far beyond what a sound loop shows
