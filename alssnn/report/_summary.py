@@ -6,9 +6,9 @@ from html import escape
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from ..metrics import missed_percent, rmse
+from ..metrics import missed_percent, nrmse, rmse
 from ..shown import percent
-from ..validation import column_names, scored_experiments
+from ..validation import column_names
 from ._sections import in_words
 
 MOST_POLES = 8
@@ -130,12 +130,11 @@ def summarize(model, u=None, y=None, experiment=None):
 
 def _of_record(model, outputs, u, y, experiment):
     """Return what a record tells of a model."""
-    experiments, _ = scored_experiments(model, u, y, experiment)
-    y_true, y_hat = (np.concatenate([z[i] for z in experiments]) for i in (1, 2))
+    pair = model.simulate_test(u, y, experiment)
     values = ["diverges"] * len(outputs)
-    if np.isfinite(y_hat).all():
-        errors = rmse(y_true, y_hat, multioutput="raw_values")
-        shares = 100 * errors / np.nanstd(y_true, axis=0)
+    if np.isfinite(pair[1]).all():
+        errors = rmse(*pair, multioutput="raw_values")
+        shares = 100 * nrmse(*pair, multioutput="raw_values")
         values = [
             f"{error:.3g}, {percent(share, 3)} of the output"
             for error, share in zip(errors, shares, strict=True)
