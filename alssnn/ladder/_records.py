@@ -142,10 +142,6 @@ class Ladder(Rows):
     not_fitted: tuple[str, ...] = ()
 
     def __repr__(self):
-        """Return the table."""
-        return str(self)
-
-    def __str__(self):
         """Return the table as aligned plain text."""
         cells = [*HEADER, *(_cells(row) for row in self.rows)]
         if self.noise_floor is not None:

@@ -108,10 +108,6 @@ class GammaPath:
         return len(self.gammas)
 
     def __repr__(self):
-        """Return the table."""
-        return str(self)
-
-    def __str__(self):
         """Return the path as a table; a star marks the knee."""
         try:
             knee = self.knee()
