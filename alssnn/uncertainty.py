@@ -209,11 +209,8 @@ class PoleRegions:
         # one degree of freedom for a real pole, two for a complex one
         radius = np.sqrt(chdtri(np.where(real, 1, 2), 1 - probability(level)))
         axes = Q * (np.sqrt(np.maximum(values, 0.0)) * radius[:, None])[:, None, :]
-        points = (
-            axes @ circle
-            if self.holds
-            else np.full((*axes.shape[:2], n_points), np.nan)
-        )
+        points = axes @ circle
+        points = points if self.holds else np.full_like(points, np.nan)
         return self.poles[:, None] + points[:, 0] + 1j * points[:, 1]
 
 
@@ -359,10 +356,8 @@ class ParameterCovariance:
         }
         for name, where in self.structure.slices.items():
             if name in parts:
-                part = np.broadcast_to(
-                    parts[name], (len(omega), *parts[name].shape[1:])
-                )
-                dG[..., where] = part.reshape(len(omega), ny, nv, -1)
+                part = parts[name]
+                dG[..., where] = part.reshape(len(part), ny, nv, -1)
         dG *= scale[..., None]
         jacobian = np.stack([dG.real, dG.imag], axis=-2)
         covariance = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
