@@ -162,9 +162,9 @@ def free_run_errors(y_true, y_pred):
 
     Parameters
     ----------
-    y_true : ndarray of shape (N, ny)
+    y_true : ndarray of shape (N,) or (N, ny)
         Measured outputs; nan where not measured.
-    y_pred : ndarray of shape (N, ny)
+    y_pred : ndarray of the same shape
         Simulated outputs.
 
     Returns
@@ -173,7 +173,7 @@ def free_run_errors(y_true, y_pred):
         As `rmse` and `fit_percent`; inf and -inf if not all of them are finite.
     """
     if not np.isfinite(y_pred).all():
-        ny = y_true.shape[1]
+        ny = y_pred[0].size
         return np.full(ny, np.inf), np.full(ny, -np.inf)
     y_true, y_pred = _check_outputs(y_true, y_pred)
     relative = _relative_error(y_true, y_pred)

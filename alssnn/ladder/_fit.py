@@ -389,7 +389,7 @@ def _judge(name, model, train, test, seconds):
     """Return the row of one fitted model, and the test data as it judges them."""
     rmse_train = np.full(len(model.C_), np.nan)
     if train is not None:
-        rmse_train, _ = free_run_errors(*_columns(model.simulate_test(*train)))
+        rmse_train, _ = free_run_errors(*model.simulate_test(*train))
     y_test, y_hat = _columns(model.simulate_test(*test))
     rmse_test, fit = free_run_errors(y_test, y_hat)
     record = model.linearizability(*test, in_loop=False)

@@ -5,7 +5,7 @@ from numbers import Number
 
 import numpy as np
 
-from ..metrics import fit_percent, missed_percent, nrmse, rmse
+from ..metrics import free_run_errors, missed_percent, nrmse
 from ..shown import percent
 from ..validation import column_names
 from ..walk import static_map, walk
@@ -345,14 +345,8 @@ def accuracy(model, test, train, floor=None):
     for name, data in (("training", train), ("this record", test)):
         if data is None:
             continue
-        y_true, y_pred = model.simulate_test(*data)
-        if not np.isfinite(y_pred).all():
-            rows += [(name, y, np.inf, np.inf, -np.inf) for y in outputs]
-            continue
-        errors = (
-            measure(y_true, y_pred, multioutput="raw_values")
-            for measure in (rmse, nrmse, fit_percent)
-        )
+        error, fit = free_run_errors(*model.simulate_test(*data))
+        errors = error, 1 - fit / 100, fit
         rows += [(name, *row) for row in zip(outputs, *errors, strict=True)]
     header: tuple[str, ...] = ("data", "output", "RMSE", "NRMSE", "fit, %")
     if floor is not None:

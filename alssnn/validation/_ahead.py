@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiments import last_measured
-from ..metrics import fit_percent
+from ..metrics import free_run_errors
 from ..plants import as_plant
 from ..shown import short_repr
 
@@ -113,7 +113,7 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
     fits = []
     for parts in found.values():
         y_true, *guesses = (np.vstack(z) for z in zip(*parts, strict=True))
-        fits.append([_fit(y_true, guess) for guess in guesses])
+        fits.append([free_run_errors(y_true, guess)[1] for guess in guesses])
     fit, last_value = np.swapaxes(fits, 0, 1)
     return AheadFit(steps, fit, last_value)
 
@@ -130,9 +130,3 @@ def _first(model, u, y, experiment):
         out.append((record.u[:left], record.y[:left], x0))
         left -= len(record.y)
     return out
-
-
-def _fit(y_true, guess):
-    if not np.isfinite(guess).all():
-        return np.full(guess.shape[1], -np.inf)
-    return fit_percent(y_true, guess, multioutput="raw_values")
