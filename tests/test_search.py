@@ -1240,6 +1240,37 @@ def test_what_was_chosen_survives_a_file(tmp_path, data):
     assert loaded.alpha_ == model.alpha_
 
 
+@pytest.mark.parametrize(
+    ("options", "is_stopped", "with_g"),
+    [
+        ({}, False, [True, False]),
+        ({}, True, [True]),
+        ({"n_h": 0}, False, [True]),
+        ({"n_g": 0}, False, [False]),
+    ],
+)
+def test_h_alone_is_tried_where_networks_with_g_do_not_help(
+    monkeypatch, options, is_stopped, with_g
+):
+    """A search that was stopped is not repeated, and nobody searches for nothing."""
+    real, searches = _ssnn.search, []
+
+    def refused(*args, watch, **how):
+        found = real(*args, watch=watch, **how)
+        searches.append("W_g" in found.structure.parameters)
+        if is_stopped:
+            watch.stop(BY_OBSERVER)
+        return replace(found, gain=0.0 if searches[-1] else found.gain)
+
+    monkeypatch.setattr(_ssnn, "search", refused)
+    model = quietly(make("al", max_iter=100, **options), *soft(0))
+    assert searches == with_g
+    assert np.any(model.params_.get("W_h", 0.0)) != with_g[-1]
+    if with_g == [True, False] and not np.any(model.params_["W_g"]):
+        again = quietly(model.set_params(warm_start=True, max_iter=3), *soft(0))
+        assert len(searches) == 2 and not np.any(again.params_["W_g"])
+
+
 def test_what_was_chosen_survives_a_pickle(fitted):
     again = pickle.loads(pickle.dumps(fitted))
     assert again.alpha_ == fitted.alpha_ and again.orders_ == fitted.orders_

@@ -1,5 +1,7 @@
 """AL-SSNN: linear but for a residual that is penalized."""
 
+import numpy as np
+
 from ..descent import FADING, RIVALLING
 from ._networks import Networks
 from ._noise import is_predicting
@@ -57,4 +59,5 @@ class AlSsnn(Networks, Ssnn):
     """
 
     def _descents(self):
-        return super()._descents() if is_predicting(self) else (RIVALLING, FADING)
+        usual = is_predicting(self) or not np.any(self.n_g)
+        return super()._descents() if usual else (RIVALLING, FADING)

@@ -1,12 +1,8 @@
 """What the training of a monotone input map v = phi(u, s) needs beside that of others.
 
-g explains the curve of an actuator sooner than phi does, and then stays: the search
-leaves g out, and the fit that follows adds it, if hidden samples say so.  The size of v
-is free, for B can carry it: after the training v has the standard deviation of u along
-the record.
+The size of v is free, for B can carry it: after the training v has the standard
+deviation of u along the record.
 """
-
-from copy import copy
 
 import numpy as np
 
@@ -14,8 +10,6 @@ from ..descent import Descent
 from ..equations import LEAST_GAIN
 from ..search import CONTENDS
 from ..simulation import outputs
-from ..training import train
-from ._noise import is_predicting
 
 MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared
 # A stage of the search takes three times the steps of other models, for squared weights
@@ -33,14 +27,6 @@ DECAYS = (1e-4, 1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 # Its first stages tell little of where a start leads, so that several go on. If only
 # the best does, of ten long records of an arm (`benchmarks.true_loops`) FL-SSNN has 10,
 # 3.5 and 2 times the deviation with three, and 0.75 times with one.
-
-TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
-# Mean square error with g over that without, on hidden samples, below which it is: no
-# law cancels what g takes over. Of 40 records of `benchmarks.true_loops`, six gained 4
-# to 8 % by it; four of the true loops missed their design 1.2 to 3.1 times as much with
-# it, two 0.94 times. Errors one sample ahead are mostly noise, which nothing halves:
-# their standard is that of the search.
-NEEDED = 0.5
 
 
 def check_map(estimator):
@@ -145,122 +131,3 @@ def stages_of_search(estimator):
         return {"max_iter": estimator.max_iter, "descents": estimator._descents()}
     longer = LONGER_STAGES * estimator.max_iter
     return {"max_iter": longer, "descents": (Descent(DECAYS, contends=CONTENDS),)}
-
-
-def searched(model):
-    """Return the model that a search trains.
-
-    Parameters
-    ----------
-    model : estimator
-        Model to be fitted.
-
-    Returns
-    -------
-    model : estimator
-        The same, or one without g.
-    """
-    options = model.get_params(deep=False)
-    if options.get("input_map", "identity") == "identity" or "n_g" not in options:
-        return model
-    plain = copy(model)
-    plain.n_g = 0
-    return plain
-
-
-def completed(model, found, linear, experiments, seed, watch):
-    """Return where the fit begins that follows a search.
-
-    Parameters
-    ----------
-    model : estimator
-        Model to be fitted.
-    found : Found
-        Outcome of the search of `searched`.
-    linear : LinearModel
-        Any linear model.
-    experiments : sequence of tuple of ndarray
-        Pairs (u, y) of scaled deviations.
-    seed : int
-        Seed of the inner weights of g.
-    watch : Watch
-        May end the short fit that asks whether g is needed.
-
-    Returns
-    -------
-    structure : Structure
-        Structure of the whole model.
-    theta : ndarray of shape (n_params,)
-        Its parameters, g of zero output.
-    decay : dict
-        Weight ``alpha`` and ``center`` of their decay.
-    held : dict of str to tuple of ndarray
-        Bounds that hold g at zero, if hidden samples do not need it.
-    """
-    known, alpha = found.structure, {"alpha": found.alpha}
-    if searched(model) is model:
-        return known, found.theta, alpha | {"center": found.center}, {}
-    C, p = known.constants["C"], known.split(found.theta)
-    nx, nu, ny = (known.sizes[axis] for axis in "xuy")
-    structure = model.declare(nx, nu, ny, C)
-    x0 = np.zeros((len(experiments), nx))
-    linear = linear.with_matrices({**p, "C": C}, known.given, x0=x0)
-    fresh = structure.split(model._start(structure, linear, experiments, seed))
-    theta, center = (
-        structure.join({**fresh, **known.split(each)})
-        for each in (found.theta, found.center)
-    )
-    decay = alpha | {"center": center}
-    if _is_needed(model, found, structure, theta, decay, watch):
-        return structure, theta, decay, {}
-    return structure, theta, decay, idle_g(model, structure, theta)
-
-
-def idle_g(model, structure, theta):
-    """Return bounds that hold g where a fit beside a monotone map has left it: at zero.
-
-    Parameters
-    ----------
-    model : estimator
-        Model in its fit, or behind it.
-    structure : Structure
-        Structure of the model.
-    theta : ndarray of shape (n_params,)
-        Its parameters.
-
-    Returns
-    -------
-    bounds : dict of str to tuple of ndarray
-        Equal bounds of all parameters of g; empty if g is not zero, or h is, too.
-    """
-    p = structure.split(theta)
-    has_map = searched(model) is not model and np.any(p.get("W_h", 0.0))
-    if not has_map or np.any(p.get("W_g", 1.0)):
-        return {}
-    of_g = [
-        name
-        for name, axes in structure.parameters.items()
-        if any(axis.startswith("w_g") for axis in axes)
-    ]
-    return {name: (p[name], p[name]) for name in of_g}
-
-
-def _is_needed(model, found, structure, theta, decay, watch):
-    """Tell whether g makes the error on hidden samples so much less."""
-    penalized, weights = model._criterion_terms(structure)
-    options = model._training(structure)
-    options["max_iter"] = min(found.refit_iter, TRIAL)
-    result = train(
-        penalized,
-        found.fold.fitted,
-        [theta],
-        x0=found.x0,
-        watch=watch.quiet(),
-        **decay,
-        weights=weights,
-        **options,
-    )
-    weight = weights["y"]
-    without = found.fold.error(found.structure, found.theta, found.x0, weight)
-    error = found.fold.error(structure, result.theta, result.x0, weight)
-    return error < (found.gain if is_predicting(model) else NEEDED) * without

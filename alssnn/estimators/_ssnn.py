@@ -28,13 +28,7 @@ from ._callbacks import snapshot, with_callbacks
 from ._disturbances import checked
 from ._held_out import hold_out
 from ._horizon import trained
-from ._input_map import (
-    as_large_as_u,
-    completed,
-    idle_g,
-    searched,
-    stages_of_search,
-)
+from ._input_map import as_large_as_u, stages_of_search
 from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._left_linear import left_linear
@@ -42,6 +36,7 @@ from ._networks import DECLARED
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
+from ._residual import completed, idle_g, searched
 from ._safe import safely_trained
 from ._time import stages
 from ._warm_start import forms, goes_on
@@ -307,11 +302,14 @@ class Ssnn(StateSpaceModel):
             if is_auto and plain.nw > 0:
                 # a stretch of a stretch would not be that of the training
                 far = near if self.coarse_samples is None else experiments
-                found = self._search(far, linear, seeds, watch)
+                for own in searched(self):
+                    found = self._search(own, far, linear, seeds, watch)
+                    if found is None or found.helps or watch.reason is not None:
+                        break
                 if found is None or not found.helps:
                     return left_linear(self, linear, near, experiments, watch)
                 plain, theta, decay, held = completed(
-                    self, found, linear, near, seeds[0], watch
+                    self, own, found, linear, near, seeds[0], watch
                 )
                 starts, max_iter = [theta], min(max_iter, found.refit_iter)
                 fallback = fallback if plain.sizes["x"] == len(linear.A) else None
@@ -353,7 +351,7 @@ class Ssnn(StateSpaceModel):
         if self.alpha != "auto":
             return plain, [theta], {"alpha": self.alpha}, {}
         # with what the fit that is continued has chosen
-        return plain, [theta], chosen, idle_g(self, plain, theta)
+        return plain, [theta], chosen, idle_g(plain, theta)
 
     def _publish(self, result, watch):
         super()._publish(result, watch)
@@ -397,9 +395,11 @@ class Ssnn(StateSpaceModel):
         """Return the weights of the decay along which the search goes."""
         return (USUAL,)
 
-    def _search(self, experiments, linear, seeds, watch):
-        """Return order, start and decay by hidden samples; None if interrupted."""
-        own = searched(self)
+    def _search(self, own, experiments, linear, seeds, watch):
+        """Return order, start and decay by hidden samples; None if interrupted.
+
+        They are those of `own`, which is this model or the same without g.
+        """
         if self.coarse_samples is not None:
             experiments = Held.of(experiments).stretch(self.coarse_samples)
 
@@ -442,7 +442,7 @@ class Ssnn(StateSpaceModel):
                 candidates,
                 seeds,
                 largest=largest,
-                **stages_of_search(self),
+                **stages_of_search(own),
                 method=self.method,
                 n_jobs=self.n_jobs,
                 output_weight=self._output_weight(experiments[0][1].shape[1]),

@@ -24,8 +24,8 @@ from ..training import train
 from ..uncertainty import ParameterCovariance
 from ._first_states import from_free
 from ._fitted import as_fitted, free_entries, publish_parameters
-from ._input_map import idle_g
 from ._plant import sampling_time
+from ._residual import idle_g
 from ._simulation import expected_states, labeled_data, simulated_experiments
 from ._time import is_continuous, within_derivatives
 
@@ -304,7 +304,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     structure, weights = model._criterion_terms(predictor(model._structure))
-    held = idle_g(model, structure, model._theta)
+    held = idle_g(structure, model._theta)
     own = model._training(structure, held)
     if is_continuous(model):
         own |= within_derivatives(model, structure, model._theta, held)

@@ -1,0 +1,140 @@
+"""Whether a fit has g beside h: a search may do better without it.
+
+Beside a monotone input map, g explains the curve of an actuator sooner than phi does,
+and then stays: the search leaves g out.  Without a map it does so where networks with g
+do not help: g, which is free, may spoil what h alone would find.  The fit that follows
+adds g, if hidden samples say so.
+"""
+
+from copy import copy
+
+import numpy as np
+
+from ..training import train
+from ._noise import is_predicting
+
+TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
+# Mean square error with g over that without, on hidden samples, below which it is: no
+# law cancels what g takes over. Of 40 records of `benchmarks.true_loops`, six gained 4
+# to 8 % by it; four of the true loops missed their design 1.2 to 3.1 times as much with
+# it, two 0.94 times. Errors one sample ahead are mostly noise, which nothing halves:
+# their standard is that of the search.
+NEEDED = 0.5
+
+
+def searched(model):
+    """Return the models that a search trains, in order, until one helps.
+
+    Parameters
+    ----------
+    model : estimator
+        Model to be fitted.
+
+    Returns
+    -------
+    models : list of estimator
+        The model, and the same without g; beside a monotone map this one alone.
+    """
+    options = model.get_params(deep=False)
+    if not np.any(options.get("n_g", 0)) or not np.any(options.get("n_h", 0)):
+        return [model]
+    plain = copy(model)
+    plain.n_g = 0
+    return [model, plain] if options["input_map"] == "identity" else [plain]
+
+
+def completed(model, own, found, linear, experiments, seed, watch):
+    """Return where the fit begins that follows a search.
+
+    Parameters
+    ----------
+    model : estimator
+        Model to be fitted.
+    own : estimator
+        That of `searched` which was trained.
+    found : Found
+        Outcome of its search.
+    linear : LinearModel
+        Any linear model.
+    experiments : sequence of tuple of ndarray
+        Pairs (u, y) of scaled deviations.
+    seed : int
+        Seed of the inner weights of g.
+    watch : Watch
+        May end the short fit that asks whether g is needed.
+
+    Returns
+    -------
+    structure : Structure
+        Structure of the whole model.
+    theta : ndarray of shape (n_params,)
+        Its parameters, g of zero output.
+    decay : dict
+        Weight ``alpha`` and ``center`` of their decay.
+    held : dict of str to tuple of ndarray
+        Bounds that hold g at zero, if hidden samples do not need it.
+    """
+    known, alpha = found.structure, {"alpha": found.alpha}
+    if own is model:
+        return known, found.theta, alpha | {"center": found.center}, {}
+    C, p = known.constants["C"], known.split(found.theta)
+    nx, nu, ny = (known.sizes[axis] for axis in "xuy")
+    structure = model.declare(nx, nu, ny, C)
+    x0 = np.zeros((len(experiments), nx))
+    linear = linear.with_matrices({**p, "C": C}, known.given, x0=x0)
+    fresh = structure.split(model._start(structure, linear, experiments, seed))
+    theta, center = (
+        structure.join({**fresh, **known.split(each)})
+        for each in (found.theta, found.center)
+    )
+    decay = alpha | {"center": center}
+    if _is_needed(model, found, structure, theta, decay, watch):
+        return structure, theta, decay, {}
+    return structure, theta, decay, idle_g(structure, theta)
+
+
+def idle_g(structure, theta):
+    """Return bounds that hold g where a fit without it has left it: at zero.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+
+    Returns
+    -------
+    bounds : dict of str to tuple of ndarray
+        Equal bounds of all parameters of g; empty if g is not zero, or h is, too.
+    """
+    p = structure.split(theta)
+    if not np.any(p.get("W_h", 0.0)) or np.any(p.get("W_g", 1.0)):
+        return {}
+    of_g = [
+        name
+        for name, axes in structure.parameters.items()
+        if any(axis.startswith("w_g") for axis in axes)
+    ]
+    return {name: (p[name], p[name]) for name in of_g}
+
+
+def _is_needed(model, found, structure, theta, decay, watch):
+    """Tell whether g makes the error on hidden samples so much less."""
+    penalized, weights = model._criterion_terms(structure)
+    options = model._training(structure)
+    options["max_iter"] = min(found.refit_iter, TRIAL)
+    result = train(
+        penalized,
+        found.fold.fitted,
+        [theta],
+        x0=found.x0,
+        watch=watch.quiet(),
+        **decay,
+        weights=weights,
+        **options,
+    )
+    weight = weights["y"]
+    without = found.fold.error(found.structure, found.theta, found.x0, weight)
+    error = found.fold.error(structure, result.theta, result.x0, weight)
+    return error < (found.gain if is_predicting(model) else NEEDED) * without
