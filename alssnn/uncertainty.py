@@ -249,6 +249,9 @@ class ParameterCovariance:
     bias : ndarray of shape (n_params,)
         How far the fit moves then, where noise is unlikely to explain it: `covariance`
         has its square, too (eq. bias). Zero elsewhere.
+    pull : ndarray of shape (n_params,)
+        Step from the fit to the optimum of its cost without `alpha`, to first order:
+        `covariance` has its square, too (eq. pull).
     reason : str
         Why no interval around the fit covers the truth; "" if one does.
 
@@ -276,6 +279,7 @@ class ParameterCovariance:
     noise: Noise
     p_weighting: float
     bias: np.ndarray
+    pull: np.ndarray
     reason: str
 
     def __repr__(self):

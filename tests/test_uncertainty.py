@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import LinearStateSpace, stack_experiments
+from alssnn import FlSsnn, LinearStateSpace, stack_experiments
 from alssnn.datasets import make_pendulum
 from alssnn.delays import estimate_delays
 from alssnn.estimators import _uncertainty
@@ -19,7 +19,7 @@ from alssnn.noise import Moments, Noise, _whittle, fit_noise
 from alssnn.plotting import BodeDisplay
 from alssnn.uncertainty import FrequencyBand, PoleRegions
 from benchmarks import coverage
-from benchmarks.coverage import covered, make_record
+from benchmarks.coverage import covered, make_bent, make_record
 from helpers import complex_step, simulate_linear
 from models import al_ssnn, fl_ssnn
 
@@ -498,6 +498,49 @@ def test_bands_of_a_closed_loop_are_wider_by_its_bias():
     assert len(shares) >= 7 and doubtful >= 15
     assert both > 0.87 and noise < 0.75
     assert np.mean(errors[1::2]) < 0.4 * np.mean(errors[::2])
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("seed", [1, 2])
+def test_bands_are_wider_by_what_a_decay_holds_back(seed):
+    """The step that is missing leads to the optimum without a decay."""
+    data = make_bent(600, seed)
+    sizes = {"nx": 2, "n_h": 1, "feedback": "state", "operating_point": "zero"}
+    options = {"n_init": 1, "random_state": 0, "tol": 1e-8, "warm_start": True}
+    model = FlSsnn(**sizes, **options, alpha=1e-3).fit(*data)
+    held = model.parameter_covariance(*data)
+    model.set_params(alpha=0.0).fit(*data)
+    free = model.parameter_covariance(*data)
+
+    def G(covariance):
+        return covariance.frequency_response(OMEGA).response
+
+    missing = np.abs(G(held) - G(free)).max()
+    corrected = replace(held, theta=held.theta + held.pull)
+    assert missing > 0.1 and np.abs(G(corrected) - G(free)).max() < 0.05 * missing
+    assert held.holds and held.frequency_response(OMEGA).covers(G(free)).all()
+    alone = replace(held, covariance=held.covariance - np.outer(held.pull, held.pull))
+    spread = [c.frequency_response(OMEGA).magnitude_std for c in (held, alone, free)]
+    assert np.all(spread[0] > spread[1])
+    # there, nothing is missing
+    assert np.abs(free.pull).max() < 1e-3 * np.abs(held.pull).max()
+
+
+def test_networks_of_no_use_explain_nothing():
+    """A fit that returns its linear model is judged, and uncertain, as that one."""
+    u, y = mimo(np.random.default_rng(0))
+    options = {"n_h": 2, "n_init": 1, "max_iter": 50, "random_state": 0}
+    with pytest.warns(ConvergenceWarning, match="the linear model, which is returned"):
+        model = FlSsnn(nx=3, **options).fit(u, y)
+    linear = LinearStateSpace(nx=3).fit(u, y)
+    one, other = (each.parameter_covariance(u, y) for each in (model, linear))
+    assert one.n_effective == pytest.approx(other.n_effective, abs=0.01)
+    spread = [c.frequency_response(OMEGA).magnitude_std for c in (one, other)]
+    np.testing.assert_allclose(*spread, rtol=1e-3)
+    one, other = (each.validate(u, y).residuals for each in (model, linear))
+    np.testing.assert_allclose(
+        one.shares["parameters"], other.shares["parameters"], rtol=1e-3
+    )
 
 
 def test_draws_of_noise_do_not_have_the_bias():

@@ -14,7 +14,7 @@ from ..region import Region
 from ..scaling import Scaling
 from ..shown import short_repr
 from ..structures import Structure
-from ._residual import idle_g
+from ._residual import idle
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +235,6 @@ def free_entries(model, n):
     free = np.ones(n, dtype=bool)
     free[model._structure.n_params :] = not model._at_rest
     structure = model._structure
-    idle = idle_g(structure, model._theta)
-    for name, (low, high) in (model._scaled_bounds(structure) | idle).items():
+    for name, (low, high) in (model._scaled_bounds(structure) | idle(model)).items():
         free[structure.slices[name]] = np.not_equal(low, high).ravel()
     return free

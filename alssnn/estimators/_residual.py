@@ -119,6 +119,27 @@ def idle_g(structure, theta):
     return {name: (p[name], p[name]) for name in of_g}
 
 
+def idle(model):
+    """Return bounds that hold the networks which a fit has left at zero.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted model.
+
+    Returns
+    -------
+    bounds : dict of str to tuple of ndarray
+        Equal bounds of all networks, if the fit returned the linear model; else those
+        of `idle_g`.
+    """
+    structure, theta = model._structure, model._theta
+    if np.isfinite(getattr(model, "alpha_", 0.0)):
+        return idle_g(structure, theta)
+    p = structure.split(theta)
+    return {name: (p[name], p[name]) for name in structure.network_parameters}
+
+
 def _is_needed(model, found, structure, theta, decay, watch):
     """Tell whether g makes the error on hidden samples so much less."""
     penalized, weights = model._criterion_terms(structure)

@@ -25,7 +25,7 @@ from ..uncertainty import ParameterCovariance
 from ._first_states import from_free
 from ._fitted import as_fitted, free_entries, publish_parameters
 from ._plant import sampling_time
-from ._residual import idle_g
+from ._residual import idle
 from ._simulation import expected_states, labeled_data, simulated_experiments
 from ._time import is_continuous, within_derivatives
 
@@ -115,9 +115,10 @@ def parameter_covariance(model, u, y, experiment=None):
             stacklevel=2,
         )
     scale = model._scaling.y_scale
+    P = P + sum(np.outer(z, z) for z in (bias, fit.pull))
     return ParameterCovariance(
         theta=model._theta.copy(),
-        covariance=(P + np.outer(bias, bias))[:n_params, :n_params],
+        covariance=P[:n_params, :n_params],
         noise_covariance=Lambda * np.outer(scale, scale),
         n_effective=fit.n_effective,
         rank=fit.rank,
@@ -129,6 +130,7 @@ def parameter_covariance(model, u, y, experiment=None):
         noise=noise.rescale(scale),
         p_weighting=p,
         bias=bias[:n_params],
+        pull=fit.pull[:n_params],
         reason=reason,
     )
 
@@ -304,7 +306,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     structure, weights = model._criterion_terms(predictor(model._structure))
-    held = idle_g(structure, model._theta)
+    held = idle(model)
     own = model._training(structure, held)
     if is_continuous(model):
         own |= within_derivatives(model, structure, model._theta, held)
@@ -355,8 +357,8 @@ def _gauss_newton(model, u, y, experiment):
         else:
             x0 = estimate_x0(structure, theta, experiments, window=longest, noise=0.0)
         try:
-            JJ = [
-                criterion.normal_equations(criterion.join(theta, x0))[0]
+            sums = [
+                criterion.normal_equations(criterion.join(theta, x0))
                 for criterion in (
                     Criterion(penalized, experiments, weights=weights),
                     Criterion(structure, experiments, weights=of_y),
@@ -372,7 +374,8 @@ def _gauss_newton(model, u, y, experiment):
         n_lags = highest_order(int(n_measured), ny)
         n_lags = min(n_lags, longest - 1)
         moments = residual_moments(structure, theta, x0, experiments, n_lags)
-    free = free_entries(model, len(JJ[0]))
+    JJ, Jr = [square for square, *_ in sums], sums[0][1]
+    free = free_entries(model, len(Jr))
     H, H_y = (M[np.ix_(free, free)] for M in JJ)
     inverse = np.zeros_like(JJ[0])
     inverse[np.ix_(free, free)], _ = pseudo_inverse(H)
@@ -381,6 +384,7 @@ def _gauss_newton(model, u, y, experiment):
         experiments=experiments,
         x0=x0,
         inverse=inverse,
+        pull=-inverse @ Jr,
         free=free,
         rank=pseudo_inverse(H_y)[1],
         n_effective=float(np.sum(inverse * JJ[1])),
