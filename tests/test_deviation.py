@@ -18,6 +18,7 @@ from alssnn.feedback import (
     missed,
     what_is_missed,
 )
+from alssnn.linearizability import judge
 from alssnn.region import Region
 
 STEPS = np.repeat([0.0, 0.3, -0.4, 0.1, 0.5, -0.2], 40)[:, None]
@@ -71,6 +72,11 @@ def test_what_a_linear_model_misses_is_told(bend):
     assert true / 2 < found.carried[0] < 2 * true
     assert found.carried_model[0] < 1e-6  # of a linear model
     assert found.carried_low[0] <= found.carried[0] <= found.carried_high[0]
+    # the model is linear, but the plant of its design would not be
+    low = found.carried_low[0]
+    passed, sentence = judge(found, within=0.9 * low)
+    assert not passed and "not accurate enough for a loop" in sentence
+    assert judge(found, within=1.1 * low)[0]
 
 
 def test_what_noise_leaves_open_grows_with_it():

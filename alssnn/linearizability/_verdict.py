@@ -60,8 +60,8 @@ def judge(figures, within=0.05, fit=None):
     -------
     passed : bool
         Whether both errors are small, the loop stays inside the training data, the
-        law is no larger than they bear, A is stable, and the model follows the plant
-        at all.
+        law is no larger than they bear, A is stable, the model follows the plant at
+        all, and the plant is not expected to be farther from its design in any case.
     sentence : str
         Why, with the figures.
     """
@@ -104,7 +104,15 @@ def judge(figures, within=0.05, fit=None):
             "errors of the model weigh as much more in the loop. Not the response of "
             f"(A, B, C) are {both}. Fit with a larger `gamma_h`."
         )
-    return True, f"Not the response of (A, B, C) are only {both}.{_in_loop(figures)}"
+    expected = _in_loop(figures)
+    low = getattr(figures, "carried_low", None)
+    if low is not None and np.nanmax(low, initial=0.0) > within:
+        return False, (
+            f"By the model, not the response of (A, B, C) are {both}. But it is not "
+            f"accurate enough for a loop.{expected} Try another model, or a longer "
+            "record."
+        )
+    return True, f"Not the response of (A, B, C) are only {both}.{expected}"
 
 
 def _in_loop(figures):
