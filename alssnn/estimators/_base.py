@@ -92,7 +92,7 @@ class StateSpaceModel(
     n_iter_ : int
         Trial steps of the training.
     converged_ : bool
-        Whether a tolerance was reached.
+        Whether the training ended by itself, and not by a limit of steps or time.
     message_ : str
         Why the training stopped.
     history_ : list of Step

@@ -45,7 +45,7 @@ class LinearStateSpace(StateSpaceModel):
     n_iter_ : int
         Trial steps of the training.
     converged_ : bool
-        Whether a tolerance was reached.
+        Whether the training ended by itself, and not by a limit of steps or time.
 
     See Also
     --------

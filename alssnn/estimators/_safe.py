@@ -22,9 +22,7 @@ from ._judge import own_judge
 from ._noise import is_predicting
 from ._warn import warn_of_training
 
-SEARCHED = (
-    "training on all samples made the simulation worse: this is the model of the search"
-)
+SEARCHED = "training on all samples was refused: this is the model of the search"
 MOST = 200_000  # samples from which nothing is simulated from elsewhere
 FIRMER = (3.0, 10.0, 30.0)  # times alpha, of trainings that repeat a refused one
 LEAST = 1e-9  # alpha that is multiplied, where the search found none
