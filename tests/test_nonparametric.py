@@ -393,6 +393,22 @@ def test_frequencies_that_are_not_excited_are_nan():
     assert np.isfinite(result.total_rms).all()
 
 
+@pytest.mark.parametrize("n_resting", [2, 1])
+def test_what_is_left_where_inputs_rest_is_what_the_others_leave(n_resting):
+    """Carried on from the last excited line, slow noise would count too much."""
+    rng = np.random.default_rng(0)
+    N = 4000
+    options = {"band": (1 / N, 0.03), "n_periods": 1, "n_realizations": 1}
+    slow = multisine(N, **options, random_state=0).u
+    u = np.hstack([slow, rng.standard_normal((N, 1))])[:, : 3 - n_resting]
+    noise = lfilter([1], [1, -0.98], rng.standard_normal(N))
+    y = sum(lfilter(*butter(2, 0.2), column) for column in u.T) + noise
+    response = local_polynomial(u, y)
+    assert np.isnan(response.G[response.frequencies > 0.1]).any()
+    noise_rms = np.std(noise)
+    assert response.total_rms[0] == pytest.approx(noise_rms, rel=0.15)
+
+
 # -- the result ------------------------------------------------------------------------
 
 

@@ -1,6 +1,6 @@
 """What to begin with, and why: trial fits against each other and against rivals."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ FED_BACK = 1e-3  # level of the test for feedback,
 FED_SHARE = 0.01  # and share of an input that noise moves, from which it matters,
 FORESEEN = 1e-4  # unless the past of the input foretells all but this share of it,
 OWN_LAGS = 20  # samples of it
+LARGEST = 6  # states of small networks; those of a linear model may be more
 LINEAR = "No nonlinearity was found."
 
 
@@ -39,6 +40,9 @@ class Recommendation:
         Options of the estimator that the record asks for.
     reason : str
         Why, in a sentence.
+    linear_rms : ndarray of shape (ny,) or None
+        Error of a linear model on hidden samples of the record, of every output; None
+        if none was tried.
 
     Examples
     --------
@@ -52,6 +56,7 @@ class Recommendation:
     estimator: type | None
     options: dict = field(default_factory=dict)
     reason: str = ""
+    linear_rms: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def __bool__(self):
         """Tell whether there is a model to begin with."""
@@ -104,13 +109,20 @@ def recommend(records, delays, p, response, dt, period=None):
     parts = Parts.of(records)
     if not any(np.isfinite(y).any() for _, y in parts.hidden):
         return _none("No hidden sample was measured.")
-    fits, why = [_linear(parts, delays)], LINEAR
+    linear, why = _linear(parts, delays), LINEAR
+    fits = [linear]
     if not is_linear and _is_near_floor(response):
         why = "A linear model comes within 5 % of the noise."
     elif not is_linear:
-        fits, why = _with_networks(parts, fits[0], records.ny), ""
+        fits, why = _with_networks(parts, linear, records.ny), ""
+    chosen = _chosen(parts, delays, fits, why, given, period)
+    return replace(chosen, linear_rms=linear.rms)
+
+
+def _chosen(parts, delays, fits, why, given, period):
+    """Return what to begin with, of some trials; `why` is empty if networks compete."""
     best = min(fits, key=lambda fit: fit.error)
-    rival = _rival(parts, delays, best.error, is_linear)
+    rival = _rival(parts, delays, best.error, bool(why))
     if rival:
         return _none(rival)
     near = max(NEAR * best.error, LITTLE * fits[0].error)
@@ -121,7 +133,7 @@ def recommend(records, delays, p, response, dt, period=None):
         options["noise"] = "innovations"
         sentences.append("Noise of the outputs moves the inputs: a loop was closed.")
     if chosen.name == "AL" and not chosen.options:  # a monotone map needs u in time
-        bent = trial(parts, "h(y)", _orders(fits[0], records.ny), **MONOTONE)
+        bent = trial(parts, "h(y)", _orders(fits[0], len(parts.spread)), **MONOTONE)
         if bent.error <= NEAR * best.error:
             tried = Recommendation(type(bent.model), {**bent.options, **given})
             sentences.append(
@@ -194,7 +206,7 @@ def _with_networks(parts, linear, ny):
 
 def _orders(linear, ny):
     """Return orders to try: what bends looks like many states to a linear model."""
-    return sorted({max(2, ny), max(2, linear.model.nx_)})
+    return sorted({max(2, ny), max(2, min(linear.model.nx_, LARGEST))})
 
 
 def _why(fits, chosen):

@@ -23,7 +23,6 @@ from ..experiments import stretch
 
 SAMPLES = 2_000  # of all experiments, at most
 HIDDEN = 0.3  # share of them that judges
-LINEAR = range(1, 7)  # states of a linear model
 SHORTEST = 60  # samples of an experiment that is split
 WARM_UP = 30  # hidden samples that tell the initial state, at most a quarter
 NEAR = 1.4  # hidden error over the least one: as good,
@@ -107,6 +106,14 @@ class Parts:
         return float(np.sqrt(np.nanmean(((y - y_hat) / self.spread) ** 2)))
 
 
+def _rms(pairs):
+    """Return the error of every output; infinite if a simulation diverges."""
+    y, y_hat = (np.vstack(z) for z in zip(*pairs, strict=True))
+    if not np.isfinite(y_hat).all():
+        return np.full(y.shape[1], np.inf)
+    return np.sqrt(np.nanmean((y - y_hat) ** 2, axis=0))
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """Hold a trial fit.
@@ -117,6 +124,8 @@ class Trial:
         Family.
     error : float
         Error on hidden samples, relative to the standard deviation of the output.
+    rms : ndarray of shape (ny,)
+        The same of every output, in its unit; infinite if a simulation diverges.
     options : dict
         What makes the estimator this family.
     model : estimator
@@ -125,6 +134,7 @@ class Trial:
 
     name: str
     error: float
+    rms: np.ndarray = field(repr=False)
     options: dict
     model: Any = field(repr=False)
 
@@ -172,11 +182,11 @@ def trial(parts, name, orders=None, **options):
     asked = asked | options
     u, y = map(list, zip(*parts.train, strict=True))
     fits = []
-    for nx in orders or [LINEAR]:
+    for nx in orders or ["auto"]:
         model = cls(nx=nx, **(small | asked), n_init_samples=WARM_UP)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that it stops early is meant
             model.fit(u, y)
         pairs = [model.simulate_test(u, y) for u, y in parts.hidden]
-        fits.append(Trial(name, parts.error(pairs), asked, model))
+        fits.append(Trial(name, parts.error(pairs), _rms(pairs), asked, model))
     return min(fits, key=lambda fit: fit.error)

@@ -9,7 +9,8 @@
 `best_linear_approximation` takes periodic records (eq. robust) (eq. fast),
 `local_polynomial` any other (eq. lpm).  Both return a `BestLinearApproximation`.  Its
 ``noise_rms`` is the root mean square error that no model can go below, its
-``total_rms`` the one that no *linear* model can go below.
+``total_rms`` the one that no *linear* model can go below.  Both are estimates; those of
+`local_polynomial` are too large where a resonance is narrower than its windows.
 
 Experiments that had the same input tell their noise without periods, too
 (`noise_of_repeats`, eq. repeats): copies count as further periods to the first, and the

@@ -112,7 +112,7 @@ def local_polynomial(
         _fit(frequencies[i : i + CHUNK], spectra, runs, widths, degree, freedom)
         for i in range(0, len(lines), CHUNK)
     ]
-    G, W, C, power = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    G, W, C, power, left = (np.concatenate(z) for z in zip(*rows, strict=True))
     if np.isnan(G).all():
         raise ValueError(
             "`u` must have inputs that are independent of each other and move at more "
@@ -123,7 +123,7 @@ def local_polynomial(
     total = 2 / longest * np.diagonal(C, axis1=1, axis2=2).real
     everywhere = [
         np.interp(np.arange(1, longest / 2), lines[known], level[known])
-        for level, known in zip(total.T, np.isfinite(total).T, strict=True)
+        for level, known in zip(2 / longest * left.T, ~np.isnan(left).T, strict=True)
     ]
     unknown, known = np.full_like(total, np.nan), repeated_noise(records)
     covariance = error_covariance(C, W)
@@ -211,6 +211,9 @@ def _fit(frequencies, spectra, runs, widths, degree, freedom):
         Covariance of what is left.
     power : ndarray of shape (n, ny)
         Mean square of Y.
+    left : ndarray of shape (n, ny)
+        What no linear model explains, the diagonal of C; where inputs rest, what the
+        others and transients do not explain; nan where G is unknown otherwise.
     """
     blocks, targets = [], []
     power = np.zeros((len(frequencies), spectra[0][1].shape[1]))
@@ -236,15 +239,24 @@ def _fit(frequencies, spectra, runs, widths, degree, freedom):
     largest = np.max([np.abs(U[1:]).max(axis=0) for U, _ in spectra], axis=0)  # (nu,)
     Q, R = np.linalg.qr(A / np.where(size > 0, size, 1.0)[:, None, :])
     poor = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) <= DEPENDENT
-    poor |= np.any(size[:, :nu] <= AT_REST * largest, axis=1)
+    rests = size[:, :nu] <= AT_REST * largest
+    poor |= np.any(rests, axis=1)
     R[poor] = np.eye(p)
     Qy = np.swapaxes(Q, 1, 2).conj() @ y
     rest = y - Q @ Qy
-    size[poor] = 1.0
-    inverse = np.linalg.inv(R)[:, :nu] / size[:, :nu, None]  # (n, nu, p): rows of G_0
+    inverse = (
+        np.linalg.inv(R)[:, :nu] / np.where(poor[:, None], 1.0, size)[:, :nu, None]
+    )  # (n, nu, p): rows of G_0
     C = np.einsum("kri,krj->kij", rest, rest.conj()) / freedom
     G = np.swapaxes(inverse @ Qy, 1, 2)
     W = np.swapaxes(inverse, 1, 2)
     for z in (G, W, C):
         z[poor] = np.nan
-    return G, W, C, power / np.sum(widths)
+    left = np.diagonal(C, axis1=1, axis2=2).real.copy()
+    for pattern in np.unique(rests[np.any(rests, axis=1)], axis=0):
+        # inputs that rest explain nothing there
+        here, moved = np.all(rests == pattern, axis=1), np.tile(~pattern, degree + 1)
+        Q = np.linalg.qr(A[here][:, :, moved] / size[here][:, None, moved])[0]
+        rest = y[here] - Q @ (np.swapaxes(Q, 1, 2).conj() @ y[here])
+        left[here] = np.sum(np.abs(rest) ** 2, axis=1) / (freedom + p - moved.sum())
+    return G, W, C, power / np.sum(widths), left

@@ -66,7 +66,10 @@ def feedback_check(tests, level, ahead, doubt=""):
             f"{REMEDY} "
         )
     if block == 0:
-        sentence += "(If nobody acted on y, u is late against y in this record.) "
+        sentence += (
+            "(If nobody acted on y, u is late against y in this record, or the model "
+            "has too few states: its errors then depend on u as noise does in a loop.) "
+        )
     alone, others = _alone(tests, level), "; something else moves u, too."
     if alone.any():
         worst = int(np.argmax(np.where(alone, tests.by_outputs, 0.0)))
