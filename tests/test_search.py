@@ -1266,7 +1266,8 @@ def test_h_alone_is_tried_where_networks_with_g_do_not_help(
     model = quietly(make("al", max_iter=100, **options), *soft(0))
     assert searches == with_g
     assert np.any(model.params_.get("W_h", 0.0)) != with_g[-1]
-    if with_g == [True, False] and not np.any(model.params_["W_g"]):
+    if with_g == [True, False]:
+        assert not np.any(model.params_["W_g"])
         again = quietly(model.set_params(warm_start=True, max_iter=3), *soft(0))
         assert len(searches) == 2 and not np.any(again.params_["W_g"])
 

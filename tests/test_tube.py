@@ -1,5 +1,6 @@
 """Tubes of the plant around the model: the level is kept, what is missing is said."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -300,6 +301,10 @@ def test_a_tube_says_what_it_rests_on(two_outputs):
     assert "if the experiments of the calibration" in text
     blocks = model.tube(u[:40], y[:40], block=20, gap=5)
     assert "not of a whole record" in blocks.assumption and "gaps of 5" in repr(blocks)
+    few = replace(blocks, n_blocks=np.full_like(blocks.n_blocks, 17))
+    enough = replace(blocks, n_blocks=np.full_like(blocks.n_blocks, 18))
+    assert "the blocks are few" in repr(few) and "few" not in repr(enough)
+    assert "few" not in repr(replace(few, block=None))
 
 
 def test_a_tube_with_a_bound(two_outputs):

@@ -29,6 +29,7 @@ from ._units import (
     conformal_quantile,
     cut,
     fit_scale,
+    least_units,
     lengths,
     measure,
     no_quantile,
@@ -308,8 +309,17 @@ class Tube:
                 f"  half width {plain(self.typical)} at the median of the scale",
                 f"  calibrated on {count} {unit}: on average the level is kept, "
                 f"by one calibration {low.min():.2f} to {high.max():.2f}",
-                f"  if {self.assumption}",
+                f"  if {self.assumption}{self._few()}",
             ]
+        )
+
+    def _few(self):
+        """Return the doubt about blocks that are hardly enough, or nothing."""
+        if self.block is None or np.min(self.n_blocks) >= 2 * least_units(self.level):
+            return ""
+        return (
+            "; the blocks are few, and if they are too short, less is kept: calibrate "
+            "on a longer record"
         )
 
 
@@ -368,6 +378,10 @@ def tube(
     The level holds on average over calibrations: that of a single one is beta
     distributed, see `Tube.coverage_range`. Every fourth unit fits the scale if the rest
     is enough for the level; otherwise the width is the same for all units.
+
+    The length of blocks is told by the same errors. On a record that is hardly long
+    enough, a tube is finite where their correlation seems shorter than it is, and then
+    keeps less.
 
     Costs one simulation of the records.
 

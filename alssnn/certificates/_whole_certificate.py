@@ -190,8 +190,9 @@ def certify_loop(controller, amplitude=None, *, noise=None, error=None, search=T
         quarter and so on, until a region and a gain are proved.
     noise : float, array_like of shape (ny,) or None, default=None
         Largest modulus of the noise of every sensor, in the units of y. None takes
-        three standard deviations of what the fit leaves. 0 leaves out the observer,
-        whose estimate is then exact.
+        three standard deviations of what the fit leaves, relative to the output, on
+        average over the outputs. 0 leaves out the observer, whose estimate is then
+        exact.
     error : ErrorGain, float, array_like of shape (ny, nv) or None, default=None
         Largest l2 gain from u to what the plant adds to the output of the model, units
         of y per unit of u, see `error_gain`; None takes the model for the plant. It

@@ -1,9 +1,9 @@
 """Whether a fit has g beside h: a search may do better without it.
 
 Beside a monotone input map, g explains the curve of an actuator sooner than phi does,
-and then stays: the search leaves g out.  Without a map it does so where networks with g
-do not help: g, which is free, may spoil what h alone would find.  The fit that follows
-adds g, if hidden samples say so.
+and then stays: the search leaves g out, and the fit that follows adds it, if hidden
+samples say so.  Without a map, g may spoil what h alone would find, for it is free:
+where networks with g do not help, h alone is searched for, and g is held at zero.
 """
 
 from copy import copy
@@ -72,7 +72,7 @@ def completed(model, own, found, linear, experiments, seed, watch):
     decay : dict
         Weight ``alpha`` and ``center`` of their decay.
     held : dict of str to tuple of ndarray
-        Bounds that hold g at zero, if hidden samples do not need it.
+        Bounds that hold g at zero, unless there is a map and hidden samples need g.
     """
     known, alpha = found.structure, {"alpha": found.alpha}
     if own is model:
@@ -88,7 +88,8 @@ def completed(model, own, found, linear, experiments, seed, watch):
         for each in (found.theta, found.center)
     )
     decay = alpha | {"center": center}
-    if _is_needed(model, found, structure, theta, decay, watch):
+    has_map = model.input_map != "identity"
+    if has_map and _is_needed(model, found, structure, theta, decay, watch):
         return structure, theta, decay, {}
     return structure, theta, decay, idle_g(structure, theta)
 

@@ -280,7 +280,8 @@ class LinearizingController(Controller):
             half of it, a quarter and so on, until region and gain are proved.
         noise : float, array_like of shape (ny,) or None, default=None
             Largest modulus of the noise of every sensor, in the units of y. None
-            takes three standard deviations of what the fit leaves.
+            takes three standard deviations of what the fit leaves, relative to the
+            output, on average over the outputs.
         error : ErrorGain, float, array_like of shape (ny, nv) or None, default=None
             Largest l2 gain from u to what the plant adds to the output of the model,
             see `certificates.error_gain`; None takes the model for the plant.

@@ -130,7 +130,8 @@ class Linearizability:
         loop does not count. nan where the loop leaves the training data, see
         `carried_outside`; None if it was not measured, see `carried_problem`.
     carried_low, carried_high : ndarray of shape (ny,) or None, default=None
-        Four of five of these plants lie between them.
+        Four of five of these plants lie between them. No confidence interval: the true
+        plant is outside more often.
     carried_model : ndarray of shape (ny,) or None, default=None
         The same distance with the model in the place of the plant: g, sampling, the
         observer, limits.
