@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-SPLITS = ("seen", "unseen", "later", "real")
+SPLITS = ("seen", "unseen", "later", "latest", "real")
 NOISE = 0.01  # of simulated cases, relative to the output
 
 
@@ -26,7 +26,7 @@ class Case:
 
     A case travels to other processes, which load its records themselves.
     Choices are made on "seen" plants alone; "unseen" ones and real records tell what
-    they are worth, and "later" ones, which nobody had when rules were chosen.
+    they are worth. "later" ones came behind the first rules, "latest" ones behind all.
     """
 
     name: str

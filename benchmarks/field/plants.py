@@ -12,11 +12,13 @@ from alssnn import LinearStateSpace
 
 from .blocks import AWKWARD, BLOCKS
 from .later import LATER
+from .latest import LATEST
 from .mechanics import MACHINES
 from .processes import PROCESSES
 
 PLANTS = {
-    case.name: case for case in (*MACHINES, *PROCESSES, *BLOCKS, *AWKWARD, *LATER)
+    case.name: case
+    for case in (*MACHINES, *PROCESSES, *BLOCKS, *AWKWARD, *LATER, *LATEST)
 }
 
 
