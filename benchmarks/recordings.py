@@ -167,6 +167,10 @@ RECORDINGS = {
             "FL-SSNN, h(y)": by_hand(FlSsnn, random_state=0, **DRONE),
             # with the defaults: the map has to find the square of the command
             "FL-SSNN, phi(u, x)": FlSsnn(nx=3, input_map="monotone", random_state=0),
+            # gravity depends on the angle alone
+            "FL-SSNN, phi(u, y)": by_hand(
+                FlSsnn, input_map="monotone", n_init=3, random_state=0, **DRONE
+            ),
         },
         "deg",
     ),
