@@ -52,6 +52,11 @@ NETWORKS = ((["fl"], {"feedback": "output"}), (["fl", "al"], {}))
 HALVES = {"seen": "tuned", "unseen": "unseen", "real": "unseen"}
 
 
+def known():
+    """Return the cases; nobody has searched all families of the later plants."""
+    return [n for n, case in CASES.items() if case.split in HALVES and not case.big]
+
+
 def searched(path=ERRORS):
     """Return errors over that of the linear model by case, of all families."""
     with path.open(encoding="utf-8", newline="") as file:
@@ -176,13 +181,12 @@ def _said(half, hits):
 def main(arguments=None):
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", nargs="+", choices=sorted(CASES))
+    parser.add_argument("--case", nargs="+", choices=sorted(known()))
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--search", type=Path, metavar="RUNS.csv")
     options = parser.parse_args(arguments)
     load, found = os.getloadavg()[0], {}
-    names = [name for name, case in CASES.items() if not case.big]
-    names = options.case or (names[:4] if options.quick else names)
+    names = options.case or known()[: 4 if options.quick else None]
     if options.search is not None:
         search(names, options.search)
         return 0

@@ -177,6 +177,12 @@ def test_sharp_resonances_are_neither_a_floor_nor_a_loop():
     assert page.recommendation.options == {}
 
 
+def test_the_benchmark_knows_the_half_of_all_its_cases():
+    names = benchmark.known()
+    text = benchmark.table(dict.fromkeys(names, "linear"), benchmark.searched())
+    assert len(names) > 40 and text.count("| linear |") >= len(names)
+
+
 # -- the test for nonlinearity ---------------------------------------------------------
 
 
