@@ -250,8 +250,8 @@ class ParameterCovariance:
         How far the fit moves then, where noise is unlikely to explain it: `covariance`
         has its square, too (eq. bias). Zero elsewhere.
     pull : ndarray of shape (n_params,)
-        Step from the fit to the optimum of its cost without `alpha`, to first order:
-        `covariance` has its square, too (eq. pull).
+        Step from the fit to the optimum of its cost without `alpha` and active bounds,
+        to first order: `covariance` has its square, too (eq. pull).
     reason : str
         Why no interval around the fit covers the truth; "" if one does.
 

@@ -118,6 +118,8 @@ def test_outside_is_said_instead_of_a_number():
     found = model.linearizability(u, y, reference=r)
     assert found.carried_outside > 0.05 and np.isnan(found.carried[0])
     assert "outside, " in repr(found) and "possible plants" not in repr(found)
+    passed, sentence = judge(found)
+    assert passed and "is unknown" in sentence  # what is not known fails nothing
     inside = told(model, u, y)[0]
     assert inside.carried_outside < 0.05
     assert "outside, " not in repr(inside) and "possible plants" in repr(inside)

@@ -177,6 +177,15 @@ def test_sharp_resonances_are_neither_a_floor_nor_a_loop():
     assert page.recommendation.options == {}
 
 
+def test_a_calm_end_of_a_record_is_no_accuracy():
+    """What a linear model leaves there says nothing of the rest of the record."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((2000, 1))
+    u[1400:] *= 0.2
+    y = lfilter([0, 0.2, 0.1], [1, -1.2, 0.5], u[:, 0] + 0.5 * u[:, 0] ** 3)
+    assert alssnn.look(u, y)["accuracy"].value > 0.4
+
+
 def test_the_benchmark_knows_the_half_of_all_its_cases():
     names = benchmark.known()
     text = benchmark.table(dict.fromkeys(names, "linear"), benchmark.searched())

@@ -235,6 +235,7 @@ def free_entries(model, n):
     free = np.ones(n, dtype=bool)
     free[model._structure.n_params :] = not model._at_rest
     structure = model._structure
-    for name, (low, high) in (model._scaled_bounds(structure) | idle(model)).items():
+    held = idle(structure, model._theta, getattr(model, "alpha_", 0.0))
+    for name, (low, high) in (model._scaled_bounds(structure) | held).items():
         free[structure.slices[name]] = np.not_equal(low, high).ravel()
     return free

@@ -120,13 +120,17 @@ def idle_g(structure, theta):
     return {name: (p[name], p[name]) for name in of_g}
 
 
-def idle(model):
+def idle(structure, theta, alpha):
     """Return bounds that hold the networks which a fit has left at zero.
 
     Parameters
     ----------
-    model : estimator
-        Fitted model.
+    structure : Structure
+        Structure of the model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    alpha : float
+        Weight of the decay that was found; inf if the fit returned the linear model.
 
     Returns
     -------
@@ -134,11 +138,12 @@ def idle(model):
         Equal bounds of all networks, if the fit returned the linear model; else those
         of `idle_g`.
     """
-    structure, theta = model._structure, model._theta
-    if np.isfinite(getattr(model, "alpha_", 0.0)):
+    if np.isfinite(alpha):
         return idle_g(structure, theta)
     p = structure.split(theta)
-    return {name: (p[name], p[name]) for name in structure.network_parameters}
+    # of a monotone map also the gain of u, which B can carry
+    names = {*structure.network_parameters, "r_phiu"} & p.keys()
+    return {name: (p[name], p[name]) for name in names}
 
 
 def _is_needed(model, found, structure, theta, decay, watch):

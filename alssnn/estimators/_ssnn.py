@@ -89,12 +89,13 @@ class Ssnn(StateSpaceModel):
         (eq. holdout). It pulls the networks back to their start, so that a large weight
         leaves the linear model. (Those of `GrSsnn` are pulled to zero.) If no networks
         beat the linear model on the hidden quarters, the fit returns it, with a
-        ConvergenceWarning. Training on all samples may make the simulation worse than
-        that of the linear model, or take it far from the record (eq. escape, latch). It
-        is then repeated with up to 30 times the weight; if none is better than the
-        model of the search, the fit returns that one, with such a warning, too. A
-        number pulls towards zero and hides no samples. One above 1e-4 that takes the
-        networks away is tried again, behind 1e-4.
+        ConvergenceWarning; `AlSsnn` tries h alone before, and then holds g at zero.
+        Training on all samples may make the simulation worse than that of the linear
+        model, or take it far from the record (eq. escape, latch). It is then repeated
+        with up to 30 times the weight; if none is better than the model of the search,
+        the fit returns that one, with such a warning, too. A number pulls towards zero
+        and hides no samples. One above 1e-4 that takes the networks away is tried
+        again, behind 1e-4.
     n_init : int, default=3
         Number of random starts. With ``alpha="auto"`` the best on hidden samples goes
         on, with a number the one of least cost on the coarse stage.

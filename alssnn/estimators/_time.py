@@ -27,6 +27,7 @@ from ..training import train
 from ._integrators import regular
 from ._judge import own_judge, warn_left_linear
 from ._noise import identified, is_predicting
+from ._residual import idle
 from ._warn import warn_of_training
 
 CONTINUOUS = "continuous"
@@ -408,10 +409,7 @@ def _bounds(estimator, structure, theta):
         value = np.where(low == np.eye(len(low)), 0.0, A)  # the others are the user's
         bounds["A"] = tuple(np.where(held, value, bound) for bound in (low, high))
     decay = getattr(estimator, "_decay", None) or {"alpha": 0.0}
-    if not np.isfinite(decay["alpha"]):  # the networks did not help
-        p = structure.split(theta)
-        bounds |= {name: (p[name], p[name]) for name in structure.network_parameters}
-    return bounds
+    return bounds | idle(structure, theta, decay["alpha"])
 
 
 def _radius(estimator, structure, theta):

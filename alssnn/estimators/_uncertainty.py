@@ -76,9 +76,11 @@ def parameter_covariance(model, u, y, experiment=None):
     -----
     Costs a few passes over the sensitivities. The noise may have any color, and be
     that of the process where the model is linear; the color is that of the residuals.
-    It takes u independent of the noise, an optimum that was reached, and no active
-    bound; entries held by equal bounds are certain. Of a contractive model, A counts as
-    free. Whether the model is right is for `validate` to say.
+    It takes u independent of the noise and no active bound; entries held by equal
+    bounds are certain, and so are networks of a fit that returned the linear model. Of
+    a contractive model, A counts as free. The weight `alpha_` and a training that ends
+    early keep a fit from its optimum: the bands are wider by the step that is missing
+    (eq. pull). Whether the model is right is for `validate` to say.
     """
     model = as_fitted(model)
     fit = _gauss_newton(model, u, y, experiment)
@@ -249,7 +251,9 @@ def sample_models(
     -----
     Without `data` this is nearly free. With it, every model costs one short
     training from the parameters of this one, without its networks' random start;
-    where the first order holds both have the same distribution.
+    where the first order holds, and `pull` is small, both have the same distribution.
+    Draws from `data` are not held back by `alpha_`, and spread about the optimum
+    without it.
     """
     check_is_fitted(model)
     theta = getattr(covariance, "theta", ())  # (): no covariance at all
@@ -306,7 +310,7 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     structure, weights = model._criterion_terms(predictor(model._structure))
-    held = idle(model)
+    held = idle(structure, model._theta, getattr(model, "alpha_", 0.0))
     own = model._training(structure, held)
     if is_continuous(model):
         own |= within_derivatives(model, structure, model._theta, held)

@@ -197,6 +197,7 @@ def _accuracy(response, why, reached):
     # the levels are too high where a resonance is narrow
     left = response.total_rms
     left = left if reached is None else np.fmin(left, reached)
+    left = np.fmax(left, response.noise_rms)
     share = float(np.max(left / np.maximum(response.output_rms, 1e-300)))
     sentence = f"Linear models leave about {rms(left)} rms or more"
     if np.isfinite(response.noise_rms).all():

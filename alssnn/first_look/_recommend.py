@@ -41,8 +41,8 @@ class Recommendation:
     reason : str
         Why, in a sentence.
     linear_rms : ndarray of shape (ny,) or None
-        Error of a linear model on hidden samples of the record, of every output; None
-        if none was tried.
+        Error of a linear model along the whole record, of every output; None if none
+        was tried.
 
     Examples
     --------
@@ -115,16 +115,24 @@ def recommend(records, delays, p, response, dt, period=None):
         why = "A linear model comes within 5 % of the noise."
     elif not is_linear:
         fits, why = _with_networks(parts, linear, records.ny), ""
-    chosen = _chosen(parts, delays, fits, why, given, period)
-    return replace(chosen, linear_rms=linear.rms)
-
-
-def _chosen(parts, delays, fits, why, given, period):
-    """Return what to begin with, of some trials; `why` is empty if networks compete."""
     best = min(fits, key=lambda fit: fit.error)
-    rival = _rival(parts, delays, best.error, bool(why))
-    if rival:
-        return _none(rival)
+    rival = _rival(parts, delays, best.error, is_linear)
+    chosen = _none(rival) if rival else _chosen(parts, fits, best, why, given, period)
+    return replace(chosen, linear_rms=_rms(linear.model, records))
+
+
+def _rms(model, records):
+    """Return the error of every output along the record; inf if it diverges."""
+    pairs = [model.simulate_test(u, y) for u, y in records.pairs]
+    y, y_hat = (np.vstack(z) for z in zip(*pairs, strict=True))
+    if not np.isfinite(y_hat).all():
+        return np.full(y.shape[1], np.inf)
+    measured = np.maximum(np.isfinite(y).sum(axis=0), 1)
+    return np.sqrt(np.nansum((y - y_hat) ** 2, axis=0) / measured)
+
+
+def _chosen(parts, fits, best, why, given, period):
+    """Return what to begin with, of some trials; `why` is empty if networks compete."""
     near = max(NEAR * best.error, LITTLE * fits[0].error)
     near = near if best.error < USEFUL else np.inf
     chosen = next(fit for fit in fits if fit.error <= near)

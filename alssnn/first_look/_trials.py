@@ -106,14 +106,6 @@ class Parts:
         return float(np.sqrt(np.nanmean(((y - y_hat) / self.spread) ** 2)))
 
 
-def _rms(pairs):
-    """Return the error of every output; infinite if a simulation diverges."""
-    y, y_hat = (np.vstack(z) for z in zip(*pairs, strict=True))
-    if not np.isfinite(y_hat).all():
-        return np.full(y.shape[1], np.inf)
-    return np.sqrt(np.nanmean((y - y_hat) ** 2, axis=0))
-
-
 @dataclass(frozen=True, eq=False)
 class Trial:
     """Hold a trial fit.
@@ -124,8 +116,6 @@ class Trial:
         Family.
     error : float
         Error on hidden samples, relative to the standard deviation of the output.
-    rms : ndarray of shape (ny,)
-        The same of every output, in its unit; infinite if a simulation diverges.
     options : dict
         What makes the estimator this family.
     model : estimator
@@ -134,7 +124,6 @@ class Trial:
 
     name: str
     error: float
-    rms: np.ndarray = field(repr=False)
     options: dict
     model: Any = field(repr=False)
 
@@ -188,5 +177,5 @@ def trial(parts, name, orders=None, **options):
             warnings.simplefilter("ignore")  # that it stops early is meant
             model.fit(u, y)
         pairs = [model.simulate_test(u, y) for u, y in parts.hidden]
-        fits.append(Trial(name, parts.error(pairs), _rms(pairs), asked, model))
+        fits.append(Trial(name, parts.error(pairs), asked, model))
     return min(fits, key=lambda fit: fit.error)

@@ -104,29 +104,28 @@ def judge(figures, within=0.05, fit=None):
             "errors of the model weigh as much more in the loop. Not the response of "
             f"(A, B, C) are {both}. Fit with a larger `gamma_h`."
         )
-    expected = _in_loop(figures)
-    low = getattr(figures, "carried_low", None)
-    if low is not None and np.nanmax(low, initial=0.0) > within:
+    carried = getattr(figures, "carried", None)  # a rung of the ladder has none
+    known = carried is not None and not np.isnan(carried).any()
+    if known and np.max(figures.carried_low) > within:
         return False, (
             f"By the model, not the response of (A, B, C) are {both}. But it is not "
-            f"accurate enough for a loop.{expected} Try another model, or a longer "
-            "record."
+            f"accurate enough for a loop.{_in_loop(figures, figures.carried_low)} Try "
+            "another model, or a longer record."
         )
+    expected = "" if carried is None else _in_loop(figures, carried)
     return True, f"Not the response of (A, B, C) are only {both}.{expected}"
 
 
-def _in_loop(figures):
-    """Return how far the plant may be from its design, as a sentence."""
-    carried = getattr(figures, "carried", None)  # a rung of the ladder has none
-    if carried is None:
-        return ""
+def _in_loop(figures, by):
+    """Return how far the plant may be from its design, of the output where most is."""
+    carried = figures.carried
     if np.isnan(carried).any():
         return (
             " How far the plant will be from its design is unknown: the loop of a "
             f"first controller is outside the training data in "
             f"{percent(figures.carried_outside)} of its samples."
         )
-    i = int(np.argmax(carried))
+    i = int(np.argmax(by))
     low, high = figures.carried_low[i], figures.carried_high[i]
     return (
         f" In the loop of a first controller the plant is expected to be "
