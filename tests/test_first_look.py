@@ -186,6 +186,14 @@ def test_a_calm_end_of_a_record_is_no_accuracy():
     assert alssnn.look(u, y)["accuracy"].value > 0.4
 
 
+def test_a_curve_is_asked_for_where_a_linear_model_is_near_the_noise_too():
+    excitation = multisine(256, n_periods=8, n_realizations=8, random_state=1)
+    u = excitation.u[:, 0] / excitation.u[:, 0].std()
+    noise = 0.3 * np.random.default_rng(0).standard_normal(u.shape)
+    wanted = alssnn.look(excitation, u + 0.03 * u**3 + noise).recommendation
+    assert not wanted and "without any dynamics" in wanted.reason
+
+
 def test_the_benchmark_knows_the_half_of_all_its_cases():
     names = benchmark.known()
     text = benchmark.table(dict.fromkeys(names, "linear"), benchmark.searched())

@@ -1244,6 +1244,7 @@ def test_what_was_chosen_survives_a_file(tmp_path, data):
     ("options", "is_stopped", "with_g"),
     [
         ({}, False, [True, False]),
+        ({"time": "continuous", "dt": 0.1}, False, [True, False]),
         ({}, True, [True]),
         ({"n_h": 0}, False, [True]),
         ({"n_g": 0}, False, [False]),
