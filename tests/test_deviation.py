@@ -140,6 +140,15 @@ def test_two_inputs_disturbances_and_delays():
     assert np.all(found.carried < 0.2) and np.all(found.carried_model < 1e-6)
     # the tanh reaches the second output, and hardly the first through the regulator
     assert found.carried_missed[1] > 2 * found.carried_missed[0]
+    # what fails is said of the output whose low end is too far
+    figures = {"carried": [0.09, 0.07], "carried_high": [0.3, 0.08]}
+    far = replace(
+        found,
+        carried_low=np.array([0.03, 0.06]),
+        **{name: np.array(values) for name, values in figures.items()},
+    )
+    passed, sentence = judge(far)
+    assert not passed and "7 % of the output from its design (6 % to 8 %)" in sentence
 
 
 def test_more_outputs_than_inputs_have_a_gain_on_the_states():

@@ -303,10 +303,7 @@ class Ssnn(StateSpaceModel):
             if is_auto and plain.nw > 0:
                 # a stretch of a stretch would not be that of the training
                 far = near if self.coarse_samples is None else experiments
-                for own in searched(self):
-                    found = self._search(own, far, linear, seeds, watch)
-                    if found is None or found.helps or watch.reason is not None:
-                        break
+                own, found = self._found(far, linear, seeds, watch)
                 if found is None or not found.helps:
                     return left_linear(self, linear, near, experiments, watch)
                 plain, theta, decay, held = completed(
@@ -395,6 +392,14 @@ class Ssnn(StateSpaceModel):
     def _descents(self):
         """Return the weights of the decay along which the search goes."""
         return (USUAL,)
+
+    def _found(self, experiments, linear, seeds, watch):
+        """Return the model whose networks help, else the last tried, and its search."""
+        for own in searched(self):
+            found = self._search(own, experiments, linear, seeds, watch)
+            if found is None or found.helps or watch.reason is not None:
+                break
+        return own, found
 
     def _search(self, own, experiments, linear, seeds, watch):
         """Return order, start and decay by hidden samples; None if interrupted.

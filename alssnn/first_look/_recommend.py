@@ -41,8 +41,9 @@ class Recommendation:
     reason : str
         Why, in a sentence.
     linear_rms : ndarray of shape (ny,) or None
-        Error of a linear model along the whole record, of every output; None if none
-        was tried.
+        Root mean square error of a linear model along the whole record, of every
+        output, in its unit; inf if it diverges, nan where nothing was measured, None
+        if none was tried.
 
     Examples
     --------
@@ -127,8 +128,9 @@ def _rms(model, records):
     y, y_hat = (np.vstack(z) for z in zip(*pairs, strict=True))
     if not np.isfinite(y_hat).all():
         return np.full(y.shape[1], np.inf)
-    measured = np.maximum(np.isfinite(y).sum(axis=0), 1)
-    return np.sqrt(np.nansum((y - y_hat) ** 2, axis=0) / measured)
+    with np.errstate(invalid="ignore"):  # nan where nothing was measured
+        mean = np.nansum((y - y_hat) ** 2, axis=0) / np.isfinite(y).sum(axis=0)
+    return np.sqrt(mean)
 
 
 def _chosen(parts, fits, best, why, given, period):

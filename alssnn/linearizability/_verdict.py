@@ -61,7 +61,8 @@ def judge(figures, within=0.05, fit=None):
     passed : bool
         Whether both errors are small, the loop stays inside the training data, the
         law is no larger than they bear, A is stable, the model follows the plant at
-        all, and the plant is not expected to be farther from its design in any case.
+        all, and not even the low end of what is expected of the plant in a loop is
+        farther from the design.
     sentence : str
         Why, with the figures.
     """
