@@ -26,7 +26,8 @@ class Case:
 
     A case travels to other processes, which load its records themselves.
     Choices are made on "seen" plants alone; "unseen" ones and real records tell what
-    they are worth. "later" ones came behind the first rules, "latest" ones behind all.
+    they are worth. "later" ones came behind the first rules, and "latest" ones
+    changed none.
     """
 
     name: str
