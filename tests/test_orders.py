@@ -76,6 +76,30 @@ def test_a_smaller_order_is_taken_for_three_percent():
     assert Orders([], {}, {nx: np.array(e) for nx, e in errors.items()}).nx == 3
 
 
+@pytest.mark.parametrize(("ratio", "candidates"), [(1.9, [2, 3, 4]), (2.1, [3, 4])])
+def test_networks_do_not_try_orders_that_miss_dynamics(ratio, candidates):
+    errors = {1: [9.0], 2: [ratio**2], 3: [1.0], 4: [1.0], 5: [1.0]}
+    errors = {nx: np.array(e) for nx, e in errors.items()}
+    orders = Orders([], dict.fromkeys(errors), errors)
+    assert orders.candidates(1, 3) == candidates
+
+
+def test_networks_try_larger_orders_whatever_their_linear_models_miss():
+    errors = {nx: np.array([e]) for nx, e in {1: 1.0, 2: 9.0, 3: 1.0, 4: 9.0}.items()}
+    assert Orders([], dict.fromkeys(errors), errors).candidates(1, 3) == [1, 2, 3]
+
+
+def test_a_fit_leaves_out_orders_that_miss_dynamics(rng):
+    u, y = oscillator(make_pendulum, 1000)
+    options = {"max_iter": 250, "n_init": 1, "random_state": 0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model = FlSsnn("auto", 2, **options).fit(u, y)
+    linear = model.orders_["linear"]
+    assert linear[1] > 2 * linear[model.nx_]  # a pendulum has two states
+    assert sorted(model.orders_["networks"])[0] == 2
+
+
 @pytest.mark.parametrize("make", [make_pendulum, make_duffing])
 def test_a_nonlinear_plant_does_not_pass_for_a_larger_one(make):
     u, y = oscillator(make)

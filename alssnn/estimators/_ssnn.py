@@ -42,6 +42,7 @@ from ._time import stages
 from ._warm_start import forms, goes_on
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
+LEAST_STATES = 3  # orders that are tried in any case, unless they miss dynamics
 SETTLED = "as many steps as hidden samples allow"
 
 
@@ -59,8 +60,8 @@ class Ssnn(StateSpaceModel):
         samples until three larger orders bring no gain; a range or a list compares the
         orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
         among the same orders, with "auto" up to one more than the best linear one and
-        in any case up to three, and beyond as long as each is clearly better. See
-        `orders_`.
+        in any case up to three, and beyond as long as each is clearly better, but
+        without smaller ones of twice its error (eq. missing). See `orders_`.
     max_iter : int, default=300
         Largest number of trial steps of one start, for every weight that it goes along
         (`alpha`, `continuation`). `n_iter_` counts them, and those of the stages that
@@ -437,9 +438,7 @@ class Ssnn(StateSpaceModel):
         else:
             candidates = sorted(orders.models)
         if isinstance(self.nx, str) and len(candidates) > 1:
-            candidates = [
-                nx for nx in candidates if nx <= max(orders.nx + MORE_STATES, 3)
-            ]
+            candidates = orders.candidates(MORE_STATES, LEAST_STATES)
             largest = largest_order(experiments)
         try:
             found = search(
