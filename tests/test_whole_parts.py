@@ -342,12 +342,19 @@ def test_models_are_the_same_if_nothing_of_them_differs():
 def test_what_a_certificate_says_of_gain_and_rate(certified):
     c = certified[1]
     assert "|y - y_design| <=" in repr(c) and "every plant" not in repr(c)
-    assert "nothing is proved for the whole range" not in repr(c)
+    assert "from x_rest, and y and u count from there" in repr(c)
+    assert "an ellipsoid of |x - x_rest| <= " in repr(c)
+    assert "r and y_lin count from the operating point" in repr(c)
+    assert "for the whole range" not in repr(c)
     wider = replace(c, full=2 * c.full)
-    assert "nothing is proved for the whole range, |r of y[0]| <= 0.1," in repr(wider)
+    words = (
+        "region and gain are not both proved for the whole range, |r of y[0]| <= 0.1,"
+    )
+    assert words in repr(wider)
     error = np.array([[0.25]])
     near = replace(c, error=error, largest_error=3.0)
-    assert "|y_plant - y_model| <= 0.25 |u| (proved up to 3 times that)" in repr(near)
+    words = "<= 0.25 |u| (proved up to 3 times that), while this stays below the noise"
+    assert words in repr(near)
     none = replace(c, gain=GainCertificate.none("Because."))
     assert "no gain was proved. Because.\n" in repr(none) + "\n"
     for largest, said in (
@@ -362,7 +369,7 @@ def test_what_a_certificate_says_of_gain_and_rate(certified):
         (c.basin, c.rate, f"rest at {c.decay:.4g} per sample, from states in an"),
         (np.full((2, 2), np.nan), slow, "comes to rest, from states near rest"),
         (np.zeros((2, 2)), slow, "comes to rest, from every state"),
-        (np.diag([4.0, 1 / 9]), slow, "in an ellipsoid of |x| <= [0.5, 3]"),
+        (np.diag([4.0, 1 / 9]), slow, "in an ellipsoid of |x - x_rest| <= [0.5, 3]"),
     ):
         assert said in repr(replace(c, basin=basin, rate=rate))
     unproved = replace(c, rate=GainCertificate.none("None."))

@@ -158,6 +158,7 @@ class LocalCertificate:
             return f"LocalCertificate: {self.verdict} for {size}. {self.reason}{found}"
         return (
             f"LocalCertificate: holds for every input with {size}, from rest\n"
+            "  r and y_lin count from the operating point\n"
             f"  proved: |y - y_lin| <= {self.output_bound:.4g}, where |y_lin| may "
             f"reach {np.max(self.design_peak):.4g}{found}{over}\n"
             "  of the model: the plant may differ from it"

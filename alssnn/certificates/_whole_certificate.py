@@ -138,7 +138,8 @@ class LoopCertificate:
         if self.holds:
             if np.any(self.local.amplitude < self.full):
                 full = sizes_in_words(self.full, self.local.labels)
-                lines.append(f"  nothing is proved for the whole range, {full}")
+                both = "region and gain are not both proved for the whole range"
+                lines.append(f"  {both}, {full}")
             u = ", ".join(
                 f"{low:.4g} to {high:.4g}{' (at a limit)' if reaches else ''}"
                 for low, high, reaches in zip(
@@ -163,9 +164,11 @@ class LoopCertificate:
             size = in_words(self.error)
             near = (
                 f", for every plant with |y_plant - y_model| <= {size} |u|"
-                f" (proved up to {self.largest_error:.3g} times that)"
+                f" (proved up to {self.largest_error:.3g} times that), while this stays"
+                " below the noise"
             )
-        return f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2, from rest{near}"
+        bound = f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2"
+        return f"{bound}, from x_rest, and y and u count from there{near}"
 
     def _of_rate(self):
         at = f" at {self.decay:.4g} per sample" if self.decay < 1 else ""
@@ -174,7 +177,8 @@ class LoopCertificate:
         if not self.basin.any():
             return f"comes to rest{at}, from every state"
         root = np.sqrt(np.diag(np.linalg.pinv(self.basin)))
-        return f"comes to rest{at}, from states in an ellipsoid of |x| <= {plain(root)}"
+        inside = f"an ellipsoid of |x - x_rest| <= {plain(root)}"
+        return f"comes to rest{at}, from states in {inside}"
 
 
 def certify_loop(controller, amplitude=None, *, noise=None, error=None, search=True):
