@@ -263,6 +263,10 @@ def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, monkeypatch):
     model.report(page, *data, law_dt=0.05, ahead=True)
     text = page.read_text(encoding="utf-8")
     assert "Linearizability, law at 0.05 s, half a sample ahead" in text
+    # certificates and gain are of another law
+    of_record = f"Of the law at the sampling time of the record, {record.dt:g} s, and"
+    assert text.count(of_record) == 2
+    assert text.count("take model.plant_.at(0.05, ahead=True).") == 2
     model.save(tmp_path / "model.npz")
     table = np.hstack([record.u, record.y])
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="u,y", comments="")

@@ -13,6 +13,7 @@ from test_extending import SOFTSIGN
 import browser
 from alssnn import LinearStateSpace, __version__, load
 from alssnn.activations import ACTIVATIONS
+from alssnn.datasets import make_inverted_pendulum
 from alssnn.feedback import (
     balanced_weights,
     closed_loop,
@@ -317,6 +318,31 @@ def test_a_failed_model_is_not_praised(tmp_path, undrawn):
     assert "is nearly (A, B, C)" not in text and " Holds. " not in text
     assert "Conditional: holds while |g| stays below what the data showed" in text
     assert "Holds for the model, not for the plant." in text
+
+
+def test_an_unstable_model_is_not_called_no_linear_one(tmp_path, undrawn):
+    record = make_inverted_pendulum(1500, random_state=0)
+    model = fl_ssnn(
+        nx=2, n_h=3, noise="innovations", dt=record.dt, max_iter=8, random_state=0
+    ).fit(record.u, record.y)
+    linear = model.validate(record.u, record.y)["linearizability"]
+    assert (
+        not (linear.passed or linear.decides) and "spectral radius" in linear.sentence
+    )
+    model.report(tmp_path / "report.html", record.u, record.y)
+    text = " ".join(check(tmp_path / "report.html")[1].split())
+    assert "is not linearizable" not in text  # h is all that it has
+    assert "How linear the model is was not judged. A has the spectral radius" in text
+
+
+def test_disturbances_of_a_bound_are_told(tmp_path, undrawn):
+    u, y, runs = RECORD
+    model = LinearStateSpace(nx=2, disturbances=[1], **OPTIONS).fit(u, y, runs)
+    model.report(tmp_path / "report.html", u, y, runs)
+    text = " ".join(check(tmp_path / "report.html")[1].split())
+    assert "input v of this size, with measured disturbances within theirs" in text
+    assert "largest input for u0, around the operating point" in text
+    assert "largest disturbance u1, around the operating point" in text
 
 
 def test_a_solver_that_breaks_down_decides_nothing(tmp_path, undrawn, monkeypatch):

@@ -152,12 +152,18 @@ def _local(model, doubt):
     certificate = model.local_certificate()
     if not certificate.holds:
         return _unproved(certificate)
-    moved, (_, outputs) = moved_names(model), column_names(model)
-    of_v = certificate.amplitude[model.plant_.moved]
+    (inputs, outputs), given = column_names(model), model.plant_.given
     rows = [
-        (f"largest input for {name}, around the operating point", size)
-        for name, size in zip(moved, of_v, strict=True)
+        (
+            f"largest {'disturbance' if i in given else 'input for'} {name}, around "
+            "the operating point",
+            size,
+        )
+        for i, (name, size) in enumerate(
+            zip(inputs, certificate.amplitude, strict=True)
+        )
     ]
+    of_d = ", with measured disturbances within theirs" if len(given) else ""
     numbers = zip(
         outputs,
         certificate.design_peak,
@@ -172,9 +178,10 @@ def _local(model, doubt):
             (f"distance of {name} that an input was found to make", found),
         ]
     return paragraph(
-        "For every input v of this size, from rest, in the loop u = v - h without a "
-        "gain. A gain K lowers the distance: call model.local_certificate(K=K). It is "
-        f"proved of the model, not of the plant. {doubt}",
+        f"For every input v of this size{of_d}, from rest, in the loop u = v - h "
+        "without a gain. A gain K lowers the distance: call "
+        "model.local_certificate(K=K). It is proved of the model, not of the plant. "
+        f"{doubt}",
         "note" if doubt else "pass",
     ) + table(("", "value"), rows)
 

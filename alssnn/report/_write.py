@@ -9,7 +9,7 @@ from ..checks import noise_levels
 from ..linearizability import judge
 from ..whole_files import replace_file
 from . import _control, _sections
-from ._page import REFUSED, attempt, page
+from ._page import REFUSED, attempt, page, paragraph
 
 
 def write_report(
@@ -98,11 +98,16 @@ def write_report(
             "Linearizability" + _of_law(law_dt, ahead),
             _control.linearity(model, test, record),
         ),
-        ("certificates", "Certificates", _control.certificates(model, test, doubt)),
+        (
+            "certificates",
+            "Certificates",
+            _other_law(model, **law) + _control.certificates(model, test, doubt),
+        ),
         (
             "control",
             "Control",
-            attempt(lambda: _control.controller(model, doubt), "Design"),
+            _other_law(model, **law)
+            + attempt(lambda: _control.controller(model, doubt), "Design"),
         ),
         ("equations", "Equations", _sections.equations(model)),
     ]
@@ -125,6 +130,19 @@ def _of_law(law_dt, ahead):
     return rate + ", half a sample ahead" * bool(ahead)
 
 
+def _other_law(model, law_dt, ahead):
+    """Say which law a section is about, where another one was judged."""
+    dt = model.plant_.dt
+    if not ahead and law_dt in (None, dt):
+        return ""
+    other = f"{law_dt or dt:g}, ahead=True" if ahead else f"{law_dt:g}"
+    return paragraph(
+        f"Of the law at the sampling time of the record, {dt:g} s, and not of the law "
+        f"that was judged above. Of that one: take model.plant_.at({other}).",
+        "note",
+    )
+
+
 def _doubt(validation, record):
     """Say why a design on the model is not to be trusted; empty if nothing speaks."""
     if validation is None:
@@ -135,6 +153,8 @@ def _doubt(validation, record):
     linear = validation["linearizability"]
     if not validation.passed:
         words = f"The model {validation.verdict}."
+    elif record.spectral_radius >= 1:  # no free run tells
+        words = "How linear the model is was not judged."
     elif not linear.passed:  # a model that was not made for control
         words = "The model is not linearizable."
     else:
