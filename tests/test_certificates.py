@@ -836,17 +836,23 @@ def test_gain_is_infeasible_or_unstable(monkeypatch):
     Theta = np.array([[0.5, 1, 0.5, 0], [1, 0, 0, 0], [1, 0, 0, 0]])
     infeasible = gain_certificate(Lure(Theta, 1, 1, 1))
     assert not infeasible.holds and infeasible.gamma == np.inf
-    assert infeasible.margin < 0 and "does not hold" in repr(infeasible)
+    assert infeasible.margin < 0 and "undecided" in repr(infeasible)
     assert "largest slopes, the spectral radius is 1" in infeasible.reason
     # slopes (0, 0) and (1, 1) are stable, (1, 0) is not: 0.9 - 1.9
     Theta = np.array(
         [[0.9, 1, 1.9, 1.9, 0], [1, 0, 0, 0, 0], [-1, 0, 0, 0, 0], [1, 0, 0, 0, 0]]
     )
     between = gain_certificate(Lure(Theta, 1, 1, 2))
-    assert between.status == "infeasible" and "does not hold" in repr(between)
+    assert between.status == "infeasible" and "undecided" in repr(between)
+    # neurons that cancel: the gain is 2, but no multipliers know it
+    Theta = np.array(
+        [[0.5, 1, 2, -2, 0], [1, 0, 0, 0, 0], [1, 0, 0, 0, 0], [1, 0, 0, 0, 0]]
+    )
+    assert gain_certificate(Lure(Theta, 1, 1, 2)).verdict == "undecided"
     monkeypatch.setattr("alssnn.certificates._gain.smallest_gain", None)
     unstable = gain_certificate(linear_lure(np.eye(1), np.eye(1), np.eye(1)))
     assert not unstable.holds and "spectral radius" in unstable.reason
+    assert unstable.verdict == "does not hold"
     assert unstable.n_solves == 0 and unstable.verify() == -np.inf
 
 

@@ -93,11 +93,16 @@ class GainCertificate:
 
     @property
     def verdict(self):
-        """Return "holds", "does not hold", or "undecided" if the solver failed."""
+        """Return "holds", "does not hold" (A is no contraction), or "undecided".
+
+        Multipliers that do not exist decide nothing: they treat neurons alone, which
+        together may do no harm.
+        """
         if self.holds:
             return "holds"
-        decided = self.status == "not solved" or self.status.startswith("infeasible")
-        return "does not hold" if decided else "undecided"
+        A = self.lure.M[: self.lure.nx, : self.lure.nx]
+        radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
+        return "does not hold" if radius >= self.decay else "undecided"
 
     @classmethod
     def none(cls, reason):
