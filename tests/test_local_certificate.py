@@ -19,6 +19,7 @@ from alssnn.certificates import (
 from alssnn.certificates._covers import ByCells, ByNeurons
 from alssnn.certificates._grid import Grid
 from alssnn.certificates._local import _scaled
+from alssnn.certificates._whole import limit
 from alssnn.lure import Lure
 from alssnn.simulation import channels, simulate
 from helpers import (
@@ -147,6 +148,17 @@ def test_cells_know_what_neurons_forget():
     assert np.all(apart.radius < 0.2) and np.abs(lost.G) @ lost.radius > 0.5
     c = local_certificate(loop, design, [1.0])
     assert c.holds and c.method == "cells"
+
+
+def test_a_bound_that_is_unstable_is_not_called_the_loop():
+    """x+ = 1.2 x - sat(0.9 x) + r has its pole at 0.3 near rest, but its bound not."""
+    Theta = np.array([[1.2, 1.0, -1.0, 0.0], [1.0, 0, 0, 0], [0.9, 0, 0, 0]])
+    loop = Lure(Theta, 1, 1, 1, (limit(-0.1, 0.1),))
+    design = np.array([[0.3]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    c = local_certificate(loop, design, [0.15], search=False)
+    assert c.verdict == "undecided" and "radius of the loop" not in c.reason
+    assert "The loop is bounded by a linear system" in c.reason
+    assert "The spectral radius of the linear system is 1.2," in c.reason
 
 
 def test_what_diverges_does_not_hold():

@@ -350,7 +350,8 @@ def _invariant(cover):
                 break
             region = found
     except (TooSlow, np.linalg.LinAlgError) as problem:
-        return None, f"No region was found. {problem}"
+        cover = "The loop is bounded by a linear system with remainders."
+        return None, f"No region was found. {cover} {problem}"
     return None, "No region was found that the loop provably does not leave."
 
 

@@ -71,7 +71,7 @@ def peaks(A, B, C, D, c=None, d=None):
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1:
         raise TooSlow(
-            f"The spectral radius of the loop is {radius:.6g}, not below one."
+            f"The spectral radius of the linear system is {radius:.6g}, not below one."
         )
     n = int(np.ceil(np.log(SMALL) / np.log(max(radius, 1e-3))))
     n = max(n, 2 * nx)
@@ -80,8 +80,8 @@ def peaks(A, B, C, D, c=None, d=None):
         n, power = 2 * n, power @ power
     if n > LONGEST:
         raise TooSlow(
-            f"The slowest pole of the loop has modulus {radius:.10g}: its peak gains "
-            f"need more than {LONGEST} samples."
+            f"The slowest pole of the linear system has modulus {radius:.10g}: its "
+            f"peak gains need more than {LONGEST} samples."
         )
     at_rest = np.linalg.solve(np.eye(nx) - A, c)
     X = np.column_stack([B, at_rest])
