@@ -69,6 +69,18 @@ def test_every_condition_of_a_linear_design_alone(name, good, bad, words):
     assert not passed and words in sentence
 
 
+def test_a_model_without_networks_extrapolates_none():
+    none = {
+        "linearization_error": np.zeros(2),
+        "closed_linearization_error": np.zeros(2),
+    }
+    passed, sentence = judge(figures(**none, closed_outside=0.25, law_size=0.0))
+    assert passed and "networks" not in sentence and "gamma_h" not in sentence
+    # an exact law is a network, too
+    passed, sentence = judge(figures(**none, closed_outside=0.25, law_size=0.5))
+    assert not passed and "networks are extrapolated" in sentence
+
+
 def test_a_linear_design_needs_a_model_that_follows():
     assert judge(figures(), fit=0.1)[0] and judge(figures(), fit=None)[0]
     for fit in (0.0, -3.0, np.nan):

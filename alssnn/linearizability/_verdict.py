@@ -94,7 +94,9 @@ def judge(figures, within=0.05, fit=None):
             f"Not the response of (A, B, C) are {both}. A linear design takes this "
             "for a disturbance."
         )
-    if outside is None or not outside <= LOOP_OUTSIDE:
+    # what is linear everywhere is no guess anywhere
+    bends = opened > 0 or closed > 0 or getattr(figures, "law_size", np.nan) != 0
+    if bends and (outside is None or not outside <= LOOP_OUTSIDE):
         return False, (
             f"Not the response of (A, B, C) are {both}. The networks are extrapolated "
             "there, and the figure of the loop is a guess. Fit with a larger `gamma_h`."
