@@ -14,6 +14,7 @@ import browser
 from alssnn import LinearStateSpace, __version__, load
 from alssnn.activations import ACTIVATIONS
 from alssnn.datasets import make_inverted_pendulum
+from alssnn.estimators._fitted import publish_parameters
 from alssnn.feedback import (
     balanced_weights,
     closed_loop,
@@ -333,6 +334,20 @@ def test_an_unstable_model_is_not_called_no_linear_one(tmp_path, undrawn):
     text = " ".join(check(tmp_path / "report.html")[1].split())
     assert "is not linearizable" not in text  # h is all that it has
     assert "How linear the model is was not judged. A has the spectral radius" in text
+
+
+def test_a_law_of_nothing_has_no_figure(tmp_path, undrawn):
+    model = deepcopy(
+        fitted("fl")
+    )  # as a search returns it, whose networks did not help
+    structure, theta = model._structure, model._theta.copy()
+    for name in structure.network_parameters:
+        theta[structure.slices[name]] = 0.0
+    model._theta = theta
+    publish_parameters(model)
+    assert not model.plant_.cancels
+    model.report(tmp_path / "report.html", *TEST)
+    assert "Figure of h" not in check(tmp_path / "report.html")[1]
 
 
 def test_disturbances_of_a_bound_are_told(tmp_path, undrawn):

@@ -95,7 +95,7 @@ def linearity(model, test, record):
         ),
         table(header, by_band),
     ]
-    if "W_h" in model.params_:
+    if as_plant(model).cancels:  # a search may have returned the linear model
         parts.append(attempt(lambda: _law(model, test), "Figure of h"))
     if "W_g" in model.params_:
         parts.append(attempt(lambda: _rest(model, test), "Figure of the rest"))
