@@ -336,6 +336,11 @@ def test_an_unstable_model_is_not_called_no_linear_one(tmp_path, undrawn):
     assert "How linear the model is was not judged. A has the spectral radius" in text
 
 
+def test_the_error_of_the_loop_is_relative_to_its_linear_response(boiler):
+    text = " ".join(check(boiler)[1].split())
+    assert "relative to the linear response to v, rms(e) / std(y_lin)." in text
+
+
 def test_a_law_of_nothing_has_no_figure(tmp_path, undrawn):
     model = deepcopy(
         fitted("fl")

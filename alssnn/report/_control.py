@@ -85,7 +85,12 @@ def linearity(model, test, record):
             "The linearization error is rms(e) / std(y): the share of the output that "
             "is not the response of (A, B, C) once h is cancelled. It does not depend "
             "on the state basis. Ratios and gains do. "
-            + (record.no_law or "Closed loop: u = v - h, with the recorded input as v.")
+            + (
+                record.no_law
+                or "Closed loop: u = v - h, with the recorded input as v. Its "
+                "linearization error is relative to the linear response to v, "
+                "rms(e) / std(y_lin)."
+            )
         ),
         table(("", "open loop", "closed loop"), rows),
         heading("By frequency"),
