@@ -261,6 +261,11 @@ def test_table_is_aligned_and_marks_unfinished_fits(ladder):
     assert "\n* stopped before the cost settled: " in str(ladder)
 
 
+def test_table_says_what_the_error_of_the_loop_is_relative_to(ladder):
+    words = " ".join(str(ladder).split())
+    assert "in the loop: rms(e) / std(y_lin) under u = v - h" in words
+
+
 def test_table_without_unfinished_fits_has_no_star():
     assert "*" not in str(make_ladder(make_row()))
 

@@ -190,8 +190,8 @@ class Ladder(Rows):
         notes = [
             f"RMSE in the units of y{average}; fit of the test output; nonlinear rest: "
             "part of the output that is not the response of (A, B, C), once h (if any) "
-            "is cancelled, rms(e) / std(y); in the loop: the same under u = v - h, "
-            "with the recorded input as v."
+            "is cancelled, rms(e) / std(y); in the loop: rms(e) / std(y_lin) under "
+            "u = v - h, with the recorded input as v."
         ]
         if self.noise_floor is not None:
             notes.append(
