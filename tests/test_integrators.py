@@ -152,6 +152,17 @@ def test_the_linear_model_is_that_of_the_plant():
     assert model.C_[0, 1] * model.B_[1, 0] == pytest.approx(0.1, rel=1e-3)
 
 
+def test_a_linear_model_that_integrates_is_valid():
+    model = fit(MODELS["linear"], *integrating(1500), integrators=1)
+    found = model.validate(*integrating(1500, seed=1))
+    assert found.passed and found["linearizability"].passed
+    assert "the loop of a first controller" in found["linearizability"].sentence
+    # by a law that does not know the plant
+    curved = fit(MODELS["linear"], *servo(1500), integrators=1)
+    check = curved.validate(*servo(1500, seed=1))["linearizability"]
+    assert not check.passed and "not accurate enough for a loop" in check.sentence
+
+
 def test_a_pure_integrator():
     rng = np.random.default_rng(0)
     u = rng.standard_normal((500, 1))

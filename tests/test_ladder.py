@@ -330,6 +330,8 @@ def test_explanation_of_unstable_models():
     assert "AL-SSNN diverges on the test data" in text
     assert "grows without bound" in text
     assert "A of AL-SSNN is unstable (spectral radius 1.0200)" in text
+    text = explain(lti, make_row(missed=0.5, rest=2.0, rho=1.0))
+    assert "A of AL-SSNN integrates (spectral radius 1.0000)" in text
 
 
 def test_explanation_counts_the_loop():

@@ -55,7 +55,7 @@ def figures(**change):
 @pytest.mark.parametrize(
     ("name", "good", "bad", "words"),
     [
-        ("spectral_radius", 0.9999, 1.0, "a controller that stabilizes it"),
+        ("spectral_radius", 0.9999, 1.0001, "a controller that stabilizes it"),
         ("linearization_error", [0.05, 0.0], [0.0501, 0.0], "for a disturbance"),
         ("closed_linearization_error", [0, 0.05], [0, 0.0501], "for a disturbance"),
         ("closed_outside", 0.05, 0.0501, "extrapolated"),
@@ -67,6 +67,39 @@ def test_every_condition_of_a_linear_design_alone(name, good, bad, words):
     assert passed and "are only" in sentence
     passed, sentence = judge(figures(**{name: bad}), fit=50.0)
     assert not passed and words in sentence
+
+
+def integrates(**change):
+    """Return figures of a model that drifts without a controller."""
+    drift = {"closed_linearization_error": np.full(2, np.inf), "closed_outside": 0.9}
+    held = {"carried_model": np.array([0.01, 0.02]), "carried_outside": 0.0}
+    return figures(spectral_radius=1.0, **{**drift, **held, **change})
+
+
+def test_what_integrates_is_judged_behind_a_controller():
+    passed, sentence = judge(integrates())
+    assert passed and "2 % in the loop of a first controller, which" in sentence
+    assert worst_error(integrates()) == 0.02
+    rounded = integrates()
+    for rounded.spectral_radius in (1 - 1e-8, 1 + 1e-8):  # two integrators in a row
+        assert judge(rounded)[0] and worst_error(rounded) == 0.02
+
+
+def test_what_integrates_may_fail_behind_a_controller():
+    far = integrates(carried_model=np.array([0.01, 0.06]))
+    assert not judge(far)[0] and worst_error(far) == 0.06
+    for outside in (0.06, None):
+        passed, sentence = judge(integrates(carried_outside=outside))
+        assert not passed and "extrapolated" in sentence
+    passed, sentence = judge(integrates(linearization_error=np.array([0.06, 0.0])))
+    assert not passed and "6 % of the output along the record" in sentence
+    problem = "No controller could be tried. B is zero."
+    passed, sentence = judge(integrates(carried_model=None, carried_problem=problem))
+    assert not passed and sentence.endswith(problem)
+    untried = integrates(carried_model=None)
+    passed, sentence = judge(untried)
+    assert not passed and sentence.endswith("None was tried.")
+    assert worst_error(untried) == 0.002  # that of the record
 
 
 def test_a_model_without_networks_extrapolates_none():

@@ -93,13 +93,11 @@ class GainCertificate:
 
     @property
     def verdict(self):
-        """Return "holds", "does not hold" (A is no contraction), or "undecided".
-
-        Multipliers that do not exist decide nothing: they treat neurons alone, which
-        together may do no harm.
-        """
+        """Return "holds", "does not hold" (A is no contraction), or "undecided"."""
         if self.holds:
             return "holds"
+        # multipliers that do not exist decide nothing: they treat every neuron alone,
+        # and together they may do no harm
         A = self.lure.M[: self.lure.nx, : self.lure.nx]
         radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
         return "does not hold" if radius >= self.decay else "undecided"

@@ -4,7 +4,7 @@ import textwrap
 
 import numpy as np
 
-from ..linearizability import LOOP_OUTSIDE, worst_error
+from ..linearizability import LOOP_OUTSIDE, is_unstable, worst_error
 from ..linearizability import percent as share_in_words
 from ..shown import percent, times
 
@@ -179,10 +179,15 @@ def _about_feedback(output, state):
 
 def _about_stability(al, dt):
     rho = al.spectral_radius
-    if rho >= 1:
+    if is_unstable(al):
         return (
             f"Stability: A of AL-SSNN is unstable (spectral radius {rho:.4f}); the "
             "linear controller has to stabilize it."
+        )
+    if rho >= 1:
+        return (
+            f"Stability: A of AL-SSNN integrates (spectral radius {rho:.4f}); without "
+            "a controller its output drifts."
         )
     samples = -1 / np.log(max(rho, np.finfo(float).tiny))
     return (

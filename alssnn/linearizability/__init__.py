@@ -10,7 +10,7 @@ from ..region import Region
 from ._measure import measure, output_residual
 from ._rate import at_rate
 from ._record import LARGE_LAW, OUTSIDE, Bands, Linearizability
-from ._verdict import LOOP_OUTSIDE, judge, percent, worst_error
+from ._verdict import LOOP_OUTSIDE, is_unstable, judge, percent, worst_error
 
 __all__ = [
     "LARGE_LAW",
@@ -20,6 +20,7 @@ __all__ = [
     "Linearizability",
     "Region",
     "at_rate",
+    "is_unstable",
     "judge",
     "measure",
     "output_residual",

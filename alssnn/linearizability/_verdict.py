@@ -6,6 +6,7 @@ from ..shown import percent as in_words
 from ..shown import times
 
 LOOP_OUTSIDE = 0.05  # share of samples of the loop outside the training region
+ON_CIRCLE = 1e-6  # a pole no farther from the unit circle integrates, but for rounding
 
 
 def percent(share):
@@ -27,6 +28,40 @@ def percent(share):
     return in_words(value)
 
 
+def is_unstable(figures):
+    """Return whether A has a pole outside the unit circle; integrators have none.
+
+    Parameters
+    ----------
+    figures : Linearizability or Rung
+        What was measured.
+
+    Returns
+    -------
+    is_unstable : bool
+        Whether the free run of the linear part grows without bound by itself.
+    """
+    return bool(figures.spectral_radius > 1 + ON_CIRCLE)
+
+
+def _in_judged_loop(figures):
+    """Return errors and samples outside of the loop that is judged, and its name.
+
+    What integrates drifts away in the loop u = v - h, linear or not, where no
+    controller holds it. There it is the model's loop of a first controller.
+    """
+    if figures.spectral_radius < 1 - ON_CIRCLE or is_unstable(figures):
+        errors = figures.closed_linearization_error
+        return errors, figures.closed_outside, "the loop u = v - h"
+    errors = getattr(figures, "carried_model", None)
+    unknown = np.full(np.shape(figures.linearization_error), np.nan)
+    return (
+        unknown if errors is None else errors,
+        getattr(figures, "carried_outside", None),
+        "the loop of a first controller",
+    )
+
+
 def worst_error(figures):
     """Return the larger of the errors in open and in closed loop.
 
@@ -38,9 +73,10 @@ def worst_error(figures):
     Returns
     -------
     error : float
-        Largest one over the outputs; that of the record if there is no loop.
+        Largest one over the outputs; that of the record if there is no loop. The loop
+        is that of `judge`.
     """
-    both = (figures.linearization_error, figures.closed_linearization_error)
+    both = (figures.linearization_error, _in_judged_loop(figures)[0])
     return float(np.nanmax([np.max(error) for error in both]))
 
 
@@ -62,27 +98,32 @@ def judge(figures, within=0.05, fit=None):
         Whether both errors are small, the loop stays inside the training data, the
         law is no larger than they bear, A is stable, the model follows the plant at
         all, and not even the low end of what is expected of the plant in a loop is
-        farther from the design.
+        farther from the design. The loop is u = v - h with the recorded input as v; of
+        a plant that integrates, that of a first controller.
     sentence : str
         Why, with the figures.
     """
     if figures.no_law:
         return False, f"There is no loop to judge. {figures.no_law}"
-    if figures.spectral_radius >= 1:
+    if is_unstable(figures):
         return False, (
             f"A has the spectral radius {figures.spectral_radius:.4g}: the linear part "
             "needs a controller that stabilizes it."
         )
+    errors, outside, loop = _in_judged_loop(figures)
+    if np.isnan(errors).any():
+        problem = getattr(figures, "carried_problem", "")
+        return False, (
+            "The model integrates, and its loop cannot be judged without a controller. "
+            f"{problem or 'None was tried.'}"
+        )
     opened, closed = (
-        float(np.max(error))
-        for error in (figures.linearization_error, figures.closed_linearization_error)
+        float(np.max(error)) for error in (figures.linearization_error, errors)
     )
-    outside = figures.closed_outside
     unseen = "an unknown share" if outside is None else percent(outside)
     both = (
         f"{percent(opened)} of the output along the record and {percent(closed)} in "
-        f"the loop u = v - h, which spends {unseen} of its samples outside the "
-        "training data"
+        f"{loop}, which spends {unseen} of its samples outside the training data"
     )
     if fit is not None and not fit > 0:
         return False, (

@@ -6,7 +6,7 @@ from datetime import datetime
 from sklearn.utils.validation import check_is_fitted
 
 from ..checks import noise_levels
-from ..linearizability import judge
+from ..linearizability import is_unstable, judge
 from ..whole_files import replace_file
 from . import _control, _sections
 from ._page import REFUSED, attempt, page, paragraph
@@ -153,7 +153,7 @@ def _doubt(validation, record):
     linear = validation["linearizability"]
     if not validation.passed:
         words = f"The model {validation.verdict}."
-    elif record.spectral_radius >= 1:  # no free run tells
+    elif is_unstable(record):  # no free run tells
         words = "How linear the model is was not judged."
     elif not linear.passed:  # a model that was not made for control
         words = "The model is not linearizable."
