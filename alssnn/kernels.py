@@ -1,7 +1,7 @@
 """Kernels: the inner loops that are worth compiling.
 
-Each kernel is plain NumPy.  When numba is installed (extra `fast`) a compiled
-function takes its place on the first call: the same source where NumPy and numba
+Each kernel is plain NumPy.  When numba is installed, a compiled function
+takes its place on the first call: the same source where NumPy and numba
 like the same code, a loop twin where they do not.  Both do the same arithmetic;
 the tests run both.  Compiled code is cached on disk by numba.
 """

@@ -2,7 +2,7 @@
 
 `simulate` runs  x+ = M_x [x; u] + W_x w + c_x,  w = sigma(V [x; u] + E w + b)  from x0.
 What depends on u alone is computed in bulk, so that one step costs two small products.
-The step loop is plain NumPy; with numba (extra `fast`) a twin is compiled.
+The step loop is plain NumPy; with numba a twin is compiled.
 
 `sensitivities` differentiates the channels along the trajectory (eq. sens)
 

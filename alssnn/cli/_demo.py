@@ -18,7 +18,7 @@ MEASURED_START = 5_200
 MEASURED_QUICK = 15_000  # samples for training and for testing
 MEASURED_MAX_ITER = 300
 
-HELP = "identify a pendulum and run its loop, in half a minute"
+HELP = "identify a pendulum and run its loop, in ten seconds"
 DESCRIPTION = (
     "Identify a pendulum and run its loop, or compare four models of a circuit."
 )
@@ -32,7 +32,7 @@ the record trains, the second half tests.
 The table goes to the standard output, the figure to a file.
 
 examples:
-  alssnn demo                                    the pendulum, half a minute
+  alssnn demo                                    the pendulum, ten seconds
   alssnn demo --quick                            fewer samples
   alssnn demo --noise 0.05 --seed 1 -o results   another record, figure in results/
   alssnn demo wiener-hammerstein                 four models, some minutes

@@ -55,7 +55,7 @@ y = C x. The feedback u = v - h(x) cancels h; what is left from v to y is nearly
 
 EPILOG = """\
 examples:
-  alssnn demo                                         the package in half a minute
+  alssnn demo                                         the package in ten seconds
   alssnn excite multisine --input u -o excitation.csv  a signal to record with
   alssnn look plant.csv --input u --output y          what is in a record
   alssnn fit plant.csv --input u --output y           models of your own record

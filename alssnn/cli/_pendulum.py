@@ -181,7 +181,7 @@ def explain(outcomes, noise):
         (
             "time of the fit, s",
             lambda one: f"{one.seconds:.1f}",
-            "Time that the training took.",
+            "Time of the training. The first one on a computer compiles loops, too.",
         ),
     )
     cells = [(name, figure(linear), figure(law)) for name, figure, _ in lines]
