@@ -45,7 +45,11 @@ class Kernel:
         except ImportError:
             return self.plain
         # without the GIL, experiments run in parallel threads
-        return numba.njit(cache=True, nogil=True)(self.twin)
+        compiled = functools.partial(numba.njit, nogil=True)
+        try:
+            return compiled(cache=True)(self.twin)
+        except RuntimeError:  # no folder can be written: compiled anew by each process
+            return compiled()(self.twin)
 
     @property
     def is_compiled(self):

@@ -1,3 +1,5 @@
+import sys
+
 import control
 import numpy as np
 import pytest
@@ -32,8 +34,8 @@ def test_linear_case_equals_python_control(rng):
     theta = random_theta(structure, rng)
     p = structure.split(theta)
     u, x0 = rng.standard_normal((50, 2)), rng.standard_normal(3)
-    sys = control.ss(p["A"], p["B"], p["C"], np.zeros((2, 2)), 0.1)
-    response = control.forced_response(sys, 0.1 * np.arange(50), u.T, x0)
+    linear = control.ss(p["A"], p["B"], p["C"], np.zeros((2, 2)), 0.1)
+    response = control.forced_response(linear, 0.1 * np.arange(50), u.T, x0)
     lure = structure.lure(theta)
     y = channels(lure, simulate(lure, u, x0), u)
     np.testing.assert_allclose(y, response.outputs.T, atol=1e-12)
@@ -243,3 +245,25 @@ def test_products_of_the_same_parameters_stand_in_fours():
     for i in range(1, 4):
         np.testing.assert_array_equal(table[lead, :5], table[lead + i, :5])
         np.testing.assert_array_equal(table[lead + i, -1], kernels.VARYING)
+
+
+# -- compiled kernels ------------------------------------------------------------------
+
+
+def twice(x):
+    return 2 * x
+
+
+def test_a_kernel_runs_without_numba(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    kernel = kernels.Kernel(twice)
+    assert not kernel.is_compiled and kernel(3.0) == 6.0
+
+
+def test_a_kernel_is_compiled_where_no_folder_can_be_written(monkeypatch):
+    def find_none(*_):
+        raise RuntimeError("cannot cache function 'twice': no locator available")
+
+    monkeypatch.setattr("numba.core.caching.FunctionCache.__init__", find_none)
+    kernel = kernels.Kernel(twice)
+    assert kernel.is_compiled and kernel(3.0) == 6.0
