@@ -17,6 +17,7 @@ SETTLED = 0.01  # what a linear model has kept of its state, when held inputs ch
 LONGEST = 1_000  # samples for which inputs are held, at most
 LEVELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of an input that are held
 APART = 1.0  # standard deviations of an output between two places to rest
+OPENED = 0.5  # the same by which they may move apart in a training
 
 
 def settling(A):
@@ -130,8 +131,46 @@ class Excursion:
             Whether an output remembers from where an input came, by more than its
             standard deviation, and by more than the linear model does.
         """
+        return not np.all(self.gap(structure, theta, x0) <= APART + self.apart)
+
+    def gap(self, structure, theta, x0):
+        """Return how far apart two places are where a model comes to (eq. latch).
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model, y its first channel.
+        theta : ndarray of shape (n_params,)
+            Its parameters.
+        x0 : ndarray of shape (n_experiments, n_x0)
+            Initial states of the experiments.
+
+        Returns
+        -------
+        gap : ndarray of shape (ny,)
+            Largest difference of every output, in standard deviations.
+        """
         its = structure, theta, x0, self.experiments, self.n_held, self.larger
-        return not np.all(apart(*its) <= APART + self.apart)
+        return apart(*its)
+
+    def opens(self, structure, before, after):
+        """Tell whether a training has moved two places to rest apart (eq. opened).
+
+        Parameters
+        ----------
+        structure : Structure
+            Structure of the model, y its first channel.
+        before, after : OptimizeResult
+            Parameters `theta` and initial states `x0`.
+
+        Returns
+        -------
+        opens : bool
+            Whether an output remembers more than before, by half its standard
+            deviation.
+        """
+        first, last = (self.gap(structure, z.theta, z.x0) for z in (before, after))
+        return not np.all(last <= np.maximum(first, self.apart) + OPENED)
 
 
 def escapes(structure, theta, x0, experiments):

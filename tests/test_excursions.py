@@ -1,6 +1,7 @@
 """Excursions: what a model does under inputs that its record does not have."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -110,6 +111,28 @@ def test_a_model_that_rests_in_two_places_latches(rng, w, keeps, amplitude):
     excursion = Excursion.beside(linear, experiments)
     assert excursion.latches(*model[:3]) == found
     assert excursion.leads(*model[:3]) == found
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "slow", "opens"),
+    [
+        (0.0, 0.49, 0.0, False),
+        (0.0, 0.51, 0.0, True),
+        (0.4, 0.89, 0.0, False),  # as far apart as the plant may have them
+        (0.4, 0.91, 0.0, True),
+        (0.0, 0.69, 0.2, False),  # the linear model has not come to rest either
+        (0.0, 0.71, 0.2, True),
+        (0.0, np.inf, 0.0, True),
+    ],
+)
+def test_a_training_may_move_two_places_apart(monkeypatch, before, after, slow, opens):
+    monkeypatch.setattr(Excursion, "gap", lambda self, structure, theta, x0: theta)
+    asks = Excursion([], 50, np.array([slow, slow]), np.ones((1, 2)))
+    found, trained = (
+        SimpleNamespace(theta=np.array([0.0, gap]), x0=None) for gap in (before, after)
+    )
+    assert asks.opens(None, found, trained) == opens
+    assert not asks.opens(None, trained, found)
 
 
 def test_no_input_hides_what_another_latches(rng):

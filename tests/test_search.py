@@ -1484,6 +1484,33 @@ def test_a_training_that_other_inputs_lead_away_is_left_out(
 
 
 @pytest.mark.usefixtures("searched")
+@pytest.mark.parametrize(("n_opened", "times"), [(0, 1), (1, 3), (2, 10)])
+def test_a_training_that_moves_two_places_apart_is_repeated(
+    monkeypatch, swinging, n_opened, times
+):
+    asked, alphas, train = [], [], _horizon.train
+
+    def opens(excursion, structure, before, after):
+        if before is not after and not any(after is one for one in asked):
+            asked.append(after)
+        return before is not after and any(after is one for one in asked[:n_opened])
+
+    def training(*args, alpha, **options):
+        alphas.append(alpha)
+        result = train(*args, alpha=alpha, **options)
+        result.cost *= 1e-3 ** len(alphas)  # better than the model of the search
+        return result
+
+    monkeypatch.setattr(_horizon, "train", training)
+    monkeypatch.setattr(_safe, "ESCAPED", np.inf)  # nothing outweighs
+    monkeypatch.setattr(Excursion, "opens", opens)
+    monkeypatch.setattr(Excursion, "leads", lambda *_: False)
+    model = hanging(swinging).fit(swinging.u, swinging.y)
+    assert len(asked) == n_opened + 1 == len(alphas)
+    np.testing.assert_allclose(model.alpha_, times * alphas[0], rtol=1e-12)
+
+
+@pytest.mark.usefixtures("searched")
 @pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])
 def test_what_ended_a_spoiled_training_is_said(monkeypatch, swinging, reason):
     """A fit that was ended from outside has not converged, whatever it returns."""

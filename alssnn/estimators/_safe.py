@@ -55,32 +55,32 @@ def safely_trained(estimator, plain, train, decay, theta, linear, experiments, w
     result : OptimizeResult or None
         The outcome of the training, unless it simulates the record worse than the
         linear model, or goes far where nothing was measured: from other states of the
-        record, or under other inputs (eq. escape, latch), as the outcome of the search
-        does not. The plant may, too: a fourth of the error outweighs all but a latch,
-        with a warning. Else that of the first training with a larger alpha of which
-        nothing of this is true, and which fits better than the outcome of the search;
-        else that one, with a warning. None if it is worse than the linear model, too,
-        from here or from other states.
+        record, or under other inputs (eq. escape, latch, opened), as the outcome of the
+        search does not. The plant may, too: a fourth of the error outweighs all but a
+        latch, with a warning. Else that of the first training with a larger alpha of
+        which nothing of this is true, and which fits better than the outcome of the
+        search; else that one, with a warning. None if it is worse than the linear
+        model, too, from here or from other states.
     decay : dict
         The decay of that training.
     """
     record = plain, linear, experiments
-    leaves, latches = _excursions(estimator, *record)
     result = train(decay)
     lost = _worse(estimator, result, *record)
     hung = lost or _hangs(estimator, result, *record)
-    if not hung and not leaves(result):
-        return result, decay
     options = {"noise": min(result.cost, 1.0)}
     untrained = as_found(
         estimator, plain, theta, experiments, watch, SEARCHED, **options
     )
     found = OptimizeResult({**result, **untrained})
+    goes = _Goes(estimator, *record, found)
+    if not hung and not goes.far(result):
+        return result, decay
     spoiled = _worse(estimator, found, *record) or _hangs(estimator, found, *record)
-    if not hung and (spoiled or leaves(found)):
+    if not hung and (spoiled or goes.far(found)):
         return result, decay  # the plant may do so, too
     # folds of a plant that rests in two places would do so, too
-    known = not lost and not spoiled and not latches(result)
+    known = not lost and not spoiled and not goes.apart(result)
     if known and ESCAPED * result.cost < found.cost:
         _warn_elsewhere(estimator, hung)
         return result, decay
@@ -94,7 +94,7 @@ def safely_trained(estimator, plain, train, decay, theta, linear, experiments, w
         if not (
             _worse(estimator, repeated, *record)
             or _hangs(estimator, repeated, *record)
-            or leaves(repeated)
+            or goes.far(repeated)
         ):
             return repeated, firm
     if spoiled:
@@ -135,18 +135,32 @@ def _warn_untrained(estimator, hung):
     )
 
 
-def _excursions(estimator, plain, linear, experiments):
-    """Return what tells whether other inputs take a simulation far from its record.
+class _Goes:
+    """Tell where other inputs take what was trained, beside what a search found.
 
-    The second function tells whether it rests in two places.
+    Predictors and plants that integrate are not asked.
     """
-    if is_predicting(estimator) or estimator.integrators_ or not experiments.is_here:
-        return (lambda result: False,) * 2
-    asks = Excursion.beside(linear, experiments)
-    return (
-        lambda result: asks.leads(plain, result.theta, result.x0),
-        lambda result: asks.latches(plain, result.theta, result.x0),
-    )
+
+    def __init__(self, estimator, structure, linear, experiments, found):
+        self.structure, self.found = structure, found
+        asks = experiments.is_here and not is_predicting(estimator)
+        asks = asks and not estimator.integrators_
+        self.excursion = Excursion.beside(linear, experiments) if asks else None
+
+    def far(self, result):
+        """Tell whether other inputs take it far from its record."""
+        return self._is(Excursion.leads, result)
+
+    def apart(self, result):
+        """Tell whether it rests in two places, or farther apart than what was found."""
+        return self._is(Excursion.latches, result)
+
+    def _is(self, asked, result):
+        model = self.structure, result.theta, result.x0
+        return self.excursion is not None and (
+            asked(self.excursion, *model)
+            or self.excursion.opens(self.structure, self.found, result)
+        )
 
 
 def as_found(
