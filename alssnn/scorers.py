@@ -128,6 +128,8 @@ def _k_step(model, u, y, experiment, *, steps, metric, sign):
 
 
 def _linearity(model, u, y, experiment):
+    if not np.isfinite(model.simulate_test(u, y, experiment)[1]).all():
+        return -np.inf  # without g, nothing would be left of a run that diverges
     record = model.linearizability(u, y, experiment, in_loop=False)
     error = np.mean(record.linearization_error)
     return -error if np.isfinite(error) else -np.inf

@@ -130,7 +130,7 @@ def test_a_diverging_model_has_infinite_errors(record):
     ladder = model_ladder(*record, models={"bad": Unstable(nx=6)})
     row = ladder["bad"]
     assert np.isposinf(row.rmse_test) and np.isneginf(row.fit_percent)
-    assert np.isposinf(row.linearization_error) and np.isposinf(row.e).all()
+    assert not row.linearization_error.any() and not row.e.any()  # it has no g
     assert "inf" in str(ladder)
 
 

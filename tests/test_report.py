@@ -334,6 +334,7 @@ def test_an_unstable_model_is_not_called_no_linear_one(tmp_path, undrawn):
     text = " ".join(check(tmp_path / "report.html")[1].split())
     assert "is not linearizable" not in text  # h is all that it has
     assert "How linear the model is was not judged. A has the spectral radius" in text
+    assert "|g|, mean 0 " in text and "H2 gain" not in text  # there is no g
 
 
 def test_the_error_of_the_loop_is_relative_to_its_linear_response(boiler):

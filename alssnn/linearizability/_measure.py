@@ -185,9 +185,11 @@ def _run(plant, record, driven, loop=None):
         if loop is not None:
             u = channels(loop, X, driven)[:, ny:]
         Z = channels(form, X, u)
+        Z[:, ~form.rows_z.any(axis=1)] = 0.0  # also where the states diverge
         y, v, g, eta = np.split(Z, np.cumsum([ny, nv, plant.nx]), axis=1)
         e = output_residual(A, C, g, plant.x_scale) + eta
         linear, h = X @ A.T + driven @ by_input.T, v - u[:, plant.moved]
+        h = h if plant.cancels else np.zeros_like(h)
     return _Run(X, u, y, linear, h, g, np.where(np.isfinite(e), e, np.inf))
 
 

@@ -146,8 +146,9 @@ class Linearizability:
 
     Notes
     -----
-    A quantity that a diverging simulation makes meaningless is inf. Where there is no
-    law there is no closed loop: its quantities are nan, and `closed_outside` None.
+    A quantity that a diverging simulation makes meaningless is inf. Without a residual,
+    g and its errors are zero, whatever diverges. Where there is no law there is no
+    closed loop: its quantities are nan, and `closed_outside` None.
 
     Examples
     --------
@@ -229,6 +230,7 @@ class Linearizability:
             *(
                 _pair(f"H2 gain from g to y{of}", gain)
                 for of, gain in zip(self._suffixes(), self.h2_gain, strict=True)
+                if self.ratio_g_max  # else there is no g
             ),
         ]
         rows += [*self._band_rows(), "", *self._closed_words()]
@@ -239,7 +241,7 @@ class Linearizability:
                 "region: there the model is a guess, and so are these numbers.",
                 "Train on records that go there, or keep the plant inside.",
             ]
-        if self.large_law:
+        if self.large_law and np.isfinite(self.large_law):  # else it diverges
             rows += ["", *self.large_law_lines()]
         return "\n".join(map(_line, rows))
 

@@ -70,6 +70,7 @@ def linearity(model, test, record):
     rows += [
         (f"H2 gain from g to {name}", gain, "")
         for name, gain in zip(outputs, record.h2_gain, strict=True)
+        if record.ratio_g_max  # else there is no g
     ]
     bands = record.bands
     header = ["band, Hz"]
