@@ -123,3 +123,5 @@ def test_a_report_has_a_column_of_it(record, model, tmp_path):
     model.report(tmp_path / "page.html", *data, noise_floor=NOISE)
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "RMSE / noise floor" in text and "times the noise of" in text
+    assert "On a fresh record the best that a model can do is about the noise" in text
+    assert "No model goes below" not in text  # a training does, with its own noise

@@ -196,7 +196,7 @@ class Ladder(Rows):
         if self.noise_floor is not None:
             notes.append(
                 "test / floor: RMSE of the test over that of the noise, the worst "
-                "output; no model goes below 1."
+                "output; about 1 is the best that a model can do."
             )
         if self.not_fitted:
             notes.append(

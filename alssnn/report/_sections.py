@@ -358,7 +358,8 @@ def accuracy(model, test, train, floor=None):
             "Errors of the free-run simulation; the first samples set the initial "
             "state and are not scored. RMSE has the unit of the output, NRMSE is "
             "relative to its standard deviation."
-            + " No model goes below a noise floor of 1."
+            + " On a fresh record the best that a model can do is about the noise "
+            "floor, a ratio of 1. In training it may go below, and by chance elsewhere."
             * (floor is not None)
         ),
         table(header, rows),
