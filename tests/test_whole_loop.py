@@ -255,6 +255,8 @@ def test_the_observer_is_exact_without_noise():
     without = certify_loop(controller, 0.1, noise=0.0, search=False)
     hardly = certify_loop(controller, 0.1, noise=1e-12, search=False)
     assert without.holds and hardly.holds
+    assert "same inputs; the estimate is exact" in repr(without)
+    assert "noise" not in repr(without) and "noise included" in repr(hardly)
     # the same loop, bounded in one way or the other
     assert hardly.output_bound <= 3 * without.output_bound
 

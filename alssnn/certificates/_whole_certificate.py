@@ -61,6 +61,10 @@ class LoopCertificate:
         Gain from every u to what the plant adds to every output of the model.
     largest_error : float
         Factor on `error` up to which a gain is proved; nan without an error.
+    proof : LoopProof or None, default=None
+        What the inequalities are made of; None where nothing was proved.
+    has_noise : bool, default=True
+        Whether noise of the sensors counts; else the estimate of the state is exact.
 
     Examples
     --------
@@ -82,6 +86,7 @@ class LoopCertificate:
     error: np.ndarray | None = None
     largest_error: float = np.nan
     proof: LoopProof | None = None
+    has_noise: bool = True
 
     @property
     def holds(self):
@@ -146,7 +151,8 @@ class LoopCertificate:
                     self.u_low, self.u_high, self.reaches_limits, strict=True
                 )
             )
-            lines.append("  y_lin is the design under the same inputs, noise included")
+            of = ", noise included" if self.has_noise else "; the estimate is exact"
+            lines.append(f"  y_lin is the design under the same inputs{of}")
             lines += [f"  u stays within {u}", f"  {self._of_gain()}"]
             if self.rate.holds:
                 lines.append(f"  {self._of_rate()}")
@@ -263,6 +269,7 @@ def certify_loop(controller, amplitude=None, *, noise=None, error=None, search=T
         error=error,
         largest_error=np.nan if error is None else _largest_error(proof, error, gain),
         proof=proof if isinstance(proof, LoopProof) else None,
+        has_noise=bool(np.any(noise)),
     )
 
 
