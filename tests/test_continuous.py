@@ -620,6 +620,9 @@ def test_a_report_says_the_equations_of_derivatives(swing, noisy, tmp_path):
     text = path.read_text(encoding="utf-8")
     assert "x&#x27; = A x + B" in text and "per second" in text
     assert "Poles of A: " in text
+    assert "spectral radius of sampled A" in text  # not of the A that is printed
+    figures = swing.linearizability(u[:200], y[:200], in_loop=False)
+    assert "\nspectral radius of sampled A  " in repr(figures)
 
 
 def test_experiments_of_one_sample_do_no_harm(noisy):

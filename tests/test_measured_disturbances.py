@@ -240,6 +240,10 @@ def test_observer_takes_the_inputs_of_the_record(models, record):
 @pytest.mark.parametrize("name", WITH_LAW)
 def test_linearizability_takes_disturbances_as_given(models, record, name):
     figures = models(name).linearizability(*record)
+    table = str(figures).splitlines()
+    (mean,) = [line for line in table if line.startswith("|g| / |Ax+Bu+Gd|  mean ")]
+    assert "|Ax+Bu| " not in str(figures)  # G d counts, and its label says so
+    assert table[table.index(mean) + 1].index("max") == mean.index("mean")
     if name.startswith("FL") or name == "monotone":
         assert np.max(figures.linearization_error) < 1e-9
         assert np.max(figures.closed_linearization_error) < 1e-9

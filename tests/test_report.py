@@ -364,6 +364,8 @@ def test_disturbances_of_a_bound_are_told(tmp_path, undrawn):
     assert "input v of this size, with measured disturbances within theirs" in text
     assert "largest input for u0, around the operating point" in text
     assert "largest disturbance u1, around the operating point" in text
+    assert "|Ax+Bu+Gd|, mean" in text and "|Ax+Bu|" not in text
+    assert "spectral radius of A" in text  # discrete: of the A that is printed
 
 
 def test_a_solver_that_breaks_down_decides_nothing(tmp_path, undrawn, monkeypatch):

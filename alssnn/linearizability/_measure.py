@@ -74,7 +74,7 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
     plant = as_plant(plant)
     if law_dt is not None or ahead or plant.rates is not None:
         plant, records = at_rate(plant, records, law_dt or plant.dt, ahead)
-    plant = plant.arrived()
+    is_sampled, plant = plant.rates is not None, plant.arrived()
     A, _, C, _ = plant.linear()
     u = [record.du for record in records]
     opened = [_run(plant, record, record.du) for record in records]
@@ -110,6 +110,8 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
         output_names=output_names,
         no_law=plant.no_law,
         law_size=_law_size([run.h for run in opened], u, plant),
+        has_disturbances=bool(plant.nd),
+        is_sampled=is_sampled,
     )
 
 

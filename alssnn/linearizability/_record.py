@@ -79,11 +79,12 @@ class Linearizability:
         Ratio rms(e) / std(y) per output (eq. gauge), y the measured output. Does not
         depend on the state basis, nor on the operating point of y.
     ratio_g_mean, ratio_g_max : float
-        Mean and maximum over time of ``|g| / |A x + B u|``, in the state basis.
+        Mean and maximum over time of ``|g| / |A x + B u|``, in the state basis. Here
+        and below, G d of measured disturbances counts with A x + B u.
     ratio_h_mean, ratio_h_max : float
         Mean and maximum over time of ``|h| / |A x + B u|``, h in the units of u.
     spectral_radius : float
-        Largest modulus of the eigenvalues of A.
+        Largest modulus of the eigenvalues of A, that of the sampled model.
     closed_linearization_error : ndarray of shape (ny,)
         The same error of the closed loop u = v - h, where v is the recorded input:
         rms(e) / std(y_lin), both of the response to v, y_lin that of the linear system
@@ -143,6 +144,10 @@ class Linearizability:
         Share of the samples of that loop outside the region of the training data.
     carried_problem : str, default=""
         Why there is no `carried`.
+    has_disturbances : bool, default=False
+        Whether there are measured disturbances d.
+    is_sampled : bool, default=False
+        Whether A is that of a model in continuous time, from sample to sample.
 
     Notes
     -----
@@ -191,9 +196,22 @@ class Linearizability:
     carried_noise: np.ndarray | None = None
     carried_outside: float | None = None
     carried_problem: str = ""
+    has_disturbances: bool = False
+    is_sampled: bool = False
+
+    @property
+    def words_linear(self):
+        """Return what states and inputs add up to in the linear part, in words."""
+        return "|Ax+Bu+Gd|" if self.has_disturbances else "|Ax+Bu|"
+
+    @property
+    def words_radius(self):
+        """Return what `spectral_radius` is, in words."""
+        return f"spectral radius of {'sampled ' * self.is_sampled}A"
 
     def __repr__(self):
         """Return a table."""
+        linear = self.words_linear
         rows = [
             ("", "open loop", "closed loop"),
             *(
@@ -205,14 +223,10 @@ class Linearizability:
                     strict=True,
                 )
             ),
-            _pair("|g| / |Ax+Bu|  mean", self.ratio_g_mean, self.closed_ratio_mean),
-            _pair("               max", self.ratio_g_max, self.closed_ratio_max),
-            _pair("|h| / |Ax+Bu|  mean", self.ratio_h_mean),
-            _pair("               max", self.ratio_h_max),
-            _pair("|Ax+Bu|        mean", None, self.closed_linear_mean),
-            _pair("               max", None, self.closed_linear_max),
-            _pair("|g|            mean", None, self.closed_omega_mean),
-            _pair("               max", None, self.closed_omega_max),
+            *self._size_rows(f"|g| / {linear}", "ratio_g", "closed_ratio"),
+            *self._size_rows(f"|h| / {linear}", "ratio_h"),
+            *self._size_rows(linear, None, "closed_linear"),
+            *self._size_rows("|g|", None, "closed_omega"),
             (
                 "samples outside the training region",
                 _percent(self.outside),
@@ -225,7 +239,7 @@ class Linearizability:
             ),
             *self._carried_rows(),
             "",
-            ("spectral radius of A", f"{self.spectral_radius:.6f}"),
+            (self.words_radius, f"{self.spectral_radius:.6f}"),
             _pair("peak of |A^k|", self.peak_gain),
             *(
                 _pair(f"H2 gain from g to y{of}", gain)
@@ -244,6 +258,17 @@ class Linearizability:
         if self.large_law and np.isfinite(self.large_law):  # else it diverges
             rows += ["", *self.large_law_lines()]
         return "\n".join(map(_line, rows))
+
+    def _size_rows(self, name, *sizes):
+        """Return the rows of the mean and the maximum of a size."""
+        width = len(f"|g| / {self.words_linear}  ")
+        return [
+            _pair(
+                text.ljust(width) + of,
+                *(size and getattr(self, f"{size}_{of}") for size in sizes),
+            )
+            for text, of in ((name, "mean"), ("", "max"))
+        ]
 
     def _band_rows(self):
         """Return the rows of frequency bands."""

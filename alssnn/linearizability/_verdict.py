@@ -107,8 +107,9 @@ def judge(figures, within=0.05, fit=None):
         return False, f"There is no loop to judge. {figures.no_law}"
     if is_unstable(figures):
         return False, (
-            f"A has the spectral radius {figures.spectral_radius:.4g}: the linear part "
-            "needs a controller that stabilizes it."
+            f"{'Sampled, ' * getattr(figures, 'is_sampled', False)}A has the spectral "
+            f"radius {figures.spectral_radius:.4g}: the linear part needs a controller "
+            "that stabilizes it."
         )
     errors, outside, loop = _in_judged_loop(figures)
     if np.isnan(errors).any():

@@ -19,16 +19,16 @@ from ._page import (
 MAX_NEURONS = 100
 
 LINEARITY = (
-    ("|g| / |Ax+Bu|, mean", "ratio_g_mean", "closed_ratio_mean"),
-    ("|g| / |Ax+Bu|, max", "ratio_g_max", "closed_ratio_max"),
-    ("|h| / |Ax+Bu|, mean", "ratio_h_mean", None),
-    ("|h| / |Ax+Bu|, max", "ratio_h_max", None),
-    ("|Ax+Bu|, mean", None, "closed_linear_mean"),
-    ("|Ax+Bu|, max", None, "closed_linear_max"),
+    ("|g| / {linear}, mean", "ratio_g_mean", "closed_ratio_mean"),
+    ("|g| / {linear}, max", "ratio_g_max", "closed_ratio_max"),
+    ("|h| / {linear}, mean", "ratio_h_mean", None),
+    ("|h| / {linear}, max", "ratio_h_max", None),
+    ("{linear}, mean", None, "closed_linear_mean"),
+    ("{linear}, max", None, "closed_linear_max"),
     ("|g|, mean", None, "closed_omega_mean"),
     ("|g|, max", None, "closed_omega_max"),
     ("share outside the training region", "outside", "closed_outside"),
-    ("spectral radius of A", "spectral_radius", None),
+    ("{radius}", "spectral_radius", None),
     ("peak of |A^k|", "peak_gain", None),
 )
 
@@ -60,9 +60,7 @@ def linearity(model, test, record):
             strict=True,
         )
     ]
-    rows += [
-        (text, *(_field(record, name) for name in names)) for text, *names in LINEARITY
-    ]
+    rows += _sizes(record)
     rows += [
         (f"plant from its design, {name}", "", record.carried_words(i))
         for i, name in enumerate(outputs)
@@ -108,8 +106,16 @@ def linearity(model, test, record):
     return "".join(parts)
 
 
-def _field(record, name):
-    return "" if name is None else getattr(record, name)
+def _sizes(record):
+    """Return the rows of numbers that belong to no single output."""
+    words = {"linear": record.words_linear, "radius": record.words_radius}
+    return [
+        (
+            text.format(**words),
+            *("" if name is None else getattr(record, name) for name in names),
+        )
+        for text, *names in LINEARITY
+    ]
 
 
 def _law(model, test):
