@@ -306,12 +306,25 @@ def test_a_solver_that_fails_leaves_the_shifted_plan(fitted):
     assert not mpc.info_.fallback
 
 
+def test_a_plan_that_is_kept_beyond_its_bounds_says_so(linear):
+    scale = linear._scaling
+    y_max = linear.y_offset_ + 0.1 * scale.y_scale
+    mpc = LinearizingMPC(linear, y_max=y_max, max_iter=1)
+    far = np.array([2.0, 2.0, 2.0])
+    mpc.reset(far)
+    mpc.step(linear.y_offset_, linear.plant_.late().output(far))
+    info = mpc.info_
+    beyond = np.maximum((info.y_plan - y_max).max(axis=0), 0.0)
+    assert info.fallback and (beyond / scale.y_scale).max() > 0.1
+    np.testing.assert_allclose(info.slack_y, beyond, rtol=1e-9)
+
+
 def test_a_diverging_model_is_reported(linear):
     ungated = DisturbanceObserver(linear)
     mpc = LinearizingMPC(linear, u_min=-1e3, u_max=1e3, observer=ungated)
     u = mpc.step(linear.y_offset_, np.full(2, 1e300))
     assert mpc.info_.fallback
-    assert np.isfinite(u).all()
+    assert np.isfinite(u).all() and not mpc.info_.slack_y.any()  # no bound
 
 
 def test_reset_and_pickle_repeat_the_same_inputs(fitted):

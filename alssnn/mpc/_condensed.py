@@ -94,6 +94,8 @@ class CondensedProgram:
         The maps from c to X and V.
     qp : QuadraticProgram
         The solver.
+    soft : SoftBounds
+        Rows with soft bounds.
     price : ndarray of shape (N * n_soft,)
         Linear price of sigma.
     """
@@ -101,7 +103,7 @@ class CondensedProgram:
     def __init__(self, model, weights, horizon, soft, limits, penalty, options):
         n, (nx, nu) = horizon, model.B.shape
         self._shape_x, self._shape_v = (n, nx), (n, nu)
-        self._soft, self._limits = soft, limits
+        self.soft, self._limits = soft, limits
         unstable = np.abs(np.linalg.eigvals(model.A)).max() >= 1
         K = unstable * weights.K / model.u_scale[:, None]
         self.prediction = maps = Prediction.of(model.A, model.B, K, n)
@@ -124,7 +126,7 @@ class CondensedProgram:
 
     def _rows(self, maps, n_slack):
         """Return the rows of the constraints, in the order of the module's text."""
-        (n, nu), soft = self._shape_v, self._soft
+        (n, nu), soft = self._shape_v, self.soft
         Y_c = np.kron(np.eye(n), soft.rows) @ maps.X_c  # (n_slack, N nu)
         eye = np.eye(n_slack)
         below, above = (np.tile(z, n) for z in (soft.below, soft.above))
@@ -178,7 +180,7 @@ class CondensedProgram:
             change = inputs.change - np.diff(free, axis=0, prepend=0)
             lower.append((change - inputs.du_max).ravel())
             upper.append((change + inputs.du_max).ravel())
-        if len(self._soft.rows):
+        if len(self.soft.rows):
             self._bound_softly(X_free, soft_bounds, lower, upper)
         solution = self.qp.solve(
             np.concatenate([q, self.price]),
@@ -190,7 +192,7 @@ class CondensedProgram:
         c, slack = solution.x[:n_c], solution.x[n_c:]
         X = (X_free + self.prediction.X_c @ c).reshape(self._shape_x)
         V = (V_free + self.prediction.V_c @ c).reshape(self._shape_v)
-        return solution, (X, V, slack.reshape(len(X), len(self._soft.rows)))
+        return solution, (X, V, slack.reshape(len(X), len(self.soft.rows)))
 
     def _tilt(self, x, X_free, V_free, K, F):
         """Make rows of w = K (v - F x), and return what it is for c = 0."""
@@ -208,9 +210,9 @@ class CondensedProgram:
 
     def _bound_softly(self, X_free, soft_bounds, lower, upper):
         """Append the bounds of the rows with sigma."""
-        Y_free = X_free.reshape(self._shape_x) @ self._soft.rows.T  # (N, n_soft)
+        Y_free = X_free.reshape(self._shape_x) @ self.soft.rows.T  # (N, n_soft)
         y_min, y_max = (bound - Y_free for bound in soft_bounds)
-        below = y_min[:, self._soft.below].ravel()
-        above = y_max[:, self._soft.above].ravel()
+        below = y_min[:, self.soft.below].ravel()
+        above = y_max[:, self.soft.above].ravel()
         lower += [below, np.full(above.size, -np.inf), np.zeros(Y_free.size)]
         upper += [np.full(below.size, np.inf), above, np.full(Y_free.size, np.inf)]

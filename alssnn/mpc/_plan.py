@@ -119,5 +119,5 @@ class Planner:
                 self.U = limits.held(u_last, wanted)
                 return Pass(solution, X_new, inputs, wanted[0], slack)
             solution = replace(solution, x=None, status="no u found for v")
-        slack = np.zeros((self.horizon, len(soft_bounds[0])))
+        slack = self.program.soft.excess(X[1:], soft_bounds)
         return Pass(solution, X[1:], inputs, self.U[0], slack)

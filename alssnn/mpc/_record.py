@@ -33,12 +33,14 @@ class MpcStep:
     v : ndarray of shape (nu,)
         Input of the linear system, u + h(s).
     cut : ndarray of shape (nu,)
-        What the limits cut off the planned input; not zero after a fallback, and of
-        the size of the tolerance after a solution.
+        What the limits cut off the planned input. After a solution it is of the size
+        of the tolerance, unless the last input was outside the limits, or these are
+        linearized.
     saturated : ndarray of bool of shape (nu,)
         Whether a limit of u or its rate is reached.
     slack_y : ndarray of shape (ny,)
-        Largest planned excess of the soft bounds, in the units of y.
+        Largest excess of the soft bounds along the plan that is taken, in the units of
+        y.
     slack_x : ndarray of shape (nx,)
         The same for the states.
     target_error : ndarray of shape (ny,)

@@ -80,6 +80,26 @@ class SoftBounds:
         size = np.concatenate([self.y_scale, np.ones(n_states)])
         return tuple(((b - shift) / size)[self.kept] for b in (self.lower, self.upper))
 
+    def excess(self, X, bounds):
+        """Return what a plan exceeds the bounds by.
+
+        Parameters
+        ----------
+        X : ndarray of shape (horizon, nx)
+            Planned states.
+        bounds : tuple of two ndarray of shape (n_soft,)
+            Bounds of `rows` times x, see `around`.
+
+        Returns
+        -------
+        slack : ndarray of shape (horizon, n_soft)
+            Excess of the bounded rows, outputs scaled; inf where the plan diverges.
+        """
+        lower, upper = bounds
+        rows = X @ self.rows.T
+        slack = np.maximum(np.maximum(lower - rows, rows - upper), 0.0)
+        return np.where(np.isnan(slack), np.inf, slack)
+
     def largest(self, slack):
         """Return the largest excess of every output and state.
 
