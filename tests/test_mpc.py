@@ -98,6 +98,20 @@ def test_without_bounds_it_is_the_regulator_with_riccati_weight(pair):
     np.testing.assert_allclose(u / scale, law(v, s) / scale, rtol=0, atol=1e-6)
 
 
+def test_the_first_move_of_a_linear_model_is_the_regulator_of_its_reference(linear):
+    """However far the reference: its state of rest is known in closed form."""
+    A, B, C, scale = linear.A_, linear.B_, linear.C_, linear._scaling
+    dr = np.array([4.0, -3.0]) * scale.y_scale
+    rest = np.block([[np.eye(3) - A, -B], [C, np.zeros((2, 2))]])
+    x_s, v_s = np.split(np.linalg.solve(rest, np.r_[np.zeros(3), dr]), [3])
+    assert max(np.abs(x_s).max(), np.abs(v_s / scale.u_scale).max()) > 3
+    mpc = LinearizingMPC(linear)
+    u = mpc.step(linear.y_offset_ + dr, linear.y_offset_)
+    expected = linear.u_offset_ + v_s + mpc.K @ x_s
+    np.testing.assert_allclose((u - expected) / scale.u_scale, 0.0, atol=1e-5)
+    np.testing.assert_allclose(mpc.info_.target_error / scale.y_scale, 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("unstable", [False, True])
 @pytest.mark.parametrize("du_max", [None, [0.8, 0.005]])
 def test_solution_is_that_of_an_independent_solver(linear, unstable, du_max):

@@ -203,7 +203,8 @@ class LinearizingMPC(Controller):
         self._planner = Planner(self._model, program, self._limits)
         sx = self._model.x_scale
         sides = self._model.C * sx, Q_target, self._soft.rows * sx
-        target = Target(*sides, penalty, options)
+        step = {} if plant.form.nw else {"step": np.inf}
+        target = Target(*sides, penalty, options, **step)
         self._rest = StatesOfRest(self._model, self._limits, target)
         self.reset()
 

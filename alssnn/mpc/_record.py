@@ -45,7 +45,9 @@ class MpcStep:
         The same for the states.
     target_error : ndarray of shape (ny,)
         Output at rest minus the (last) reference; not zero if bounds or the number of
-        inputs keep the outputs from it.
+        inputs keep the outputs from it. Of a nonlinear model it needs some samples
+        after a large step of the reference: a state of rest moves by at most one
+        standard deviation of states and inputs with every program.
     x_hat : ndarray of shape (nx,)
         Estimated state.
     disturbance : ndarray of shape (nd,)

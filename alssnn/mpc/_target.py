@@ -19,6 +19,7 @@ PRIOR = 1e-4  # weight, relative, of |u_s| in directions that the reference leav
 RANK = 1e-8  # singular value, relative, below which a direction counts as lost
 SETTLED = 1e-3  # smaller steps are left to the next sample
 STEP = 1.0  # largest step of Newton's method, in standard deviations of x and u
+TINY = np.finfo(float).tiny
 
 
 class StatesOfRest:
@@ -130,11 +131,14 @@ class Target:
         Linear and quadratic weight of what exceeds them.
     options : dict
         Options of `QuadraticProgram`.
+    step : float, default=1.0
+        Largest step of Newton's method, in standard deviations of x and u; infinite
+        for a linear model, whose first step is the solution.
     """
 
-    def __init__(self, C, weight, soft, penalty, options):
+    def __init__(self, C, weight, soft, penalty, options, step=STEP):
         self.C, self.weight, self.soft = C, weight, soft
-        self.penalty, self.options = penalty, options
+        self.penalty, self.options, self.step = penalty, options, step
         self._qp = None
 
     def reset(self):
@@ -173,7 +177,7 @@ class Target:
         if x is None:
             return *last, status
         step = np.concatenate([x - last[0], u - last[1]])
-        share = min(1.0, STEP / max(np.abs(step).max(), STEP))
+        share = min(1.0, self.step / max(np.abs(step).max(), TINY))
         return last[0] + share * (x - last[0]), last[1] + share * (u - last[1]), status
 
     def _rest(self, model, goal, u_bounds, soft_bounds):
