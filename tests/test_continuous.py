@@ -26,10 +26,11 @@ from alssnn.continuous import (
     sampled,
     with_nodes,
 )
+from alssnn.feedback import DisturbanceObserver
 from alssnn.innovations import has_innovations
 from alssnn.models import state_space
 from alssnn.simulation import outputs, regressors, simulate
-from alssnn.validation import frequency_response
+from alssnn.validation import ahead_fit, frequency_response
 from benchmarks.continuous import keep, steps_of_training
 from helpers import assert_direct
 
@@ -405,6 +406,9 @@ def test_what_judges_a_model_takes_its_hold():
     validation = model.validate(u[500:, None], y[500:])
     _, y_pred = model.simulate_test(u[500:, None], y[500:])
     assert validation["free run"].passed
+    assert validation["predictions"].value > 99.5  # percent, as the free run
+    ahead = model.predict_ahead(u[500:, None], y[500:], 5)
+    assert np.std((ahead - y[500:])[30:]) < 4e-3 * np.std(y[500:])
     (prepared,) = model.prepare_records(u[500:, None], y[500:])
     assert prepared.u_s.shape == (200, 3) and prepared.du.shape == (200, 1)
     np.testing.assert_allclose(prepared.du[:, 0], u[500:] - model.u_offset_, atol=1e-12)
@@ -418,6 +422,22 @@ def test_what_judges_a_model_takes_its_hold():
     band = covariance.frequency_response([0.5, 2.0])
     expected = model.to_statespace()(1j * np.array([0.5, 2.0]))
     np.testing.assert_allclose(band.response[:, 0, 0], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("kind", ["kalman", "ekf", "disturbance"])
+def test_predictions_of_exact_outputs_are_exact_between_the_samples(noisy, kind, delay):
+    """Nothing is corrected where the model says what was measured."""
+    u, y = noisy
+    options = {"input_delay": delay, "dt": 0.2, "time": "continuous", "hold": "cubic"}
+    model = alssnn.LinearStateSpace(nx=2, **options).fit(u, y)
+    exact = model.predict(u)
+    observer = DisturbanceObserver(model)
+    if kind != "disturbance":
+        observer = model.observer(kind=kind)
+    ahead = model.predict_ahead(u, exact, 3, observer=observer)
+    np.testing.assert_allclose(ahead[3:], exact[3:], atol=1e-9 * np.std(y))
+    assert ahead_fit(model, u, exact, horizons=[3]).fit[0, 0] > 99.9
 
 
 def test_linear_models_of_several_inputs_and_experiments_with_gaps():

@@ -63,8 +63,12 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
     -----
     Costs N steps of the observer, and steps times N - steps samples of the
     model, for all starting points in one product.
+
+    With a `hold` other than "zoh" the inputs go on between the samples as the model was
+    fitted for, also behind an observer; a cubic spline sees the inputs behind k, too.
     """
     from ..feedback import Observer
+    from ..feedback.recorded import along_records
 
     check_is_fitted(model)
     known = isinstance(steps, Real) and float(steps) >= 1
@@ -77,6 +81,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
     u, y, parts, labels = labeled_data(model, u, y, experiment)
     predicts = observer is None and has_innovations(model._structure)
     observer = Observer(model) if observer is None else observer
+    observer, inputs = along_records(observer, model)
     n_more = observer.plant.nx - len(model.A_)  # late inputs, and disturbances
     y_hat = np.empty((len(u), len(model.C_)))
     for part, start in zip(parts, start_states(model, x0, labels), strict=True):
@@ -91,6 +96,7 @@ def predict_ahead(model, u, y, steps=1, experiment=None, *, x0="rest", observer=
                 plant = plant.with_disturbance(plant.drift)
             y_hat[part][n - 1 :] = run_on(plant, X_hat[: len(u_i) - n + 1], u_i, n - 1)
         elif n < len(u_i):
+            u_i = inputs(u_i)
             X_hat = observer.filter(u_i, y_i, np.pad(start, (0, n_more)))
             y_hat[part][n:] = run_on(observer.plant, X_hat[:-n], u_i, n)
     y_hat = y_hat[:, 0] if y.ndim == 1 else y_hat

@@ -229,7 +229,9 @@ class Observer:
 
         Notes
         -----
-        The observer itself, its state included, does not change.
+        The observer itself, its state included, does not change. Inputs are held
+        between the samples, as in a loop, whatever the `hold` of the model is:
+        `predict_ahead` follows records of others.
         """
         u, y = as_numbers("u", u), as_numbers("y", y)
         nu, ny = self.plant.nu, len(self.R)

@@ -91,8 +91,9 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
             f"`horizons` must be positive integers, got {horizons}. They count samples."
         )
     from ..feedback import Observer  # python-control takes a second to import
+    from ..feedback.recorded import along_records
 
-    observer = Observer(model)
+    observer, inputs = along_records(Observer(model), model)
     experiments = _first(model, u, y, experiment)
     steps = np.unique(wanted.astype(int))
     steps = steps[steps <= max(len(y) for _, y, _ in experiments) // 4]
@@ -103,6 +104,7 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
         )
     found: dict[int, list] = {int(step): [] for step in steps}
     for u_k, y_k, x0 in experiments:
+        u_k = inputs(u_k)
         X = observer.filter(u_k, y_k, x0)
         past = last_measured(y_k)
         for step in range(1, min(steps[-1], len(y_k) - 1) + 1):
