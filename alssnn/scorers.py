@@ -103,7 +103,8 @@ def _k_step(model, u, y, experiment, *, steps, metric, sign):
     records = model.prepare_records(u, y, experiment)
     x0 = np.vstack([record.x0 for record in records])
     try:
-        observer = model.observer()
+        # what drifts is a part of the predictions
+        observer = model.observer() if model.plant_.drift is None else None
     except ValueError:  # not detectable: nothing follows the record
         return -np.inf
     with np.errstate(over="ignore", invalid="ignore"):
@@ -168,9 +169,10 @@ neg_certified_distance = Scorer("neg_certified_distance", _certified)
 def k_step(steps, *, metric="nrmse"):
     """Return a scorer of predictions some samples ahead.
 
-    The observer of the model, with its defaults, follows the record; from every
-    estimate the model runs alone (`predict_ahead`).  As the samples that estimate the
-    initial state, the first `steps` of every experiment are not scored.
+    The observer of the model, with its defaults, follows the record, or the predictor
+    of a model with a `drift`; from every estimate the model runs alone
+    (`predict_ahead`).  As the samples that estimate the initial state, the first
+    `steps` of every experiment are not scored.
 
     Parameters
     ----------

@@ -24,6 +24,7 @@ from alssnn.limits import Limits
 from alssnn.linear_model import LinearModel, simulation_error
 from alssnn.models import state_space
 from alssnn.orders import compare_orders
+from alssnn.scorers import k_step
 from alssnn.simulation import outputs, simulate
 from alssnn.stability import Contractive, Schur
 from helpers import assert_direct
@@ -304,6 +305,23 @@ def test_observer_predicts_as_the_fit_did(fitted):
     (unknown,) = {"output", "input"} - {kind}
     assert plant.with_disturbance(unknown).K is None
     assert DisturbanceObserver(model, disturbance=unknown).disturbance == unknown
+
+
+def test_a_walk_is_no_fault_of_a_free_run(fitted):
+    """One that has gone far leaves every free run, and no prediction."""
+    model = fitted[0]
+    u, y, _ = make_record(kind=model.drift, walk=0.3, seed=5)
+    checks = model.validate(u, y)
+    free_run = checks["free run"]
+    assert not free_run.passed and not free_run.decides and free_run.value < 0
+    assert "No free run knows what drifts, and this one is" in free_run.sentence
+    assert checks["linearizability"].decides
+    assert "does not follow the plant" not in checks["linearizability"].sentence
+    ahead = model.predict_ahead(u, y, 5)
+    misses = np.linalg.norm(ahead - y, axis=0) / np.linalg.norm(y - y.mean(0), axis=0)
+    horizon = list(checks.ahead.horizons).index(5)
+    np.testing.assert_allclose(checks.ahead.fit[horizon], 100 * (1 - misses), atol=1.0)
+    assert k_step(5)(model, u, y) == pytest.approx(-np.mean(misses), abs=0.01)
 
 
 def test_estimate_follows_the_walk():

@@ -1,8 +1,9 @@
 """How far ahead a model sees: fit of k-step predictions against k.
 
-The observer of the model gives x_hat_k from y up to sample k; from there the model
-runs free over the next samples.  One step ahead nearly every model looks good, because
-the last value is a good guess already: so that guess stands beside it.
+The observer of the model gives x_hat_k from y up to sample k, and what drifts where the
+model was fitted with a `drift`; from there the model runs free over the next samples.
+One step ahead nearly every model looks good, because the last value is a good guess
+already: so that guess stands beside it.
 """
 
 from dataclasses import dataclass
@@ -90,10 +91,12 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
         raise ValueError(
             f"`horizons` must be positive integers, got {horizons}. They count samples."
         )
-    from ..feedback import Observer  # python-control takes a second to import
+    from ..feedback import DisturbanceObserver, Observer  # imports take a second
     from ..feedback.recorded import along_records
 
-    observer, inputs = along_records(Observer(model), model)
+    # what drifts is a part of the predictions
+    kind = Observer if as_plant(model).drift is None else DisturbanceObserver
+    observer, inputs = along_records(kind(model), model)
     experiments = _first(model, u, y, experiment)
     steps = np.unique(wanted.astype(int))
     steps = steps[steps <= max(len(y) for _, y, _ in experiments) // 4]
@@ -104,7 +107,7 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
         )
     found: dict[int, list] = {int(step): [] for step in steps}
     for u_k, y_k, x0 in experiments:
-        u_k = inputs(u_k)
+        u_k, x0 = inputs(u_k), np.pad(x0, (0, len(observer.Q) - len(x0)))
         X = observer.filter(u_k, y_k, x0)
         past = last_measured(y_k)
         for step in range(1, min(steps[-1], len(y_k) - 1) + 1):
@@ -123,12 +126,10 @@ def ahead_fit(model, u, y, experiment=None, *, horizons=(1, 2, 5, 10, 20, 50)):
 def _first(model, u, y, experiment):
     """Return (u, y, x0) of the first samples of all experiments together."""
     # the observer delays late inputs itself; before the first sample they rested
-    late = np.zeros(int(np.sum(as_plant(model).delay)))
     out, left = [], OBSERVED
     for record in model.prepare_records(u, y, experiment):
         if left <= 0:
             break
-        x0 = np.concatenate([record.x0, late])
-        out.append((record.u[:left], record.y[:left], x0))
+        out.append((record.u[:left], record.y[:left], record.x0))
         left -= len(record.y)
     return out

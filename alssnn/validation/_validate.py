@@ -186,7 +186,7 @@ def validate(
     checks = (  # by weight
         free_run,
         _extrapolation(outside, surely),
-        _linear(linear, linear_within, model.fitted_.for_control, free_run),
+        _linear(linear, linear_within, model.fitted_.for_control, free_run, missed),
         *in_closed_loop(blocks, feedback, level, predicts(model), part),
         _ahead(ahead, problem, outputs),
         whiteness,
@@ -406,20 +406,21 @@ def _floor(experiments, outputs, floor):
 
 def _noisy_run(model, check, missed):
     """Return the check of a free run that is not told the noise of the process."""
-    A = as_plant(model).late().linear()[0]
-    radius = np.abs(np.linalg.eigvals(A)).max(initial=0.0)
-    worst = percent(np.max(missed))
-    if radius < 1 or check.passed:
+    plant, worst = as_plant(model).late(), percent(np.max(missed))
+    radius = np.abs(np.linalg.eigvals(plant.linear()[0])).max(initial=0.0)
+    if check.passed or (radius < 1 and plant.drift is None):
         sentence = (
             f"{check.sentence} A free run does not know the noise of the process: one "
             f"sample ahead the model misses {worst}."
         )
         return replace(check, sentence=sentence)
-    sentence = (
-        f"A is unstable, spectral radius {radius:.4g}: noise makes every free run "
-        "leave the record, and this one is reported only. One sample ahead the model "
-        f"misses {worst}."
-    )
+    why = "No free run knows what drifts, and this one is reported only."
+    if radius >= 1:
+        why = (
+            f"A is unstable, spectral radius {radius:.4g}: noise makes every free run "
+            "leave the record, and this one is reported only."
+        )
+    sentence = f"{why} One sample ahead the model misses {worst}."
     return replace(check, decides=False, sentence=sentence)
 
 
@@ -474,11 +475,12 @@ def _extrapolation(outside, surely):
     return Check("extrapolation", passed, outside, "share", True, sentence, undecided)
 
 
-def _linear(linear, within, decides, free_run):
-    passed, sentence = judge(linear, within, free_run.value)
+def _linear(linear, within, decides, free_run, missed):
+    fit = free_run.value if free_run.decides else 100 * (1 - float(np.max(missed)))
+    passed, sentence = judge(linear, within, fit)
     if not decides:
         sentence += " This model was not made for control: reported only."
-    elif not free_run.decides:  # of an unstable plant
+    elif not free_run.decides and linear.spectral_radius >= 1:  # of an unstable plant
         decides = False
         sentence += (
             " No free run tells how linear it is then, and this is reported only: "
