@@ -24,7 +24,7 @@ PATIENCE_DOWN = 2
 TOLERANCE = 0.03  # relative, of the error, for which a smaller order is taken
 # Root mean square error of a linear model over that of the order that is taken, from
 # which fewer states miss dynamics: networks do not try them. Networks with fewer states
-# were best up to a ratio of 1.25, on the 72 plants of `benchmarks.field`.
+# were chosen up to a ratio of 1.25, on the 72 plants of `benchmarks.field`.
 MISSING = 2.0
 NOISE = 1e-8  # least mean square error that an initial state is estimated for
 SLOWEST = 0.5, 0.999  # bounds of the slowest pole, for states that are added
@@ -71,7 +71,7 @@ class Orders:
         Returns
         -------
         orders : list of int
-            From those on, of which the linear models miss no dynamics (eq. missing).
+            From those on, of which the linear models miss no dynamics (eq. fewer).
         """
         curve, most = self.curve, max(self.nx + more, least)
         limit = MISSING * curve[self.nx]
