@@ -226,7 +226,8 @@ def test_score_of_a_diverging_model_is_minus_infinity(mimo):
     for n_init_samples in (2, 50, 3000):  # diverging behind or within the window
         model.set_params(n_init_samples=n_init_samples)
         assert model.score(long_u, long_y) == -np.inf
-        assert np.isinf(model.linearizability(long_u, long_y).ratio_g_mean)
+        # without g, whatever diverges
+        assert model.linearizability(long_u, long_y).ratio_g_mean == 0
 
 
 # -- limits and known systems ----------------------------------------------------------
