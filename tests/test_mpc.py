@@ -12,7 +12,7 @@ from alssnn.datasets import make_duffing, make_pendulum
 from alssnn.feedback import DisturbanceObserver, Observer
 from alssnn.mpc import LinearizingMPC
 from alssnn.mpc._limits import ActuatorLimits
-from alssnn.mpc._target import Target
+from alssnn.mpc._target import STEP, Target
 from helpers import linear_plant
 from models import al_ssnn, fl_ssnn
 
@@ -110,6 +110,19 @@ def test_the_first_move_of_a_linear_model_is_the_regulator_of_its_reference(line
     expected = linear.u_offset_ + v_s + mpc.K @ x_s
     np.testing.assert_allclose((u - expected) / scale.u_scale, 0.0, atol=1e-5)
     np.testing.assert_allclose(mpc.info_.target_error / scale.y_scale, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("scale_h", "reached"), [(0.0, True), (1.0, False)])
+def test_networks_at_zero_leave_a_linear_model(fitted, scale_h, reached):
+    """Its state of rest is found at once, however far the reference is."""
+    model = pickle.loads(pickle.dumps(fitted["fl", 2][1]))
+    model._made = None  # the plant as it was fitted
+    structure = model._structure
+    p = structure.split(model._theta)
+    model._theta = structure.join({**p, "W_h": scale_h * p["W_h"]})
+    mpc, size = LinearizingMPC(model), model._scaling.y_scale
+    mpc.step(model.y_offset_ + np.array([4.0, -3.0]) * size, model.y_offset_)
+    assert (np.abs(mpc.info_.target_error / size).max() < 1e-9) == reached
 
 
 @pytest.mark.parametrize("unstable", [False, True])
@@ -460,7 +473,7 @@ def test_what_integrates_has_disturbances_of_the_input():
 def improve():
     """Return one step of the target problem of x1 without bounds, two inputs."""
     target = Target(
-        np.array([[1.0, 0.0]]), np.eye(1), np.zeros((0, 2)), (100.0, 100.0), {}
+        np.array([[1.0, 0.0]]), np.eye(1), np.zeros((0, 2)), (100.0, 100.0), {}, STEP
     )
     free = np.full(2, -np.inf), np.full(2, np.inf)
     none = np.zeros(0), np.zeros(0)

@@ -333,7 +333,7 @@ def test_an_unstable_model_is_not_called_no_linear_one(tmp_path, undrawn):
     model.report(tmp_path / "report.html", record.u, record.y)
     text = " ".join(check(tmp_path / "report.html")[1].split())
     assert "is not linearizable" not in text  # h is all that it has
-    assert "How linear the model is was not judged. A has the spectral radius" in text
+    assert "How linear the model is was not judged. The spectral radius of A is" in text
     assert "|g|, mean 0 " in text and "H2 gain" not in text  # there is no g
 
 

@@ -1,12 +1,13 @@
 """Where verdicts turn: figures on both sides of every margin, each margin alone."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from alssnn.linearizability import judge, percent, worst_error
-from alssnn.validation import _validate, residual_tests
+from alssnn.validation import Check, _validate, residual_tests
 from alssnn.validation._residuals import whiten
 from alssnn.validation._scored import is_rounding
 
@@ -99,7 +100,8 @@ def test_what_integrates_may_fail_behind_a_controller():
     untried = integrates(carried_model=None)
     passed, sentence = judge(untried)
     assert not passed and sentence.endswith("None was tried.")
-    assert worst_error(untried) == 0.002  # that of the record
+    untried.closed_linearization_error = np.array([0.3, 0.1])  # of the ladder, of rates
+    assert worst_error(untried) == 0.3
 
 
 def test_a_model_without_networks_extrapolates_none():
@@ -131,6 +133,28 @@ def test_the_worst_error_is_that_of_any_output_and_loop():
     assert worst_error(figures(linearization_error=np.array([0.1, 0.7]))) == 0.7
     no_loop = figures(closed_linearization_error=np.full(2, np.nan))
     assert worst_error(no_loop) == 0.002
+
+
+@pytest.mark.parametrize(
+    ("radius", "drifts", "words"),
+    [
+        (0.9, True, "No free run knows what drifts"),
+        (1.0, False, "A integrates, spectral radius 1: noise"),
+        (1.2, False, "A is unstable, spectral radius 1.2: noise"),
+    ],
+)
+def test_a_free_run_that_noise_leads_away_is_reported_only(radius, drifts, words):
+    failed = Check("free run", False, -3.0, "fit", True, "It is far off.")
+    one = SimpleNamespace(spectral_radius=radius)
+    check = _validate._noisy_run(one, failed, np.array([0.1]), drifts)
+    assert not check.decides and check.sentence.startswith(words)
+    assert "10 %" in check.sentence
+    # one that passes, and one that nothing leads away, decide as any other
+    for kept in (
+        _validate._noisy_run(one, replace(failed, passed=True), np.zeros(1), drifts),
+        _validate._noisy_run(figures(), failed, np.zeros(1), False),
+    ):
+        assert kept.decides and kept.sentence.startswith(failed.sentence)
 
 
 # -- residuals -------------------------------------------------------------------------

@@ -353,7 +353,7 @@ def test_what_a_certificate_says_of_gain_and_rate(certified):
     assert words in repr(wider)
     error = np.array([[0.25]])
     near = replace(c, error=error, largest_error=3.0)
-    words = "<= 0.25 |u| (proved up to 3 times that), while this stays below the noise"
+    words = "<= 0.25 |u| (proved up to 3 times that), as long as this difference"
     assert words in repr(near)
     none = replace(c, gain=GainCertificate.none("Because."))
     assert "no gain was proved. Because.\n" in repr(none) + "\n"

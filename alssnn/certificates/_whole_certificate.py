@@ -170,8 +170,8 @@ class LoopCertificate:
             size = in_words(self.error)
             near = (
                 f", for every plant with |y_plant - y_model| <= {size} |u|"
-                f" (proved up to {self.largest_error:.3g} times that), while this stays"
-                " below the noise"
+                f" (proved up to {self.largest_error:.3g} times that), as long as this"
+                " difference is smaller than the noise"
             )
         bound = f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2"
         return f"{bound}, from x_rest, and y and u count from there{near}"

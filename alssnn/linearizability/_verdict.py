@@ -53,13 +53,9 @@ def _in_judged_loop(figures):
     if figures.spectral_radius < 1 - ON_CIRCLE or is_unstable(figures):
         errors = figures.closed_linearization_error
         return errors, figures.closed_outside, "the loop u = v - h"
-    errors = getattr(figures, "carried_model", None)
-    unknown = np.full(np.shape(figures.linearization_error), np.nan)
-    return (
-        unknown if errors is None else errors,
-        getattr(figures, "carried_outside", None),
-        "the loop of a first controller",
-    )
+    errors = getattr(figures, "carried_model", None)  # a rung of the ladder has none
+    outside = getattr(figures, "carried_outside", None)
+    return errors, outside, "the loop of a first controller"
 
 
 def worst_error(figures):
@@ -74,9 +70,12 @@ def worst_error(figures):
     -------
     error : float
         Largest one over the outputs; that of the record if there is no loop. The loop
-        is that of `judge`.
+        is that of `judge`, and u = v - h where no controller was tried.
     """
-    both = (figures.linearization_error, _in_judged_loop(figures)[0])
+    in_loop = _in_judged_loop(figures)[0]
+    if in_loop is None:
+        in_loop = figures.closed_linearization_error
+    both = (figures.linearization_error, in_loop)
     return float(np.nanmax([np.max(error) for error in both]))
 
 
@@ -107,12 +106,12 @@ def judge(figures, within=0.05, fit=None):
         return False, f"There is no loop to judge. {figures.no_law}"
     if is_unstable(figures):
         return False, (
-            f"{'Sampled, ' * getattr(figures, 'is_sampled', False)}A has the spectral "
-            f"radius {figures.spectral_radius:.4g}: the linear part needs a controller "
-            "that stabilizes it."
+            f"The {getattr(figures, 'words_radius', 'spectral radius of A')} is "
+            f"{figures.spectral_radius:.4g}: the linear part needs a controller that "
+            "stabilizes it."
         )
     errors, outside, loop = _in_judged_loop(figures)
-    if np.isnan(errors).any():
+    if errors is None:
         problem = getattr(figures, "carried_problem", "")
         return False, (
             "The model integrates, and its loop cannot be judged without a controller. "

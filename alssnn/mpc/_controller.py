@@ -21,7 +21,7 @@ from ._model import DisturbedModel
 from ._plan import Planner
 from ._record import MpcRecord, MpcStep
 from ._soft import SoftBounds
-from ._target import StatesOfRest, Target
+from ._target import STEP, StatesOfRest, Target
 
 RESTS = 5  # steps of Newton's method for states of rest, before every program
 
@@ -203,8 +203,8 @@ class LinearizingMPC(Controller):
         self._planner = Planner(self._model, program, self._limits)
         sx = self._model.x_scale
         sides = self._model.C * sx, Q_target, self._soft.rows * sx
-        step = {} if plant.form.nw else {"step": np.inf}
-        target = Target(*sides, penalty, options, **step)
+        step = STEP if plant.form.W.any() else np.inf  # a linear model needs one step
+        target = Target(*sides, penalty, options, step)
         self._rest = StatesOfRest(self._model, self._limits, target)
         self.reset()
 

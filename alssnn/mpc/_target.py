@@ -131,12 +131,12 @@ class Target:
         Linear and quadratic weight of what exceeds them.
     options : dict
         Options of `QuadraticProgram`.
-    step : float, default=1.0
+    step : float
         Largest step of Newton's method, in standard deviations of x and u; infinite
         for a linear model, whose first step is the solution.
     """
 
-    def __init__(self, C, weight, soft, penalty, options, step=STEP):
+    def __init__(self, C, weight, soft, penalty, options, step):
         self.C, self.weight, self.soft = C, weight, soft
         self.penalty, self.options, self.step = penalty, options, step
         self._qp = None

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from ..checks import FINISHED, noise_levels
-from ..linearizability import OUTSIDE, judge, percent, worst_error
+from ..linearizability import OUTSIDE, is_unstable, judge, percent, worst_error
 from ..metrics import free_run_errors, missed_percent
 from ..plants import as_plant
 from ._ahead import ahead_fit
@@ -175,7 +175,8 @@ def validate(
     missed = 1 - _fits(tested or experiments) / 100
     outside, surely = linear.outside, partial(surely_outside, model, u, y, experiment)
     if predicts(model):
-        free_run = _noisy_run(model, free_run, missed)
+        drifts = as_plant(model).drift is not None
+        free_run = _noisy_run(linear, free_run, missed, drifts)
     if tested and not free_run.decides and outside is not None:
         predicted = partial(share_outside, model, u, y, experiment)
         outside, surely = predicted(), partial(predicted, surely=True)
@@ -404,11 +405,10 @@ def _floor(experiments, outputs, floor):
     )
 
 
-def _noisy_run(model, check, missed):
+def _noisy_run(linear, check, missed, drifts):
     """Return the check of a free run that is not told the noise of the process."""
-    plant, worst = as_plant(model).late(), percent(np.max(missed))
-    radius = np.abs(np.linalg.eigvals(plant.linear()[0])).max(initial=0.0)
-    if check.passed or (radius < 1 and plant.drift is None):
+    radius, worst = linear.spectral_radius, percent(np.max(missed))
+    if check.passed or (radius < 1 and not drifts):
         sentence = (
             f"{check.sentence} A free run does not know the noise of the process: one "
             f"sample ahead the model misses {worst}."
@@ -416,9 +416,10 @@ def _noisy_run(model, check, missed):
         return replace(check, sentence=sentence)
     why = "No free run knows what drifts, and this one is reported only."
     if radius >= 1:
+        how = "is unstable" if is_unstable(linear) else "integrates"
         why = (
-            f"A is unstable, spectral radius {radius:.4g}: noise makes every free run "
-            "leave the record, and this one is reported only."
+            f"A {how}, spectral radius {radius:.4g}: noise makes every free run leave "
+            "the record, and this one is reported only."
         )
     sentence = f"{why} One sample ahead the model misses {worst}."
     return replace(check, decides=False, sentence=sentence)
@@ -480,7 +481,7 @@ def _linear(linear, within, decides, free_run, missed):
     passed, sentence = judge(linear, within, fit)
     if not decides:
         sentence += " This model was not made for control: reported only."
-    elif not free_run.decides and linear.spectral_radius >= 1:  # of an unstable plant
+    elif not free_run.decides and is_unstable(linear):
         decides = False
         sentence += (
             " No free run tells how linear it is then, and this is reported only: "

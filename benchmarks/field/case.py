@@ -27,7 +27,7 @@ class Case:
     A case travels to other processes, which load its records themselves.
     Choices are made on "seen" plants alone; "unseen" ones and real records tell what
     they are worth. "later" ones came behind the first rules, and "latest" ones
-    changed none.
+    behind nearly all: with a look at them, one was chosen (`excursions.OPENED`).
     """
 
     name: str
