@@ -9,7 +9,9 @@ At N = 100,000, nx = 6, n_h = n_g = 10 (219 columns, 7 channels), one BLAS threa
   takes two idle cores;
 - one simulation over that pass;
 - peak memory of a fit above the data, at N = 100,000 and 1,000,000 (Linux);
-- the time of `import alssnn` and what it must not import.
+- the time of `import alssnn` and what it must not import;
+- the time of the first model of the README without numba over that with it, and how
+  long the first compilation takes.
 
 `--plain` runs without numba.  Exits with 1 if a target is missed.
 """
@@ -18,6 +20,7 @@ import argparse
 import os
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -134,9 +137,41 @@ def measure_import():
     return np.median([float(_run("-c", script)) for _ in range(5)])
 
 
-def _run(*arguments):
+def measure_compilation():
+    """Return how much longer a default fit takes without numba, and to compile.
+
+    Returns
+    -------
+    ratio : float
+        Processor time of the first model of the README, without numba over with it.
+    first : float
+        Further processor time of a process that finds nothing compiled, in seconds.
+    """
+    with tempfile.TemporaryDirectory() as cache:
+        first, again = (_run_fit("", NUMBA_CACHE_DIR=cache) for _ in range(2))
+    plain = _run_fit("sys.modules['numba'] = None; ")
+    return plain / again, first - again
+
+
+def _run_fit(before, **variables):
+    """Return the processor time of the first model of the README, in seconds."""
+    script = (
+        f"import sys, time; {before}import alssnn; "
+        "record = alssnn.datasets.make_pendulum(3_000, noise=0.01, random_state=0); "
+        "train, _ = record.split(0.5); t = time.process_time(); "
+        "alssnn.AlSsnn(nx=2, n_init=1, dt=record.dt, random_state=0)"
+        ".fit(train.u, train.y); print(time.process_time() - t)"
+    )
+    return float(_run("-c", script, env=os.environ | variables))
+
+
+def _run(*arguments, **options):
     return subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, check=True
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        **options,
     ).stdout
 
 
@@ -157,6 +192,9 @@ def main():
         out = _run("-m", "benchmarks.speed", "--memory", str(n_samples), *flags)
         figures[f"memory at N = {n_samples:,}, MB"] = float(out)
     figures["import, s"] = measure_import()
+    if not options.plain:
+        ratio, first = measure_compilation()
+        print(f"fit without numba / with {ratio:.2g}, first compilation {first:.2g} s")
     load = os.getloadavg()[0]
     print(f"numba {'off' if options.plain else 'on'}, load {load:.1f}")
     print(", ".join(f"{name} {value:.3f} s" for name, value in seconds.items()))
