@@ -342,7 +342,12 @@ def test_models_are_the_same_if_nothing_of_them_differs():
 def test_what_a_certificate_says_of_gain_and_rate(certified):
     c = certified[1]
     assert "|y - y_design| <=" in repr(c) and "every plant" not in repr(c)
-    assert "from x_rest, and y and u count from there" in repr(c)
+    assert "|r| in l2 without noise, from x_rest, and y and u count from" in repr(c)
+    assert "|r| in l2, from x_rest" in repr(replace(c, has_noise=False))
+    labels = "r of y[0]", "inflow"
+    disturbed = replace(c, local=replace(c.local, labels=labels))
+    disturbed = replace(disturbed, proof=replace(c.proof, n_free=2))
+    assert "|r, d| in l2 without noise" in repr(disturbed)
     assert "an ellipsoid of |x - x_rest| <= " in repr(c)
     assert "r and y_lin count from the operating point" in repr(c)
     assert "for the whole range" not in repr(c)

@@ -43,7 +43,7 @@ class LoopCertificate:
         Gain in l2 from references and measured disturbances to y - y_design, while the
         loop stays in the region of `local` and the plant differs from the model by no
         more than `error`. It starts where it rests without inputs (`x_rest`), and y and
-        u count from there.
+        u count from there. No sensor has noise, which moves y from the design, too.
     rate : GainCertificate
         Certificate of the rate ``rate.decay`` per sample at which the loop comes to
         rest while its inputs are zero, in the norm of ``rate.P``.
@@ -173,7 +173,12 @@ class LoopCertificate:
                 f" (proved up to {self.largest_error:.3g} times that), as long as this"
                 " difference is smaller than the noise"
             )
-        bound = f"|y - y_design| <= {self.gain.gamma:.4g} |r| in l2"
+        n_free = 0 if self.proof is None else self.proof.n_free
+        labels = self.local.labels[:n_free]
+        # measured disturbances count among the inputs, noise does not
+        of = "|r|" if all(label.startswith("r of ") for label in labels) else "|r, d|"
+        without = " without noise" if self.has_noise else ""
+        bound = f"|y - y_design| <= {self.gain.gamma:.4g} {of} in l2{without}"
         return f"{bound}, from x_rest, and y and u count from there{near}"
 
     def _of_rate(self):
