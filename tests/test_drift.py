@@ -299,6 +299,16 @@ def test_observer_predicts_as_the_fit_did(fitted):
     np.testing.assert_allclose(
         three.output(X_3), model.predict_ahead(u, y, 3)[3:], atol=1e-9
     )
+    assert observer.has_fitted_gain
+    # one without what drifts has the gain of the states, and predicts otherwise
+    without = model.observer()
+    np.testing.assert_allclose(without.plant.form.M[:3, :3] @ without.gain, model.K_)
+    assert not without.has_fitted_gain
+    errors = [
+        np.std((model.predict_ahead(u, y, observer=one) - y)[100:])
+        for one in (observer, without)
+    ]
+    assert errors[1] > 1.5 * errors[0]
     # what the user gives, or another kind, is no identified gain
     other = DisturbanceObserver(model, Q_d=np.eye(2))
     assert np.abs(other.gain - observer.gain).max() > 1e-3

@@ -73,7 +73,8 @@ class Observer:
         Stationary gain M of the correction at the operating point.
     has_fitted_gain : bool
         Whether `gain` belongs to the K of the fit, so that the observer predicts one
-        sample ahead as the fit did.
+        sample ahead as the fit did. Of a model with a `drift` only a
+        `DisturbanceObserver` does, for what drifts is no state of the others.
     x_hat : ndarray of shape (nx,)
         Current estimate.
 
@@ -364,7 +365,9 @@ class Observer:
         self._P_inf = stationary_covariance(A, C, self.Q, self.R)
         self.gain, S = self._gain(self._P_inf, C)
         self._deviation = np.sqrt(np.diag(S))
-        self.has_fitted_gain = K is not None and self._take_gain(A, C, K)
+        takes_gain = K is not None and self._take_gain(A, C, K)
+        # the fit predicted by what drifts, too
+        self.has_fitted_gain = takes_gain and self.plant.drift is None
         self.reset()
 
     def _take_gain(self, A, C, K):
