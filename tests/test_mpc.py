@@ -346,6 +346,30 @@ def test_a_plan_that_is_kept_beyond_its_bounds_says_so(linear):
     np.testing.assert_allclose(info.slack_y, beyond, rtol=1e-9)
 
 
+def test_a_plan_that_is_kept_begins_with_what_is_sent(fitted):
+    """Someone else has moved the plant further than a step of the plan may be."""
+    _, model = fitted["fl", 2]
+    scale = model._scaling.u_scale
+    mpc = LinearizingMPC(model, du_max=0.3 * scale, y_max=model.y_offset_, max_iter=1)
+    mpc.step(model.y_offset_, model.y_offset_)
+    moved = model.u_offset_ + 2 * scale
+    u = mpc.step(model.y_offset_, model.y_offset_, u_applied=moved)
+    info = mpc.info_
+    assert info.fallback and np.all(np.abs(u - moved) <= 0.3 * scale * (1 + 1e-9))
+    np.testing.assert_array_equal(info.u_plan[0], u)
+    moves = np.abs(np.diff(info.u_plan, axis=0))
+    assert np.all(moves <= 0.3 * scale * (1 + 1e-9))
+    z, y = np.append(info.x_hat, info.disturbance), np.empty_like(info.y_plan)
+    disturbed = mpc.observer.plant
+    for k, u_k in enumerate(info.u_plan):
+        z = disturbed.step(z, u_k)
+        y[k] = disturbed.output(z)
+    np.testing.assert_allclose(info.y_plan, y)
+    beyond = np.maximum((y - model.y_offset_).max(axis=0), 0.0)
+    np.testing.assert_allclose(info.slack_y, beyond, atol=1e-9)
+    assert np.abs(info.cut).max() > 0.3 * scale.min()
+
+
 def test_a_diverging_model_is_reported(linear):
     ungated = DisturbanceObserver(linear)
     mpc = LinearizingMPC(linear, u_min=-1e3, u_max=1e3, observer=ungated)

@@ -84,8 +84,26 @@ class ActuatorLimits:
             Inputs within the limits of u. If limits couple, they are within those of
             the rate, too: a program along this plan then has a solution.
         """
+        return self.followed(last, U) if self.couple else self.clip(U)
+
+    def followed(self, last, U):
+        """Return a plan within the limits of u and of its rate, coupled or not.
+
+        Parameters
+        ----------
+        last : ndarray of shape (nu,)
+            Input of the last sample.
+        U : ndarray of shape (N, nu)
+            Planned inputs.
+
+        Returns
+        -------
+        U : ndarray of shape (N, nu)
+            What the plant receives of them. Where the limits of u force it, the first
+            one moves faster.
+        """
         U = self.clip(U)
-        if self.couple and self.rated:
+        if self.rated:
             U[0] = last = self.after(last, U[0])
             for column, u, du in zip(U.T, last, self.du_max, strict=True):
                 for i, wanted in enumerate(column.tolist()):

@@ -119,5 +119,8 @@ class Planner:
                 self.U = limits.held(u_last, wanted)
                 return Pass(solution, X_new, inputs, wanted[0], slack)
             solution = replace(solution, x=None, status="no u found for v")
+        # what was applied may be far from what this plan has begun with
+        wanted, self.U = self.U[0], limits.followed(u_last, self.U)
+        X = model.trajectory(x, d, self.U, m)
         slack = self.program.soft.excess(X[1:], soft_bounds)
-        return Pass(solution, X[1:], inputs, self.U[0], slack)
+        return Pass(solution, X[1:], inputs, wanted, slack)
