@@ -899,6 +899,34 @@ def test_a_column_of_time_is_compared(name, step, message, tmp_path, capsys):
         assert re.search(message, err)
 
 
+@pytest.mark.filterwarnings("always")
+def test_records_of_another_sampling_time_are_told(tmp_path, capsys):
+    u = np.random.default_rng(0).standard_normal(400)
+    y = np.convolve(u, [0, 0.5, 0.3, 0.1])[:400]
+    for name, dt in (("train.csv", 0.05), ("like.csv", 0.05), ("slow.csv", 0.1)):
+        table = np.column_stack([dt * np.arange(400), u, y])
+        options = {"delimiter": ",", "header": "t,u,y", "comments": ""}
+        np.savetxt(tmp_path / name, table, **options)
+    train, like, slow = (tmp_path / f"{name}.csv" for name in ("train", "like", "slow"))
+    model = tmp_path / "plant.npz"
+    fit = [train, "--model", "lti", "--nx", 2, "-q"]
+    assert run_fit(*fit, "--time-column", "t", "--test", like, "--save", model) == 0
+    capsys.readouterr()
+    assert run_fit(*fit, "--time-column", "t", "--test", slow) == 2
+    words = "the sampling time of the other record, 0.05 s, got 0.1 s in 't'. Resample"
+    assert_one_line(capsys, words)
+    words = "'t' are 0.1, but the sampling time is 0.05 s. If the column is in seconds"
+    assert run_fit(*fit, "--dt", 0.05, "--test", slow) == 0
+    assert words in capsys.readouterr().err
+    for command in (["validate"], ["simulate", "-o", tmp_path / "y.csv"]):
+        told = []
+        for path in (like, slow):
+            run(command[0], model, "--data", path, *command[1:], "--overwrite", "-q")
+            told.append(capsys.readouterr().err)
+        assert words in told[1] and "resample the record" in told[1]
+        assert "column" not in told[0]
+
+
 def test_long_headers_are_shortened(tmp_path):
     path = tmp_path / "plant.csv"
     path.write_text(",".join(f"channel_{i}" for i in range(1000)) + "\n")

@@ -2,7 +2,6 @@
 
 import sys
 import textwrap
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from ._fit_options import (
     add_time,
     add_weights,
 )
-from ._record import TIME_TOL, common_step, report_gaps, sampling_time, source_of
+from ._record import TIME_TOL, compare_times, report_gaps, sampling_time, source_of
 
 AS_GIVEN = (  # options of the ladder
     "nx n_h n_g n_f gamma gamma_h alpha feedback input_map drift horizon max_iter "
@@ -131,7 +130,7 @@ def run(args):
     source = source_of(args.file)
     dt = sampling_time(args, source)
     if args.time_column is None:
-        _compare_times(args, source, dt)
+        compare_times(args, source, dt)
     name = PRESETS[chosen][0] if chosen else None
     u, y, experiment = _read(args, source)
     rows: list = []
@@ -141,7 +140,7 @@ def run(args):
             u,
             y,
             experiment=experiment,
-            test=None if args.test is None else _read(args, source_of(args.test)),
+            test=None if args.test is None else _read_test(args, dt),
             # an integer where 1.0 would be taken for the default
             dt=1 if args.continuous and dt == 1.0 else dt,
             models=models,
@@ -203,6 +202,19 @@ def _read(args, source):
     u, y, experiment = read_csv(source, _inputs(args), args.output, args.experiment)
     report_gaps(y, args.output)
     return u, y, experiment
+
+
+def _read_test(args, dt):
+    """Return the record to test on, which was sampled as the other one."""
+    source = source_of(args.test)
+    if args.time_column is None:
+        compare_times(args, source, dt)
+    elif abs((own := sampling_time(args, source)) - dt) > TIME_TOL * dt:
+        raise ValueError(
+            f"`--test` must have the sampling time of the other record, {dt:g} s, got "
+            f"{own:g} s in {args.time_column!r}. Resample it."
+        )
+    return _read(args, source)
 
 
 def _inputs(args):
@@ -273,27 +285,3 @@ def _unseen(args):
         f"It was not trained on the last {100 * share:g} %{of_each}: validate it "
         f"there, by --last {share:g}{label}."
     )
-
-
-def _compare_times(args, source, dt):
-    """Warn where a column of time contradicts the sampling time."""
-    if args.experiment is not None:
-        return  # its time may start anew
-    from ..tables import read_steps
-
-    name, steps = read_steps(source)
-    if not len(steps):
-        return
-    step = common_step(steps)
-    if not step:
-        warnings.warn(
-            f"The steps of the column {name!r} are between {steps.min():g} and "
-            f"{steps.max():g}. Models need a fixed rate: resample the record.",
-            stacklevel=2,
-        )
-    elif abs(step - dt) > TIME_TOL * dt:
-        warnings.warn(
-            f"The steps of the column {name!r} are {step:g}, but the sampling time "
-            f"is {dt:g} s. If the column is in seconds, use --dt {step:g}.",
-            stacklevel=2,
-        )

@@ -3,6 +3,7 @@
 import csv
 import io
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,7 @@ def _read(args, model, outputs):
     if str(args.data) == "-":  # once, for all models that read it
         args.data = source_of(args.data)
     u, y, experiment = read_csv(args.data, inputs, outputs, args.experiment)
+    compare_times(args, args.data, model.plant_.dt, "resample the record")
     if args.last == 1:
         return (u, y, experiment), None
     before, last = hold_out_last(u, y, experiment, args.last, name="--last")
@@ -216,6 +218,43 @@ def common_step(steps):
     if middle <= 0 or np.abs(steps - middle).max() > TIME_TOL * middle:
         return 0.0
     return middle
+
+
+def compare_times(args, source, dt, remedy=None):
+    """Warn where a column of time contradicts the sampling time.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments with `experiment`.
+    source : Path or StandardInput
+        Record.
+    dt : float
+        Sampling time, in seconds.
+    remedy : str or None, default=None
+        What to do if the column is in seconds; None means another ``--dt``.
+    """
+    if args.experiment is not None:
+        return  # its time may start anew
+    from ..tables import read_steps
+
+    name, steps = read_steps(source)
+    if not len(steps):
+        return
+    step = common_step(steps)
+    if not step:
+        warnings.warn(
+            f"The steps of the column {name!r} are between {steps.min():g} and "
+            f"{steps.max():g}. Models need a fixed rate: resample the record.",
+            stacklevel=2,
+        )
+    elif abs(step - dt) > TIME_TOL * dt:
+        warnings.warn(
+            f"The steps of the column {name!r} are {step:g}, but the sampling time "
+            f"is {dt:g} s. If the column is in seconds, "
+            f"{remedy or f'use --dt {step:g}'}.",
+            stacklevel=2,
+        )
 
 
 def sampling_time(args, source):
