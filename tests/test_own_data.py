@@ -269,6 +269,48 @@ def test_a_sampling_time_that_was_forgotten_is_named(plain, table):
         LinearStateSpace(nx=2).fit(u.reset_index(drop=True), y.reset_index(drop=True))
 
 
+def test_times_of_a_record_are_told_after_the_fit(plain, table):
+    index = pd.date_range("2024-05-01", periods=N, freq="50ms")
+    frame = table.set_index(index)
+    u, y = frame[["torque [Nm]"]], frame["angle"]
+    model = LinearStateSpace(nx=2, dt=plain.dt).fit(u, y)
+    slow = pd.date_range("2024-05-01", periods=N, freq="100ms", tz="UTC")
+    verbs = [lambda u, y: model.predict(u), model.score, model.validate]
+    verbs += [model.predict_ahead, lambda u, y: model.score([u], [y])]
+    words = r"steps of 0.1 s, and `dt` is 0.05 s.*Resample the record, or fit with dt=0"
+    for verb in verbs:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            verb(u, y)
+        with pytest.warns(UserWarning, match=words):
+            verb(u.set_axis(slow), y.set_axis(slow))
+
+
+def test_gaps_between_dates_are_told(plain, table):
+    index = pd.date_range("2024-05-01", periods=N, freq="50ms")
+    late = np.arange(N) >= N // 2
+    index += pd.to_timedelta(5.0 * late, unit="s")
+    frame = table.set_index(index)
+    u, y = frame[["torque [Nm]"]], frame["angle"]
+    words = rf"a step of 5.05 s behind row {N // 2 - 1}, where others are 0.05 s"
+    model = LinearStateSpace(nx=2, dt=plain.dt)
+    with pytest.warns(UserWarning, match=words):
+        model.fit(u, y)
+    with pytest.warns(UserWarning, match=words):
+        model.predict(u)
+    twice = frame.index.append(frame.index)  # the clock goes back, too
+    with pytest.warns(UserWarning, match="and 2 more like it"):
+        model.predict(pd.concat([u, u]).set_axis(twice))
+    jitter = np.random.default_rng(0).uniform(-0.01, 0.01, N)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.fit(u, y, experiment=late)
+        model.score([u[~late], u[late]], [y[~late], y[late]])
+        model.predict(
+            u[~late].set_axis(index[~late] + pd.to_timedelta(jitter[~late], unit="s"))
+        )
+
+
 def test_rows_of_other_times_are_not_paired(plain, table):
     """By position, as in scikit-learn, unless the rows say that they do not meet."""
     frame = table.set_index(pd.date_range("2024-05-01", periods=N, freq="50ms"))

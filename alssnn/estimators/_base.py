@@ -256,7 +256,7 @@ class StateSpaceModel(
                 f"a tuple of {len(self.operating_point)}."
             )
         u, y, experiment = join_records(as_columns(u), y, experiment)
-        warn_of_time(u, self.dt)
+        warn_of_time(u, self.dt, experiment)
         container = Container.of(y)
         with self._undone_unless(watch):
             u, y = self._validate(u, y, reset=True)

@@ -7,6 +7,7 @@ from ..warn import warn_user
 from ._warn import warn_of_training
 
 SAME = 0.01  # relative: of sampling times that count as one
+GAP = 0.5  # of a step, by which another one may differ: below, stamps are not exact
 POOR = 0.5  # R2 of the training record, below which a model says little
 TELLING = 0.75  # R2 of u from the past of y, above which that says more
 LAGS = 30  # samples of that past
@@ -14,8 +15,8 @@ PER_LAG = 10  # samples that are needed, at least, per unknown
 MOST = 20_000  # samples that are looked at
 
 
-def warn_of_time(u, dt):
-    """Warn where the index of a data frame has another sampling time.
+def warn_of_time(u, dt, experiment=None, *, fitted=False):
+    """Warn where the index of a data frame has another sampling time, or a gap.
 
     Parameters
     ----------
@@ -24,16 +25,42 @@ def warn_of_time(u, dt):
         anything.
     dt : float
         Sampling time of the estimator, in seconds.
+    experiment : array_like of shape (N,) or None, default=None
+        Labels; the steps between two experiments say nothing.
+    fitted : bool, default=False
+        Whether it is fitted already, so that its sampling time stays.
     """
     index = index_of(u)
     kind = getattr(getattr(index, "dtype", None), "kind", "")
     if index is None or kind not in ("m", "M") or len(index) < 2:
         return
-    step = float(np.median(np.diff(np.asarray(index)) / np.timedelta64(1, "s")))
+    steps = (np.diff(np.asarray(index)) / np.timedelta64(1, "s")).astype(float)
+    inside = np.ones(len(steps), dtype=bool)
+    if experiment is not None and len(experiment) == len(index):
+        labels = np.asarray(experiment)
+        inside = labels[1:] == labels[:-1]
+    if not inside.any():
+        return
+    step = float(np.median(steps[inside]))
     if step > 0 and abs(step - dt) > SAME * step:
+        remedy = (
+            f"{'Resample the record, or fit' if fitted else 'Fit'} with dt={step:g}"
+        )
         warn_user(
             f"The index of `u` has steps of {step:g} s, and `dt` is {dt:g} s: times "
-            f"and frequencies are wrong by this factor. Fit with dt={step:g}.",
+            f"and frequencies are wrong by this factor. {remedy} with dt={step:g}.",
+            UserWarning,
+        )
+    # a date that is not there is none either
+    far = inside & ~(np.abs(steps - step) <= GAP * abs(step))
+    if far.any():
+        first = int(np.argmax(far))
+        more = f", and {far.sum() - 1} more like it" if far.sum() > 1 else ""
+        warn_user(
+            f"The index of `u` has a step of {steps[first]:g} s behind row {first}"
+            f"{more}, where others are {step:g} s. Rows count as samples that follow "
+            "each other: give every uninterrupted run a label in `experiment`, or "
+            "resample the record.",
             UserWarning,
         )
 

@@ -24,6 +24,7 @@ from ..innovations import has_innovations, recording
 from ..records import PreparedRecord
 from ..simulation import outputs
 from ._data import check_outputs, check_u
+from ._doubts import warn_of_time
 
 
 def predict(model, u, experiment=None, x0="rest"):
@@ -63,6 +64,7 @@ def _simulation(model, u, experiment, x0, draw=None):
     as_list = is_list_of_records(u)
     u = as_columns(u) if model.n_features_in_ == 1 else u
     u, _, experiment = join_records(u, u, experiment)
+    warn_of_time(u, model.dt, experiment, fitted=True)
     index = index_of(u)
     u = check_u(model, u, reset=False)
     check_inputs(u)
@@ -266,6 +268,7 @@ def labeled_data(model, u, y, experiment):
     """
     u = as_columns(u) if model.n_features_in_ == 1 else u
     u, y, experiment = join_records(u, y, experiment)
+    warn_of_time(u, model.dt, experiment, fitted=True)
     check_outputs(model, y)
     u, y = model._validate(u, y, reset=False)
     ny, found = len(model._scaling.y_offset), 1 if y.ndim == 1 else y.shape[1]
