@@ -231,6 +231,23 @@ def test_interior_points_break_down(monkeypatch):
     assert repr(c).startswith("GainCertificate: undecided. The interior-point")
 
 
+def test_a_slow_pole_has_a_gain(capfd):
+    """It is 0.225 / slow: where it is not found, nothing may say that there is none."""
+
+    def certificate(slow):
+        one = (np.array([[z]]) for z in (1 - slow, 0.25, 0.9))
+        return gain_certificate(linear_lure(*one))
+
+    for slow in (1e-6, 6.8e-7, 5e-8):
+        c = certificate(slow)
+        assert c.holds and c.verify() > 0
+        assert c.gamma == pytest.approx(0.225 / slow, rel=0.01)
+    c = certificate(1e-8)
+    assert not c.holds and c.verdict == "undecided"
+    assert "No diagonal multipliers were found that prove" in c.reason
+    assert capfd.readouterr() == ("", "")
+
+
 def test_ellipse_and_contains():
     c = iss_certificate(np.diag([0.5, 0.9, 0.2]), objective="volume")
     t = np.linspace(0, 2 * np.pi, 9)

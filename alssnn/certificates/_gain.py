@@ -252,8 +252,8 @@ def gain_certificate(lure, slopes=None, *, decay=1.0):
         seconds = time.perf_counter() - start
         if not np.isfinite(P).all():
             reason = (
-                "The program is infeasible: no diagonal multipliers prove a finite "
-                "gain."
+                "No diagonal multipliers were found that prove a finite gain: the "
+                "program is infeasible, or too nearly so."
             )
             return certificate(status, reason, seconds, n_solves)
         P, Lam = unit**2 * T.T @ P @ T, unit**2 * Lam

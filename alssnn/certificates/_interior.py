@@ -220,10 +220,13 @@ def _follow(form, z, t, size, limit, ends):
         H += np.outer(size, size) / slack**2
         gradient[-1] += t
         d = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+        scaled = H * np.outer(d, d)
+        if not np.isfinite(scaled).all():  # least squares would raise, and print
+            return z, "a step that is no number"
         try:
-            step = -d * cho_solve(cho_factor(H * np.outer(d, d)), d * gradient)
-        except (LinAlgError, ValueError):
-            step = -d * np.linalg.lstsq(H * np.outer(d, d), d * gradient)[0]
+            step = -d * cho_solve(cho_factor(scaled), d * gradient)
+        except LinAlgError:
+            step = -d * np.linalg.lstsq(scaled, d * gradient)[0]
         decrement = -gradient @ step
         if not np.isfinite(decrement):
             return z, "a step that is no number"
