@@ -178,7 +178,13 @@ def test_every_output_has_its_level(two_outputs):
     band = each.around(u[40], y[40])
     assert band.y.shape == band.lower.shape == (60, 2)
     assert "of all outputs together" in repr(joint)
-    assert "of all outputs together" not in repr(each)
+    assert "stay within, each output alone, free run" in repr(each)
+    words = "of the calibration, of each output alone, |y_plant - y_lin|"
+    assert words in repr(each.with_bound(0.1))
+    assert "of the calibration, |y_plant" in repr(joint.with_bound(0.1))
+    local = SimpleNamespace(output_bounds=np.ones(2), verdict="holds")
+    words = "while v stays within the amplitude of the certificate, from rest.\n"
+    assert words in repr(each.with_bound(local))
 
 
 def test_missing_outputs_do_not_count(two_outputs):
@@ -530,6 +536,9 @@ def test_the_gain_of_the_error_is_that_of_its_size(monkeypatch):
     np.testing.assert_allclose(found.gain, [[9 / 0.5 / 4]])
     assert found.n_blocks == 9 and not found.reason
     assert "<= 4.5 |u| in l2 in 0.9 of future experiments like the 9" in repr(found)
+    assert "alone" not in repr(found)
+    two = replace(found, gain=np.ones((2, 1)))
+    assert repr(two).endswith("that were used, of each output alone")
     np.testing.assert_allclose(gain(runs, level=0.5).gain, [[5 / 0.5 / 4]])
     # the largest of ten is that of eleven at most
     assert np.isinf(gain(runs[:8]).gain) and "8 experiments are too few" in repr(

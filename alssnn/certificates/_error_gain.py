@@ -31,7 +31,7 @@ class ErrorGain:
         Largest l2 gain of every part of the error, units of y per unit of u; inf if
         the units are too few.
     level : float
-        Share of units like these that keep it.
+        Share of units like these that keep it, for each output by itself.
     n_blocks : int
         Units of the calibration, those in which an input moves.
     block : int or None
@@ -59,10 +59,11 @@ class ErrorGain:
         """Return the gain, and what it rests on."""
         if self.reason:
             return f"ErrorGain: infinite. {self.reason}"
+        alone = ", of each output alone" if len(self.gain) > 1 else ""
         return (
             f"ErrorGain: |y_plant - y_model| <= {in_words(self.gain)} |u| in l2 in "
             f"{self.level:.4g} of future {units_in_words(self.block)} like the "
-            f"{self.n_blocks} that were used"
+            f"{self.n_blocks} that were used{alone}"
         )
 
 
@@ -80,7 +81,8 @@ def error_gain(model, u, y, experiment=None, *, level=0.9, block="auto", gap=Non
     experiment : array_like of shape (N,) or None, default=None
         Label of the experiment of every sample.
     level : float, default=0.9
-        Share of future units that shall keep the gain, between 0 and 1.
+        Share of future units that shall keep the gain of an output, between 0 and 1.
+        Where the gains of several outputs count together, less is kept.
     block : {"auto", "experiment"} or int, default="auto"
         What a unit is, see `tube`.
     gap : int or None, default=None

@@ -65,7 +65,8 @@ class Tube:
     Parameters
     ----------
     level : float
-        Share of future units that stay in the tube.
+        Share of future units that stay in the tube: of all outputs together if
+        `joint`, else of each by itself.
     quantile : ndarray of shape (ny,)
         Half width of the tube per unit of the scale; inf if there are too few units.
     coefficients : ndarray of shape (ny, nu + 2)
@@ -298,7 +299,8 @@ class Tube:
         """Return level, widths, assumption and number of units in a few lines."""
         unit = units_in_words(self.block)
         run = "free run" if self.horizon is None else f"{self.horizon} samples ahead"
-        of = " of all outputs together" if self.joint and len(self.quantile) > 1 else ""
+        together = " of all outputs together" if self.joint else ", each output alone"
+        of = together if len(self.quantile) > 1 else ""
         count = plain(self.n_blocks)
         if not self.finite:
             return f"Tube: infinite, {run}. {self.reason}"

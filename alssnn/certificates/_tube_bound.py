@@ -11,6 +11,8 @@ from ._units import units_in_words
 WHILE = {
     "data": " while |g| stays as on its data",
     "given": " while |g| stays within the number that was given",
+    # the verdict of a certificate of every bounded input
+    "holds": " while v stays within the amplitude of the certificate, from rest",
 }
 
 
@@ -36,8 +38,10 @@ class TubeWithBound:
     def statement(self):
         """Return what is true of the plant, in words."""
         level, units = self.tube.level, units_in_words(self.tube.block)
+        is_alone = len(self.bound) > 1 and not self.tube.joint
+        alone = ", of each output alone," if is_alone else ","
         return (
-            f"With {level:.4g} of future {units} like those of the calibration, "
+            f"With {level:.4g} of future {units} like those of the calibration{alone} "
             "|y_plant - y_lin| is at most the half width of the tube plus "
             f"{plain(self.bound)}{WHILE.get(self.source, '')}.\n"
             "y_lin is the linear design with the v for which the model, simulated "
