@@ -927,6 +927,23 @@ def test_records_of_another_sampling_time_are_told(tmp_path, capsys):
         assert "column" not in told[0]
 
 
+@pytest.mark.parametrize("moves_later", [False, True])
+def test_an_input_that_does_not_move_is_named(moves_later, tmp_path, capsys):
+    u = np.random.default_rng(0).standard_normal((400, 2))
+    u[: 200 if moves_later else 400, 1] = 3.0
+    y = np.convolve(u[:, 0], [0, 0.5, 0.3, 0.1])[:400]
+    path = tmp_path / "plant.csv"
+    options = {"delimiter": ",", "header": "u,fan,y", "comments": ""}
+    np.savetxt(path, np.column_stack([u, y]), **options)
+    fit = ["--output", "y", "--model", "lti", "--nx", "2", "--dt", "1", "-q"]
+    for inputs in (["--input", "u", "fan"], ["--input", "u", "--disturbance", "fan"]):
+        assert run("fit", path, *inputs, *fit) == 2
+        words = "inputs that move where models are trained, got 'fan' at one value"
+        assert_one_line(capsys, words)
+    if moves_later:
+        assert run("fit", path, *inputs, *fit, "--test-size", "0.2") == 0
+
+
 def test_long_headers_are_shortened(tmp_path):
     path = tmp_path / "plant.csv"
     path.write_text(",".join(f"channel_{i}" for i in range(1000)) + "\n")

@@ -132,7 +132,7 @@ def run(args):
     if args.time_column is None:
         compare_times(args, source, dt)
     name = PRESETS[chosen][0] if chosen else None
-    u, y, experiment = _read(args, source)
+    u, y, experiment = _read_moving(args, source)
     rows: list = []
     try:
         ladder = run_ladder(
@@ -201,6 +201,29 @@ def _read(args, source):
 
     u, y, experiment = read_csv(source, _inputs(args), args.output, args.experiment)
     report_gaps(y, args.output)
+    return u, y, experiment
+
+
+def _read_moving(args, source):
+    """Return the record to train on; refuse by name what does not move there."""
+    from ..ladder import hold_out_last
+
+    u, y, experiment = _read(args, source)
+    trains = u
+    if args.test is None:
+        size = 0.5 if args.test_size is None else args.test_size
+        (trains, _, _), _ = hold_out_last(u, y, experiment, size)
+    still = [
+        repr(name)
+        for name, column in zip(_inputs(args), trains.T, strict=True)
+        if not np.ptp(column)
+    ]
+    if still:
+        raise ValueError(
+            f"`{args.file}` must have inputs that move where models are trained, got "
+            f"{', '.join(still)} at one value. Leave such columns out, or train on "
+            "another part of the record."
+        )
     return u, y, experiment
 
 
