@@ -2,18 +2,19 @@
 
 import pickle
 import warnings
+import zipfile
 
 import control
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, lsim, sosfiltfilt
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 
 import alssnn
-from alssnn import LinearStateSpace
+from alssnn import LinearStateSpace, cli
 from alssnn.continuous import (
     HOLDS,
     between,
@@ -630,6 +631,39 @@ def test_frequency_responses_are_those_of_the_loop(swing):
     np.testing.assert_allclose(frequency_response(system, f)[:, 0, 0], expected)
     held_ = frequency_response(swing.to_statespace(dt=0.2), f)[:, 0, 0]
     assert np.abs(np.abs(held_ / expected) - 1).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("hold", "words"),
+    [("zoh", ""), ("cubic", "a cubic spline"), ("linear", "straight")],
+)
+def test_what_is_exported_says_that_it_holds_inputs(hold, words, tmp_path, capsys):
+    """It does not follow a record whose inputs went on, as `predict` does."""
+    t = 0.3 * np.arange(400)
+    u = np.sin(t) + np.sin(1.9 * t + 1)
+    options = {"nx": 2, "time": "continuous", "hold": hold, "dt": 0.3}
+    y = lsim(([1.0], [1.0, 0.5, 1.0]), u, t)[1]
+    model = alssnn.LinearStateSpace(integrators=0, **options).fit(u, y)
+    if hold != "zoh":
+        plant, x, held = model.plant_, model.x0_[0], np.empty(len(u))
+        for k in range(len(u)):
+            held[k], x = plant.output(x)[0], plant.step(x, u[[k]])
+        errors = model.predict(u, x0="training") - y, held - y
+        assert np.std(errors[1]) > 5 * np.std(errors[0])
+    model.to_c(tmp_path)
+    model.to_st(tmp_path / "plant.st")
+    model.to_modelica(tmp_path / "Plant.mo")
+    fmu = model.to_fmu(tmp_path / "plant.fmu")
+    with zipfile.ZipFile(fmu.path) as archive:
+        described = archive.read("modelDescription.xml").decode()
+    said = [(tmp_path / name).read_text() for name in ("plant.st", "Plant.mo")]
+    said += [(tmp_path / name).read_text() for name in ("README.md", "plant.h")]
+    for text in [*said, described]:
+        assert ("went on" in text) == bool(words) and words in text
+    model.save(tmp_path / "model.npz")
+    capsys.readouterr()
+    cli.main(["info", str(tmp_path / "model.npz")])
+    assert ("exports hold u" in capsys.readouterr().out) == bool(words)
 
 
 @pytest.mark.usefixtures("rough_certificates")

@@ -169,6 +169,7 @@ def test_metadata_name_the_signals(fitted, tmp_path):
         f"p*/, {k} samples ago" for k in (3, 2, 1)
     ]
     assert told["dt"] == "0.25" and told["feedback"] == "output"
+    assert told["hold"] == "u is held for a sample"
     assert "algebraic loop" in told["no_law"]
 
 

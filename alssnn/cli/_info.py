@@ -77,7 +77,7 @@ def run(args):
         ("outputs", ", ".join(outputs)),
         ("states", f"{model.nx_}"),
         ("sampling time", f"{model.dt:.10g} s"),
-        ("time", model.time),
+        ("time", f"{model.time}{_went_on(model)}"),
         ("input delay", _delays(model, inputs)),
         ("parameters", f"{known['parameters']}, trained"),
         ("training error", _error(missed)),
@@ -96,6 +96,13 @@ def _error(missed):
 
     said = f"{percent(missed, 3)} of the output, simulated"
     return said if np.isfinite(missed) else ""
+
+
+def _went_on(model):
+    """Return what inputs did between the samples of the record, if not held."""
+    if model.time != "continuous" or model.hold == "zoh":
+        return ""
+    return f', hold="{model.hold}" in the record; loops and exports hold u'
 
 
 def _delays(model, inputs):

@@ -14,6 +14,8 @@ from ..plant import Plant
 from ..plants import as_plant
 from ..walk import static_map
 
+BETWEEN = {"cubic": "a cubic spline", "linear": "straight lines"}  # by `hold`
+
 
 @dataclass(frozen=True, eq=False)
 class Export:
@@ -54,6 +56,22 @@ class Export:
     def integrates(self):
         """Return whether the controller has integrators."""
         return self.K_z is not None and self.K_z.size > 0
+
+    @property
+    def between(self):
+        """Return what inputs did between the samples of the record; empty if held.
+
+        What is exported holds them, as all that controls does.
+        """
+        rates = self.plant.rates
+        return "" if rates is None else BETWEEN.get(rates.structure.sampling.hold, "")
+
+    @property
+    def went_on(self):
+        """Return what is held, and what was not, in words; empty if u always was."""
+        if not self.between:
+            return ""
+        return f"u is held for a sample; in the record it went on as {self.between}"
 
     @cached_property
     def late(self):

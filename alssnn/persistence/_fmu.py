@@ -218,12 +218,13 @@ class _Variables:
     def xml(self, version, name, token):
         """Return the description of the FMU."""
         is_3 = version == "3.0"
-        plant = self.export.plant
+        plant, went_on = self.export.plant, self.export.went_on
+        holds = f". {went_on}" if went_on else ""
         attributes = {
             "fmiVersion": version,
             "modelName": _text(plant.name),
             ("instantiationToken" if is_3 else "guid"): token,
-            "description": f"{self.what.capitalize()}, identified from data",
+            "description": f"{self.what.capitalize()}, identified from data{holds}",
             "generationTool": f"alssnn {release()}",
             "variableNamingConvention": "flat",
         }

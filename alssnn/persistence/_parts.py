@@ -75,6 +75,7 @@ class Parts:
             "GATED": export.gate is not None,
             "CONTROL": export.K_x is not None,
             "INTEGRATES": export.integrates,
+            "HOLDS": bool(export.between),
         }
 
     def blanks(self, numbers):
@@ -91,7 +92,7 @@ class Parts:
             Sizes ``nx``, ..., words, and ``k_name`` for the constants, empty where
             the export has none.
         """
-        plant, flags = self.plant, self.flags
+        plant, flags, went_on = self.plant, self.flags, self.export.went_on
         measures = "the estimated state" if flags["BY_STATE"] else "the measured y"
         return {
             **{f"n{name}": size for name, size in self.sizes.items()},
@@ -101,6 +102,8 @@ class Parts:
             "dt": repr(float(plant.dt)),
             "f": numbers.suffix,
             "eps": numbers.literal("eps", 4 * numbers.eps),
+            "between": self.export.between,
+            "went_on": f"\n   {went_on}." if went_on else "",
             "late": ", then past inputs, oldest first" if flags["LATE"] else "",
             "s_words": measures,
             "r_units": "y" if flags["INTEGRATES"] else "u",

@@ -56,7 +56,12 @@ extern "C" {
 
 typedef $dtype plant_real;
 
+#if HOLDS
+/* Model: x becomes the state one sample later. Also predicts for the observer.
+ * u is held for the sample; in the record it went on as $between. */
+#else
 /* Model: x becomes the state one sample later. Also predicts for the observer. */
+#endif
 void plant_step(plant_real x[PLANT_NX], const plant_real u[PLANT_NU]);
 
 /* Model: y of the same sample$unused. */
