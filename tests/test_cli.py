@@ -927,6 +927,31 @@ def test_records_of_another_sampling_time_are_told(tmp_path, capsys):
         assert "column" not in told[0]
 
 
+@pytest.mark.parametrize("kind", ["input", "output"])
+def test_a_model_of_what_drifts_is_kept(kind, tmp_path, capsys):
+    """Its free run is far from the record, for none knows where the walk went."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(-1, 1, 80), 10)
+    walk, y, x = 0.05 * np.cumsum(rng.standard_normal(800)), np.empty(800), 0.0
+    for k in range(800):
+        y[k] = x + walk[k] * (kind == "output") + 0.02 * rng.standard_normal()
+        x = 0.8 * x + 0.2 * (u[k] + walk[k] * (kind == "input"))
+    path, model = tmp_path / "plant.csv", tmp_path / "plant.npz"
+    options = {"delimiter": ",", "header": "u,y", "comments": ""}
+    np.savetxt(path, np.column_stack([u, y]), **options)
+    argv = ["--model", "lti", "--nx", 1, "--dt", 1, "--innovations", "--drift", kind]
+    assert run_fit(path, *argv, "-q", "--save", model) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "a free run, which does not know what drifts. Judge the model by" in out
+    fitted = alssnn.load(model)
+    del fitted.feature_names_in_
+    tests = u[400:, None], y[400:, None]
+    assert fitted.score(*tests) < 0  # which is what was held against it
+    assert np.std(fitted.predict_ahead(*tests) - tests[1]) < 0.2 * np.std(tests[1])
+    run("info", model)
+    assert "simulated without knowing what drifts" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("moves_later", [False, True])
 def test_an_input_that_does_not_move_is_named(moves_later, tmp_path, capsys):
     u = np.random.default_rng(0).standard_normal((400, 2))

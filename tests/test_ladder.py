@@ -334,6 +334,22 @@ def test_explanation_of_unstable_models():
     assert "A of AL-SSNN integrates (spectral radius 1.0000)" in text
 
 
+def test_no_free_run_knows_what_drifts():
+    model = SimpleNamespace(converged_=True, drift="input")
+    rows = [
+        replace(make_row(name, missed=missed, rest=2.0), model=model)
+        for name, missed in (("LTI", 160.0), ("AL-SSNN", 150.0))
+    ]
+    text = explain(*rows)
+    assert "Accuracy: no free run knows what drifts. `validate` judges" in text
+    assert "2 % of the output of AL-SSNN is still not the response" in text
+    assert "LTI misses" not in text and "says nothing" not in text
+    assert "which does not know what drifts" in str(make_ladder(*rows))
+    model.fitted_ = SimpleNamespace(grows=False)
+    assert make_ladder(*rows).fault(rows[1]) == ""
+    assert "does not know" not in str(make_ladder(make_row()))
+
+
 def test_explanation_counts_the_loop():
     """A model is not praised by its open loop alone."""
     lti = make_row("LTI", missed=20.0, rest=0.0)

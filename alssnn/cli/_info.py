@@ -80,7 +80,7 @@ def run(args):
         ("time", f"{model.time}{_went_on(model)}"),
         ("input delay", _delays(model, inputs)),
         ("parameters", f"{known['parameters']}, trained"),
-        ("training error", _error(missed)),
+        ("training error", _error(missed, model.drift)),
         ("training", f"{model.n_iter_} trial steps: {model.message_}"),
         ("poles", ", ".join(_pole(pole) for pole in poles)),
         ("operating point", _point(inputs, model.u_offset_, outputs, model.y_offset_)),
@@ -90,11 +90,12 @@ def run(args):
     print("\n".join(f"{name:{width}}  {value}" for name, value in rows))
 
 
-def _error(missed):
+def _error(missed, drift):
     """Return the training error; nothing if no process had all of the record."""
     from ..shown import percent
 
-    said = f"{percent(missed, 3)} of the output, simulated"
+    knows = "" if drift is None else " without knowing what drifts"
+    said = f"{percent(missed, 3)} of the output, simulated{knows}"
     return said if np.isfinite(missed) else ""
 
 

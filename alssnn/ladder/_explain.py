@@ -59,7 +59,7 @@ def fault(row, lti=None):
     sentence : str
         The reason; empty if there is none, or if no free run can tell.
     """
-    if row.model.fitted_.grows:
+    if row.model.fitted_.grows or drifts(row):
         return ""
     if not np.isfinite(row.fit_percent).all():
         return f"{row.name} diverges on the test data: do not use it."
@@ -77,12 +77,30 @@ def fault(row, lti=None):
     return ""
 
 
+def drifts(row):
+    """Return whether a model has a random walk, of which no free run knows.
+
+    Parameters
+    ----------
+    row : Rung
+        Row of the model.
+
+    Returns
+    -------
+    drifts : bool
+        Whether the model was fitted with a `drift`.
+    """
+    return getattr(row.model, "drift", None) is not None
+
+
 def _missed(row):
     """Return the percentage of the test output that the simulation misses."""
     return float(100 - row.fit_percent.mean())
 
 
 def _about_accuracy(al, lti):
+    if drifts(al):
+        return "Accuracy: no free run knows what drifts. `validate` judges predictions."
     ratio = lti.rmse_test.mean() / al.rmse_test.mean()
     if not np.isfinite(al.rmse_test).all():
         return "Accuracy: AL-SSNN diverges on the test data and is of no use there."
@@ -115,7 +133,8 @@ def _about_linearity(al, lti):
             "Linearity: what is left of the nonlinearity grows without bound, because "
             "the simulation or A is unstable."
         )
-    if not np.isfinite(al.rmse_test).all() or _missed(al) >= 100:
+    is_lost = not np.isfinite(al.rmse_test).all() or _missed(al) >= 100
+    if is_lost and not drifts(al):
         return (
             "Linearity: a model that does not follow the test data says nothing on "
             "how linear the plant becomes."
@@ -143,7 +162,7 @@ def _about_linearity(al, lti):
             "and errors of the model weigh as much more. Fit with a larger gamma_h."
         )
     rest = max(rest, loop)
-    if lti is None or not np.isfinite(lti.rmse_test).all():
+    if lti is None or not np.isfinite(lti.rmse_test).all() or drifts(al):
         return f"{facts}."
     ratio = _missed(lti) / max(rest, np.finfo(float).eps)  # the rest may be 0
     if ratio > CLEARLY:

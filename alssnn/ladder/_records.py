@@ -10,7 +10,7 @@ from ..estimators import LEFT_LINEAR
 from ..rows import Rows, aligned
 from ..shown import percent, short_repr
 from ..watch import late_fall
-from ._explain import TEXT_WIDTH, explain, fault
+from ._explain import TEXT_WIDTH, drifts, explain, fault
 
 SETTLED = 0.01  # fall of the cost in the end below which more steps hardly matter,
 ENOUGH_STEPS = 20  # if it took at least so many
@@ -180,7 +180,8 @@ class Ladder(Rows):
         -------
         sentence : str
             That the model follows the test output no better than its mean, or worse
-            than the row named LTI does; empty if neither is so.
+            than the row named LTI does; empty if neither is so, or if no free run can
+            tell, as of an unstable plant or with a `drift`.
         """
         return fault(row, next((one for one in self.rows if one.name == "LTI"), None))
 
@@ -193,6 +194,11 @@ class Ladder(Rows):
             "is cancelled, rms(e) / std(y); in the loop: rms(e) / std(y_lin) under "
             "u = v - h, with the recorded input as v."
         ]
+        if any(map(drifts, self.rows)):
+            notes.append(
+                "These are errors of a free run, which does not know what drifts. "
+                "Judge the model by its predictions: `validate` does."
+            )
         if self.noise_floor is not None:
             notes.append(
                 "test / floor: RMSE of the test over that of the noise, the worst "
