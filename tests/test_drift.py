@@ -317,6 +317,15 @@ def test_observer_predicts_as_the_fit_did(fitted):
     assert DisturbanceObserver(model, disturbance=unknown).disturbance == unknown
 
 
+def test_exported_observers_say_that_they_leave_out_the_walk(fitted, tmp_path):
+    model, u, y = fitted
+    plain = alssnn.LinearStateSpace(nx=3, noise="innovations").fit(u, y)
+    for one, says in ((model, True), (plain, False)):
+        one.to_c(tmp_path)
+        text = (tmp_path / "README.md").read_text()
+        assert ("a random walk (`drift`), which this observer does not" in text) is says
+
+
 def test_a_walk_is_no_fault_of_a_free_run(fitted):
     """One that has gone far leaves every free run, and no prediction."""
     model = fitted[0]

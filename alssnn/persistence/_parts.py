@@ -76,6 +76,7 @@ class Parts:
             "CONTROL": export.K_x is not None,
             "INTEGRATES": export.integrates,
             "HOLDS": bool(export.between),
+            "DRIFTS": plant.drift is not None,
         }
 
     def blanks(self, numbers):
