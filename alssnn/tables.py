@@ -17,7 +17,21 @@ OUTPUT_REMEDY = "Leave the cell empty where the output was not measured."
 COLUMNS_SHOWN = 300  # characters of a header in a message
 # what a CSV file calls a number: Python knows more, such as 1_0
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+SECONDS = {
+    **dict.fromkeys(("", "s", "sec", "second", "seconds"), 1.0),
+    "ns": 1e-9,
+    **dict.fromkeys(("us", "\u03bcs"), 1e-6),
+    "ms": 1e-3,
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+}  # by what stands behind a name
+UNITS = "|".join(filter(None, SECONDS))
+UNIT = re.compile(rf".*[\s_\[(/]\s*({UNITS})\s*[\])]?\s*")
 TIME = re.compile(r"(?:time|t)(?:\s*[\[(_ ]\s*s(?:ec|econds?)?\s*[\])]?)?", re.I)
+# no t_min and no t_h, which may be temperatures
+OTHER_TIME = re.compile(
+    rf"(?:time\s*[\s_\[(/]|t\s*[\[(/])\s*(?:{UNITS})\s*[\])]?|t[\s_][num\u03bc]s"
+)
 
 
 def read_csv(path, inputs, outputs, experiment=None):
@@ -129,6 +143,29 @@ def _meant(name, columns):
     return f" Did you mean {near[0]!r}? In a shell, quote names with blanks."
 
 
+def unit_of(name):
+    """Return the unit of time that the name of a column ends in.
+
+    Parameters
+    ----------
+    name : str
+        Name, such as time_ms, t [ms], t/ms or time (min).
+
+    Returns
+    -------
+    unit : str
+        One of `SECONDS`, which tells how long it is; empty if the name says none.
+    """
+    found = UNIT.fullmatch(name.casefold())
+    return found.group(1) if found else ""
+
+
+def _find_time(columns):
+    """Return the names of columns of time, those in seconds if there are any."""
+    times = [c for c in columns if TIME.fullmatch(c)]
+    return times or [c for c in columns if OTHER_TIME.fullmatch(c.casefold())]
+
+
 def read_steps(path):
     """Return the steps of a column of time, in seconds.
 
@@ -140,21 +177,21 @@ def read_steps(path):
     Returns
     -------
     name : str
-        Name of the column: time or t, without a unit or in seconds; empty if there is
-        none, or more than one.
+        Name of the column: time or t, in seconds or in the unit that its name says;
+        empty if there is none, or more than one.
     steps : ndarray of shape (N - 1,)
-        Differences of its values; none where one is not a number.
+        Differences of its values, in seconds; none where one is not a number.
     """
     with _opened(path) as file:
         columns, _ = _read_header(file)
-    times = [c for c in columns if TIME.fullmatch(c)]
+    times = _find_time(columns)
     if len(times) != 1:
         return "", np.zeros(0)
     try:
         t, _, _ = read_csv(path, times, [])
     except ValueError:  # such as dates
         return times[0], np.zeros(0)
-    return times[0], np.diff(t[:, 0])
+    return times[0], SECONDS[unit_of(times[0])] * np.diff(t[:, 0])
 
 
 def _numbers(path, names, cells, line, n_inputs):

@@ -874,10 +874,13 @@ def test_gaps_of_outputs_from_fit_to_report(
         ("time [s]", 0.05, None),
         ("t", 0.05000001, None),
         ("Time", 2.0, "'Time' are 2, but the sampling time is 0.05 s. .* use --dt 2"),
-        ("t_s", -0.05, "between -0.05 and -0.05. Models need a fixed rate"),
+        ("t_s", -0.05, "between -0.05 and -0.05 s. Models need a fixed rate"),
         ("time [ms]", 50.0, None),
+        ("Time_ms", 100.0, "are 0.1 s, but the sampling time is 0.05 s. Use --dt 0.1"),
+        ("t_min", 50.0, None),  # may be a temperature
+        ("timeout_ms", 7.0, None),
         ("throttle", 50.0, None),
-        ("time (s)", None, "between 0.01 and 0.09. Models need a fixed rate"),
+        ("time (s)", None, "between 0.01 and 0.09 s. Models need a fixed rate"),
     ],
 )
 def test_a_column_of_time_is_compared(name, step, message, tmp_path, capsys):
@@ -925,6 +928,38 @@ def test_records_of_another_sampling_time_are_told(tmp_path, capsys):
             told.append(capsys.readouterr().err)
         assert words in told[1] and "resample the record" in told[1]
         assert "column" not in told[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "unit"),
+    [
+        ("time_ms", 50, "ms"),
+        ("t [ms]", 50, "ms"),
+        ("T_US", 50000, "us"),
+        ("clock/\u00b5s", 50000, "\u03bcs"),
+        ("time (min)", 0.05 / 60, "min"),
+        ("Zeit in h", 0.05 / 3600, "h"),
+        ("rhythms", 0.05, "seconds"),
+        ("t (s)", 0.05, "seconds"),
+    ],
+)
+def test_a_column_of_time_has_the_unit_of_its_name(name, step, unit, tmp_path, capsys):
+    u = np.random.default_rng(0).standard_normal(200)
+    y = np.convolve(u, [0, 0.5, 0.3, 0.1])[:200]
+    path, model = tmp_path / "plant.csv", tmp_path / "plant.npz"
+    table = np.column_stack([step * np.arange(200), u, y])
+    options = {"delimiter": ",", "comments": "", "encoding": "utf-8"}
+    np.savetxt(path, table, header=f"{name},u,y", **options)
+    argv = ["--model", "lti", "--nx", 2, "--time-column", name, "--save", model]
+    assert run_fit(path, *argv, "--test", path) == 0
+    err = capsys.readouterr().err
+    assert err.count(f"Sampling time: 0.05 s, by the column {name!r}, which is") == 1
+    assert f"taken to be in {unit}.\n" in err
+    assert alssnn.load(model).dt == 0.05
+    assert run_fit(path, *argv, "--overwrite", "--quiet") == 0
+    assert ("Sampling time: 0.05 s" in capsys.readouterr().err) == (unit != "seconds")
+    record = alssnn.datasets.Record.from_csv(path, "u", "y", time=name)
+    assert record.dt == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("kind", ["input", "output"])

@@ -286,6 +286,23 @@ def test_times_of_a_record_are_told_after_the_fit(plain, table):
             verb(u.set_axis(slow), y.set_axis(slow))
 
 
+def test_the_name_of_a_column_tells_the_unit_of_time(plain, table, tmp_path):
+    milliseconds = 1000 * plain.dt * np.arange(N)
+    columns = "torque [Nm]", "angle"
+    frame = table.assign(**{"t [ms]": milliseconds})
+    record = Record.from_dataframe(frame, *columns, time="t [ms]")
+    assert record.dt == pytest.approx(plain.dt)
+    dates = pd.Timestamp("2024-05-01") + pd.to_timedelta(milliseconds, unit="ms")
+    record = Record.from_dataframe(
+        frame.assign(**{"t [ms]": dates}), *columns, time="t [ms]"
+    )
+    assert record.dt == pytest.approx(plain.dt)
+    frame.drop(columns="time").to_csv(tmp_path / "plant.csv", index=False)
+    assert Record.from_csv(tmp_path / "plant.csv", *columns).dt == pytest.approx(
+        plain.dt
+    )
+
+
 def test_gaps_between_dates_are_told(plain, table):
     index = pd.date_range("2024-05-01", periods=N, freq="50ms")
     late = np.arange(N) >= N // 2

@@ -22,7 +22,14 @@ from ._fit_options import (
     add_time,
     add_weights,
 )
-from ._record import TIME_TOL, compare_times, report_gaps, sampling_time, source_of
+from ._record import (
+    TIME_TOL,
+    column_step,
+    compare_times,
+    report_gaps,
+    sampling_time,
+    source_of,
+)
 
 AS_GIVEN = (  # options of the ladder
     "nx n_h n_g n_f gamma gamma_h alpha feedback input_map drift horizon max_iter "
@@ -232,7 +239,7 @@ def _read_test(args, dt):
     source = source_of(args.test)
     if args.time_column is None:
         compare_times(args, source, dt)
-    elif abs((own := sampling_time(args, source)) - dt) > TIME_TOL * dt:
+    elif abs((own := column_step(args, source)) - dt) > TIME_TOL * dt:
         raise ValueError(
             f"`--test` must have the sampling time of the other record, {dt:g} s, got "
             f"{own:g} s in {args.time_column!r}. Resample it."

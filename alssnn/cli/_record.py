@@ -232,38 +232,39 @@ def compare_times(args, source, dt, remedy=None):
     dt : float
         Sampling time, in seconds.
     remedy : str or None, default=None
-        What to do if the column is in seconds; None means another ``--dt``.
+        What to do if the column is right; None means another ``--dt``.
     """
     if args.experiment is not None:
         return  # its time may start anew
-    from ..tables import read_steps
+    from ..tables import read_steps, unit_of
 
     name, steps = read_steps(source)
     if not len(steps):
         return
     step = common_step(steps)
+    s, doubt = (" s", "") if unit_of(name) else ("", "If the column is in seconds, ")
     if not step:
         warnings.warn(
             f"The steps of the column {name!r} are between {steps.min():g} and "
-            f"{steps.max():g}. Models need a fixed rate: resample the record.",
+            f"{steps.max():g}{s}. Models need a fixed rate: resample the record.",
             stacklevel=2,
         )
     elif abs(step - dt) > TIME_TOL * dt:
+        advice = doubt + (remedy or f"use --dt {step:g}")
         warnings.warn(
-            f"The steps of the column {name!r} are {step:g}, but the sampling time "
-            f"is {dt:g} s. If the column is in seconds, "
-            f"{remedy or f'use --dt {step:g}'}.",
+            f"The steps of the column {name!r} are {step:g}{s}, but the sampling time "
+            f"is {dt:g} s. {advice[0].upper()}{advice[1:]}.",
             stacklevel=2,
         )
 
 
 def sampling_time(args, source):
-    """Return the sampling time, given or that of the column of time.
+    """Return the sampling time, given or that of the column of time, and say which.
 
     Parameters
     ----------
     args : argparse.Namespace
-        Arguments with `dt`, `time_column` and `experiment`.
+        Arguments with `dt`, `time_column`, `experiment` and `quiet`.
     source : Path or StandardInput
         Record.
 
@@ -277,12 +278,44 @@ def sampling_time(args, source):
     ValueError
         If the steps of the column are not all alike.
     """
-    from ..tables import read_csv
+    from ..tables import SECONDS, unit_of
 
     if args.time_column is None:
         return 1.0 if args.dt is None else args.dt
     if args.dt is not None:
         args.parser.error("--dt and --time-column exclude each other")
+    dt, unit = column_step(args, source), unit_of(args.time_column)
+    if SECONDS[unit] != 1 or not args.quiet:
+        print(
+            f"Sampling time: {dt:g} s, by the column {args.time_column!r}, which is "
+            f"taken to be in {unit if SECONDS[unit] != 1 else 'seconds'}.",
+            file=sys.stderr,
+        )
+    return dt
+
+
+def column_step(args, source):
+    """Return the step of the column of time.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Arguments with `time_column` and `experiment`.
+    source : Path or StandardInput
+        Record.
+
+    Returns
+    -------
+    dt : float
+        Step in seconds, of a column in the unit that its name says.
+
+    Raises
+    ------
+    ValueError
+        If the steps are not all alike.
+    """
+    from ..tables import SECONDS, read_csv, unit_of
+
     t, _, labels = read_csv(source, [args.time_column], [], args.experiment)
     steps = np.diff(t[:, 0])
     if labels is not None:
@@ -294,7 +327,7 @@ def sampling_time(args, source):
             f"{args.time_column!r}. Models need a fixed rate: resample the record."
         )
     # the mean of many steps has less of the rounding of printed times
-    return float(f"{steps.mean():.6g}")
+    return float(f"{SECONDS[unit_of(args.time_column)] * steps.mean():.6g}")
 
 
 def add_sampling(parser):
@@ -314,7 +347,8 @@ def add_sampling(parser):
     parser.add_argument(
         "--time-column",
         metavar="COL",
-        help="column of time in seconds, whose steps are the sampling time",
+        help="column of time, whose steps are the sampling time; in seconds, or in the "
+        "unit that its name ends in, such as time_ms, t [ms] or time (min)",
     )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..tables import read_csv, read_steps
+from ..tables import SECONDS, read_csv, read_steps, unit_of
 from ._times import as_times, in_seconds
 
 UNEVEN = 0.01  # of the sampling time, by which the times of samples may differ
@@ -18,7 +18,8 @@ def csv_signals(path, inputs, outputs, time, dt):
     inputs, outputs : sequence of str
         Names of columns.
     time : str or None
-        Column of time in seconds; None looks for one named time or t.
+        Column of time, in seconds or in the unit that its name says; None looks for
+        one named time or t.
     dt : float or None
         Sampling time, in seconds; None takes it from the column of time.
 
@@ -44,7 +45,8 @@ def csv_signals(path, inputs, outputs, time, dt):
     if time is None:
         time, steps = read_steps(path)
     else:
-        steps = np.diff(read_csv(path, [time], [])[0][:, 0])
+        t, _, _ = read_csv(path, [time], [])
+        steps = SECONDS[unit_of(time)] * np.diff(t[:, 0])
     return u, y, even_step(f"column {time!r} of {path}" if time else "", steps)
 
 
@@ -58,8 +60,8 @@ def frame_signals(frame, inputs, outputs, time, dt):
     inputs, outputs : sequence of str
         Names of columns.
     time : str or None
-        Column of time, in seconds or as dates; None takes the index of pandas if it
-        holds dates or durations.
+        Column of time, in seconds or in the unit that its name says, or as dates; None
+        takes the index of pandas if it holds dates or durations.
     dt : float or None
         Sampling time, in seconds; None takes it from the times.
 
@@ -91,16 +93,19 @@ def frame_signals(frame, inputs, outputs, time, dt):
     )
     if dt is not None:
         return u, y, dt
-    times, where = None, ""
+    times, where, unit = None, "", 1.0
     if time is not None:
         times, where = frame[known[str(time)]], f"column {time!r}"
+        unit = SECONDS[unit_of(str(time))]
     elif hasattr(frame, "index"):
         index = np.asarray(frame.index)
         # rows that are counted say nothing of time
         if index.dtype.kind in "mM" or getattr(frame.index, "tz", None) is not None:
             times, where = index, "the index"
     steps = np.empty(0) if times is None else np.diff(as_times(times, "time"))
-    return u, y, even_step(where, in_seconds(steps))
+    # dates know their unit, whatever their column is called
+    steps = in_seconds(steps) if steps.dtype.kind == "m" else unit * steps
+    return u, y, even_step(where, steps)
 
 
 def even_step(where, steps):

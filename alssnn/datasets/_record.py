@@ -163,7 +163,8 @@ class Record:
         inputs, outputs : str or sequence of str
             Names of the columns; a cell of an output may be empty: not measured.
         time : str or None, default=None
-            Column of time in seconds; None looks for one named time or t.
+            Column of time, in seconds or in the unit that its name ends in, such as
+            time_ms or t [ms]; None looks for one named time or t.
         dt : float or None, default=None
             Sampling time, in seconds; None takes it from the column of time.
         name : str or None, default=None
@@ -209,8 +210,8 @@ class Record:
         inputs, outputs : str or sequence of str
             Names of the columns; nan of an output was not measured.
         time : str or None, default=None
-            Column of time, in seconds or as dates; None takes the index of pandas if
-            it holds dates or durations.
+            Column of time, in seconds or in the unit that its name ends in, or as
+            dates; None takes the index of pandas if it holds dates or durations.
         dt : float or None, default=None
             Sampling time, in seconds; None takes it from the times.
         name : str, default="record"
