@@ -14,9 +14,15 @@ INPUT_REMEDY = (
     "An input must be known at every sample: fill the gap, or cut the record there."
 )
 OUTPUT_REMEDY = "Leave the cell empty where the output was not measured."
+COMMA_REMEDY = "Write decimal points, not commas."
+DATE_REMEDY = (
+    "Dates and clocks are no numbers: write a column of seconds, or read the file with "
+    "pandas, whose dates Record.from_dataframe and on_grid of alssnn.datasets take."
+)
 COLUMNS_SHOWN = 300  # characters of a header in a message
 # what a CSV file calls a number: Python knows more, such as 1_0
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?!\d).*|\d{1,2}:\d\d.*", re.ASCII)
 SECONDS = {
     **dict.fromkeys(("", "s", "sec", "second", "seconds"), 1.0),
     "ns": 1e-9,
@@ -69,7 +75,7 @@ def read_csv(path, inputs, outputs, experiment=None):
     names = [*inputs, *outputs]
     wanted = names if experiment is None else [*names, experiment]
     with _opened(path) as file:
-        columns, delimiter = _read_header(file)
+        columns, delimiter = _read_header(path, file)
         places = _find_columns(path, columns, wanted)
         reader = csv.reader(file, delimiter=delimiter)
         values, labels = [], []
@@ -108,9 +114,14 @@ def _opened(path):
     return open(path, encoding="utf-8-sig", errors="replace", newline="")
 
 
-def _read_header(file):
+def _read_header(path, file):
     """Return the names of the columns and what separates them."""
     header = file.readline()
+    if "\0" in header:  # every other byte of a letter in UTF-16
+        raise ValueError(
+            f"`{path}` must be text in UTF-8, got bytes of zero, as UTF-16 has them. "
+            "Save it as UTF-8, in a spreadsheet as CSV UTF-8."
+        )
     delimiter = max(DELIMITERS, key=header.count)
     names = next(csv.reader([header], delimiter=delimiter), [])
     return [name.strip() for name in names], delimiter
@@ -183,7 +194,7 @@ def read_steps(path):
         Differences of its values, in seconds; none where one is not a number.
     """
     with _opened(path) as file:
-        columns, _ = _read_header(file)
+        columns, _ = _read_header(path, file)
     times = _find_time(columns)
     if len(times) != 1:
         return "", np.zeros(0)
@@ -208,7 +219,16 @@ def _numbers(path, names, cells, line, n_inputs):
             raise ValueError(
                 f"`{path}` must hold finite numbers with a decimal point, got "
                 f"{cell!r} in column {name!r} at line {line}. "
-                + (OUTPUT_REMEDY if is_output else INPUT_REMEDY)
+                + _remedy(cell, is_output)
             )
         values.append(value)
     return values
+
+
+def _remedy(cell, is_output):
+    """Return what to do about a cell that is no number."""
+    if NUMBER.fullmatch(cell.replace(",", ".")):
+        return COMMA_REMEDY
+    if DATE.fullmatch(cell):
+        return DATE_REMEDY
+    return OUTPUT_REMEDY if is_output else INPUT_REMEDY

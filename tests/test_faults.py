@@ -1,5 +1,6 @@
 """What must not be lost or confused when something goes wrong."""
 
+import io
 import json
 import subprocess
 import sys
@@ -13,7 +14,8 @@ from sklearn.exceptions import NotFittedError
 
 import alssnn
 from alssnn import FlSsnn, LinearStateSpace, whole_files
-from alssnn.tables import read_csv
+from alssnn.cli import _record
+from alssnn.tables import read_csv, read_steps
 from alssnn.whole_files import replace_file
 
 
@@ -231,3 +233,40 @@ def test_cells_that_are_no_numbers_are_refused(tmp_path, text, message):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=message):
         read_csv(path, ["u"], ["y"])
+
+
+@pytest.mark.parametrize(
+    ("cell", "remedy"),
+    [
+        ("0,05", "Write decimal points, not commas."),
+        ("-1,5e-3", "Write decimal points, not commas."),
+        ("2024-05-01T12:00:00.050", "write a column of seconds, or read the file"),
+        ("1.5.2024 12:00", "Record.from_dataframe and on_grid of alssnn.datasets take"),
+        ("05/01/24", "Dates and clocks are no numbers"),
+        ("12:00:00", "Dates and clocks are no numbers"),
+        ("1,5,2", None),
+        ("1-2-on", None),
+    ],
+)
+@pytest.mark.parametrize("role", ["input", "output"])
+def test_dates_and_decimal_commas_are_called_so(tmp_path, cell, remedy, role):
+    path = tmp_path / "plant.csv"
+    path.write_text(f"t;y\n{cell};2\n", encoding="utf-8")
+    columns = (["t"], ["y"]) if role == "input" else ([], ["t"])
+    with pytest.raises(ValueError, match="in column 't' at line 2") as caught:
+        read_csv(path, *columns)
+    usual = "fill the gap" if role == "input" else "Leave the cell empty"
+    assert (usual in str(caught.value)) == (remedy is None)
+    assert (remedy or usual) in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_another_encoding_is_called_so(tmp_path, encoding, monkeypatch):
+    path = tmp_path / "plant.csv"
+    path.write_text("t,u,y\n0,1,2\n1,2,3\n", encoding=encoding)
+    stream = io.TextIOWrapper(io.BytesIO(path.read_bytes()))
+    monkeypatch.setattr(sys, "stdin", stream)
+    for source in (path, _record.source_of("-")):
+        for read in (read_steps, lambda source: read_csv(source, ["u"], ["y"])):
+            with pytest.raises(ValueError, match=r"must be text in UTF-8.* Save it as"):
+                read(source)
