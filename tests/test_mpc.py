@@ -359,15 +359,35 @@ def test_a_plan_that_is_kept_begins_with_what_is_sent(fitted):
     np.testing.assert_array_equal(info.u_plan[0], u)
     moves = np.abs(np.diff(info.u_plan, axis=0))
     assert np.all(moves <= 0.3 * scale * (1 + 1e-9))
-    z, y = np.append(info.x_hat, info.disturbance), np.empty_like(info.y_plan)
-    disturbed = mpc.observer.plant
-    for k, u_k in enumerate(info.u_plan):
-        z = disturbed.step(z, u_k)
-        y[k] = disturbed.output(z)
+    y = _by_whole_model(mpc)
     np.testing.assert_allclose(info.y_plan, y)
     beyond = np.maximum((y - model.y_offset_).max(axis=0), 0.0)
     np.testing.assert_allclose(info.slack_y, beyond, atol=1e-9)
     assert np.abs(info.cut).max() > 0.3 * scale.min()
+
+
+def _by_whole_model(mpc):
+    """Return the outputs of the model, disturbance included, under the plan."""
+    info, disturbed = mpc.info_, mpc.observer.plant
+    z, y = np.append(info.x_hat, info.disturbance), np.empty_like(info.y_plan)
+    for k, u in enumerate(info.u_plan):
+        z = disturbed.step(z, u)
+        y[k] = disturbed.output(z)
+    return y
+
+
+@pytest.mark.parametrize(("name", "differs"), [("fl", False), ("al", True)])
+def test_a_plan_of_the_program_is_that_of_the_model_without_a_residual(
+    fitted, name, differs
+):
+    _, model = fitted[name, 2]
+    scale = model._scaling.y_scale
+    mpc, apart = LinearizingMPC(model), []
+    for _ in range(5):
+        mpc.step(model.y_offset_ + 0.8 * scale, model.y_offset_)
+        apart.append(np.abs((mpc.info_.y_plan - _by_whole_model(mpc)) / scale).max())
+    assert (apart[0] > 1e-3) == differs
+    assert apart[4] < (1e-4 if differs else 1e-9)
 
 
 def test_a_diverging_model_is_reported(linear):

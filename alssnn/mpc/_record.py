@@ -39,8 +39,7 @@ class MpcStep:
     saturated : ndarray of bool of shape (nu,)
         Whether a limit of u or its rate is reached.
     slack_y : ndarray of shape (ny,)
-        Largest excess of the soft bounds along the plan that is taken, in the units of
-        y.
+        Largest excess of the soft bounds along `y_plan`, in the units of y.
     slack_x : ndarray of shape (nx,)
         The same for the states.
     target_error : ndarray of shape (ny,)
@@ -53,9 +52,24 @@ class MpcStep:
     disturbance : ndarray of shape (nd,)
         Estimated disturbance, in the units of y or u; not one that is measured.
     y_plan : ndarray of shape (horizon, ny)
-        Planned outputs of the next samples.
+        Planned outputs of the next samples, by the last program; see the notes.
     u_plan : ndarray of shape (horizon, nu)
-        Planned inputs, of this sample and the next ones.
+        Planned inputs, of this sample and the next ones, within the limits.
+
+    Notes
+    -----
+    `y_plan` is what the linear model of the last program does under its v, with the
+    residual and an input disturbance as numbers along the plan before (eq. mpc). It is
+    not exactly what the whole model does under `u_plan`. Both are the same without a
+    residual, where no limit cuts the plan. They differ most, by tenths of a standard
+    deviation, in the first steps after a change of the reference or after an input
+    that was not planned, and far along the horizon. With `n_passes` they come closer,
+    and after a solver that failed `y_plan` is that of the whole model.
+
+    For what the whole model does, start at z = [x_hat, disturbance] and call ``z =
+    mpc.observer.plant.step(z, u)`` and ``mpc.observer.plant.output(z)`` for every row u
+    of `u_plan`. That is an open loop: of an unstable plant it runs away from a plan
+    that every sample corrects, so that `y_plan` is the better forecast of the loop.
 
     Examples
     --------
