@@ -19,11 +19,14 @@ from scipy.linalg import pinv
 from scipy.signal import lfilter
 
 from .criterion import Criterion
+from .equations import LEAST_GAIN as LEAST_SLOPE
 from .experiments import Filled, stretch
 from .initial_states import WINDOW, estimate_x0
+from .innovations import DRIFT, drift_of
 from .inputs import join_inputs, split_inputs
 from .limits import Limits
 from .linear_model import decorrelate
+from .simulation import outputs
 from .subspace import (
     POLISH_STEPS,
     TRIAL_SAMPLES,
@@ -34,6 +37,7 @@ RATES = (0.0, 0.05, 0.3)  # kappa of the starts
 SHARES = (1.0, 0.3, 0.1)  # of kappa, for K explains some of the walk
 LEAST_GAIN = 1e-2  # of the input at rest, relative, that a walk may act through
 NOISE = 0.1  # mean square error that the estimate of a start expects
+SAME = 1e-9  # difference of predictions that is rounding, outputs of unit variance
 
 
 def identify(experiments, nx, *, drift=None, given=(), **options):
@@ -140,6 +144,73 @@ def filtered(experiments, rate):
     square = np.nanmean(np.concatenate([y for _, y in pairs]) ** 2)
     factor = 1.0 / np.sqrt(square) if square > 0 else 1.0
     return [(factor * u, factor * y) for u, y in pairs]
+
+
+def centered(structure, theta, x0, experiments):
+    """Return the same predictor with a walk at the input of zero mean (eq. center).
+
+    Parameters
+    ----------
+    structure : Structure
+        Predictor; one without a walk at the input is returned as it is.
+    theta : ndarray of shape (n_params,)
+        Parameters.
+    x0 : ndarray of shape (n_experiments, nx + nb)
+        Initial states of the model and of the walk, all of them free.
+    experiments : Held
+        What the predictor is told.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_params,)
+        Parameters that take the mean of the walk over what was measured into the
+        output bias of a network; the same where no bias can.
+    x0 : ndarray of shape (n_experiments, nx + nb)
+        Initial states.
+    """
+    p = structure.split(theta)
+    bias = next((name for name in ("b_h", "b_g") if name in p), None)
+    # where its bias is zero as well, networks are left out: there is no constant
+    if drift_of(structure) != "input" or bias is None or not p[bias].any():
+        return theta, x0
+    seen = structure.observe(structure.measured, DRIFT)
+    before = _followed(seen, theta, x0, experiments)
+    ny = structure.sizes[structure.measured]
+    measured = [np.isfinite(y[:]).any(axis=1) for _, y in experiments]
+    levels = [Z[rows, ny:] for Z, rows in zip(before, measured, strict=True)]
+    mean = np.concatenate(levels).mean(axis=0)
+    if not np.isfinite(mean).all():
+        return theta, x0
+    theta_c = structure.join(_shifted(structure, p, bias, mean))
+    x0_c = x0.copy()
+    x0_c[:, -len(mean) :] -= [mean * rows.any() for rows in measured]
+    after = _followed(seen, theta_c, x0_c, experiments)
+    for one, other, rows in zip(before, after, measured, strict=True):
+        # such as of D, or of g that is tied to zero at rest
+        if rows.any() and not np.abs(one - other)[:, :ny].max() <= SAME:
+            return theta, x0
+    return theta_c, x0_c
+
+
+def _shifted(structure, p, bias, mean):
+    """Return parameters of the same model of an input that is less by a constant."""
+    given = structure.options.get("disturbances", ())
+    p, moved = dict(p), split_inputs(structure.sizes["u"], given)[0]
+    slope = 1.0  # of v by u
+    if "b_phi" in p:
+        p["b_phi"] = p["b_phi"] + p["U_phi"] @ mean
+        slope = LEAST_SLOPE + p["r_phiu"] ** 2
+    if "b_x" in p and "W_u" in p:
+        p["b_x"] = p["b_x"] + p["W_u"][:, moved] @ mean
+    p[bias] = p[bias] + (slope * mean if bias == "b_h" else p["B"] @ mean)
+    return p
+
+
+def _followed(structure, theta, x0, experiments):
+    """Return the channels of a predictor along its experiments."""
+    lure = structure.lure(theta)
+    pairs = zip(experiments, x0, strict=True)
+    return [outputs(lure, u[:], structure.initial_state(one)) for (u, _), one in pairs]
 
 
 def _walks(model, drift, given, rate):

@@ -8,7 +8,7 @@ from sklearn.base import clone
 
 import alssnn
 from alssnn.criterion import Criterion
-from alssnn.drift import filtered
+from alssnn.drift import centered, filtered
 from alssnn.feedback import DisturbanceObserver
 from alssnn.following import Following, follows
 from alssnn.innovations import (
@@ -155,6 +155,56 @@ def test_record_and_predictor_are_inverse_to_each_other(name, kind):
     np.testing.assert_allclose(
         np.diff(X[:, 3:], axis=0), eps @ structure.split(theta)["K_b"].T, atol=1e-12
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "moves"),
+    [
+        ({"n_h": 3, "feedback": "state"}, True),
+        ({"n_h": (3, 2), "h_sees": "measured"}, True),
+        ({"n_h": 3, "disturbances": (0,)}, True),
+        ({"n_h": 3, "input_map": "monotone"}, True),
+        ({"n_g": 3, "tied_bias": False}, True),
+        ({"n_h": 3, "n_g": (2, 3), "tied_bias": False, "disturbances": (1,)}, True),
+        ({"n_h": 3, "n_g": 2}, False),  # g is zero at rest
+        ({"n_h": 3, "feedthrough": True}, False),
+        ({"n_h": 3, "odd": True}, False),
+        ({}, False),
+    ],
+)
+def test_the_mean_of_a_load_is_in_a_bias_where_one_can_take_it(options, moves, rng):
+    C_m = rng.standard_normal((2, 3)) if options else None
+    options = {"noise": "innovations", "drift": "input", **options}
+    seen = predictor(state_space(3, 2, 2, C=C_m, **options))
+    theta = 0.3 * rng.standard_normal(seen.n_params)
+    # K and K_b of an observer that follows
+    p = seen.split(theta)
+    p |= {"K": 0.1 * p["K"], "K_b": 0.1 * p["K_b"]}
+    theta = seen.join(p)
+    pairs = [
+        (rng.standard_normal((n, 2)), rng.standard_normal((n, 2))) for n in (40, 9)
+    ]
+    pairs[0][1][20:] = np.nan
+    pairs.append((pairs[1][0], np.full((9, 2), np.nan)))
+    told = with_outputs(pairs)
+    x0 = 2.0 + rng.standard_normal((3, seen.n_x0))
+    x0[2] = 0.0
+    found, starts = centered(seen, theta, x0, told)
+    assert np.array_equal(found, theta) == np.array_equal(starts, x0) == (not moves)
+    both, rows = seen.observe("y", "drift"), (20, 9)
+    paths = [
+        [
+            outputs(both.lure(point), u, both.initial_state(one))[:n]
+            for (u, _), one, n in zip(told, begins, rows, strict=False)
+        ]
+        for point, begins in ((theta, x0), (found, starts))
+    ]
+    before, after = (np.concatenate(path) for path in paths)
+    np.testing.assert_allclose(after[:, :2], before[:, :2], rtol=0, atol=1e-11)
+    if moves:
+        assert np.abs(before[:, 2:].mean(axis=0)).min() > 0.1
+        np.testing.assert_allclose(after[:, 2:].mean(axis=0), 0.0, atol=1e-11)
+        np.testing.assert_array_equal(starts[2], 0.0)
 
 
 @pytest.mark.parametrize(("name", "kind"), CASES)
@@ -401,6 +451,9 @@ def test_networks_with_a_load_that_drifts(tmp_path):
     )
     assert np.abs(poles).max() < 1
     assert model.x0_.shape == (1, 2) and model.fitted_.region is not None
+    # no constant is in the walk that is as well one of h
+    levels = DisturbanceObserver(model).filter(u[:, None], y[:, None])[:, 2]
+    assert abs(levels.mean()) < 0.05 * np.std(levels)
     assert model.validate(*fresh)["whiteness"].passed
     # files keep it
     model.save(tmp_path / "model")

@@ -11,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..containers import Container, as_columns
 from ..deferred import deferred
+from ..drift import centered
 from ..experiments import check_inputs, join_records, split_experiments
 from ..innovations import free_run, predictor
 from ..mapping import Held
@@ -336,8 +337,10 @@ class StateSpaceModel(
         seen, fitted, self._theta, result = trained(
             self, from_free(self, experiments), previous, watch, held_out
         )
-        self._structure, result.x0 = free_run(fitted), told_states(result, seen)
-        x0 = result.x0
+        self._structure, x0 = free_run(fitted), told_states(result, seen)
+        if not self._at_rest:  # else the walk is known where it begins
+            self._theta, x0 = centered(fitted, self._theta, x0, seen)
+        result.x0 = x0
         self._region, self._made = training_region(self, fitted, x0, seen), None
         result.x0 = whole_states(self, fitted, result, experiments)
         self._publish(result, watch)

@@ -85,7 +85,8 @@ class Records:
         A disturbance that nobody measured and that drifts, of ``noise="innovations"``:
         a random walk b+ = b + K_b eps (eq. drift), one per output behind the plant, or
         one per input that is moved, before it, such as loads. Simulation and law leave
-        it out, observer and predictive control estimate it. None declares none.
+        it out, of some networks all but its mean (eq. center); observer and predictive
+        control estimate it. None declares none.
     dt : float, default=1.0
         Sampling time, in seconds; ``time="continuous"`` asks for it.
     max_iter : int, default=100
