@@ -8,6 +8,7 @@ import control
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.io import loadmat
 from scipy.linalg import expm
 from scipy.signal import butter, lsim, sosfiltfilt
 from sklearn.base import clone
@@ -653,11 +654,17 @@ def test_what_is_exported_says_that_it_holds_inputs(hold, words, tmp_path, capsy
     model.to_c(tmp_path)
     model.to_st(tmp_path / "plant.st")
     model.to_modelica(tmp_path / "Plant.mo")
+    model.to_mat(tmp_path / "plant.mat")
+    model.to_simulink(tmp_path / "diagram")
     fmu = model.to_fmu(tmp_path / "plant.fmu")
     with zipfile.ZipFile(fmu.path) as archive:
         described = archive.read("modelDescription.xml").decode()
     said = [(tmp_path / name).read_text() for name in ("plant.st", "Plant.mo")]
     said += [(tmp_path / name).read_text() for name in ("README.md", "plant.h")]
+    said.append((tmp_path / "diagram" / "build_plant.m").read_text())
+    for matrices in (tmp_path / "plant.mat", tmp_path / "diagram" / "plant.mat"):
+        said.append(str(loadmat(matrices)["model"]["hold"].item().item()))
+        assert said[-1].startswith("u is held for a sample")
     for text in [*said, described]:
         assert ("went on" in text) == bool(words) and words in text
     model.save(tmp_path / "model.npz")

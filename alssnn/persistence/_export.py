@@ -59,10 +59,8 @@ class Export:
 
     @property
     def between(self):
-        """Return what inputs did between the samples of the record; empty if held.
-
-        What is exported holds them, as all that controls does.
-        """
+        """Return what inputs did between the samples of the record; empty if held."""
+        # what is exported holds them, as all that controls does
         rates = self.plant.rates
         return "" if rates is None else BETWEEN.get(rates.structure.sampling.hold, "")
 
@@ -72,6 +70,11 @@ class Export:
         if not self.between:
             return ""
         return f"u is held for a sample; in the record it went on as {self.between}"
+
+    @property
+    def held(self):
+        """Return what u does between samples, in words."""
+        return self.went_on or "u is held for a sample"
 
     @cached_property
     def late(self):

@@ -54,6 +54,7 @@ def to_mat(model, path, *, law=None, observer=None, gain=None):
         "name": plant.name,
         "version": f"alssnn {release()}",
         "dt": plant.dt,
+        "hold": export.held,
         "A": A,
         "B": B,
         "C": C,

@@ -139,7 +139,7 @@ def _metadata(export):
         "disturbances": json.dumps([plant.inputs[i] for i in plant.given]),
         "states": json.dumps([f"x{i}" for i in range(plant.nx)] + late),
         "feedback": plant.feedback,
-        "hold": export.went_on or "u is held for a sample",
+        "hold": export.held,
         "no_law": export.no_law,
     }
 

@@ -5,6 +5,9 @@ function build_$prefix()
 #else
 % identified by alssnn $version.
 #endif
+#if HOLDS
+% u is held for a sample; in the record it went on as $between.
+#endif
 % Both compute at every sample. This folder must be on the path of MATLAB.
 top = 'plant_simulink';
 new_system(top);
