@@ -1,9 +1,13 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from sklearn.base import clone
+from sklearn.model_selection import KFold, cross_val_score
 
+from alssnn import LinearStateSpace
 from alssnn.datasets import make_wiener_hammerstein
 from alssnn.experiments import split_experiments
 from alssnn.model_selection import (
@@ -142,6 +146,20 @@ def test_test_data_are_checked_before_the_fits(record):
 
 
 # -- splitters and seams --------------------------------------------------------------
+
+
+def test_shuffled_folds_score_an_exact_model_wrongly():
+    """The manual says so, and names what to take."""
+    u = np.random.default_rng(0).standard_normal((600, 1))
+    y = lfilter([0.0, 0.1], [1.0, -0.9], u, axis=0)
+    model = LinearStateSpace(nx=1)
+    shuffled = KFold(3, shuffle=True, random_state=0)
+    assert cross_val_score(model, u, y, cv=shuffled).max() < 0.4
+    assert cross_val_score(model, u, y, cv=BlockedTimeSeriesSplit(3)).min() > 0.95
+    pages = Path(__file__).parents[1] / "doc"
+    for page in ("scikit_learn.rst", "guide_identify.rst"):
+        text = " ".join((pages / page).read_text(encoding="utf-8").split())
+        assert "huffled folds" in text and "Take ``BlockedTimeSeriesSplit``" in text
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
