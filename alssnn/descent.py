@@ -138,10 +138,14 @@ def is_gone(structure, theta, start):
     -------
     is_gone : bool
         Whether its largest network weight is less than a hundredth of that of the
-        start.
+        start. Biases do not count: that of the output stays where no neuron is left.
     """
     now, was = (
-        max(abs(p[name]).max(initial=0.0) for name in structure.network_parameters)
+        max(
+            abs(p[name]).max(initial=0.0)
+            for name in structure.network_parameters
+            if p[name].ndim > 1
+        )
         for p in (structure.split(point) for point in (theta, start))
     )
-    return now < GONE * was
+    return bool(now < GONE * was)

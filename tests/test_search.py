@@ -17,7 +17,7 @@ from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
-from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL, Descent
+from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL, Descent, is_gone
 from alssnn.estimators import _horizon, _safe, _ssnn
 from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
@@ -303,6 +303,19 @@ def test_where_networks_were_taken_away_a_path_begins_anew(short):
         for path in (above, alone)
     ]
     assert costs[0] < costs[1]
+
+
+@pytest.mark.parametrize(
+    ("left", "gone"), [({}, True), ({"b_h": 0.5}, True), ({"W_h": 0.5}, False)]
+)
+def test_networks_are_gone_where_their_biases_alone_are_left(short, left, gone):
+    """A bias of the output is no network, and stays at a decay that takes all else."""
+    path = walk(compare_orders(scaled(*short), [1]))
+    structure, start = path.problems[0][0], path.points[0][0]
+    p = structure.split(start)
+    now = {n: v * (n not in structure.network_parameters) for n, v in p.items()}
+    now |= {name: np.full_like(p[name], value) for name, value in left.items()}
+    assert is_gone(structure, structure.join(now), start) is gone
 
 
 @pytest.mark.parametrize(("error", "scale"), [(1e-4, 0.01), (0.01, 1.0), (0.5, 1.0)])
