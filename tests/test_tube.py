@@ -307,6 +307,8 @@ def test_a_tube_says_what_it_rests_on(two_outputs):
     assert "if the experiments of the calibration" in text
     blocks = model.tube(u[:40], y[:40], block=20, gap=5)
     assert "not of a whole record" in blocks.assumption and "gaps of 5" in repr(blocks)
+    for one in (tube, blocks):  # a unit with gaps shows less of its largest error
+        assert "share of samples that are measured" in one.assumption
     few = replace(blocks, n_blocks=np.full_like(blocks.n_blocks, 17))
     enough = replace(blocks, n_blocks=np.full_like(blocks.n_blocks, 18))
     assert "the blocks are few" in repr(few) and "few" not in repr(enough)

@@ -126,14 +126,14 @@ class Tube:
         if self.block is None:
             return (
                 "the experiments of the calibration and the future one are "
-                "exchangeable: the same plant, kind and size of input, length, noise "
-                "and way to make them"
+                "exchangeable: the same plant, kind and size of input, length, noise, "
+                "share of samples that are measured, and way to make them"
             )
         return (
             f"blocks of {self.block} samples with gaps of {self.gap}, those of the "
             "calibration and the future one, are exchangeable: the same plant, kind "
-            "and size of input and noise, and nearly independent. The level is that "
-            "of one block, not of a whole record"
+            "and size of input, noise and share of samples that are measured, and "
+            "nearly independent. The level is that of one block, not of a whole record"
         )
 
     @property
@@ -346,7 +346,8 @@ def tube(
     u : array_like of shape (N, nu), or list of them
         Inputs of records that the fit has not seen.
     y : array_like of shape (N,) or (N, ny), or list of them
-        Outputs; what was not measured (nan) does not count.
+        Outputs; what was not measured (nan) does not count. A unit with gaps shows less
+        of its largest error: the level is that of units with as many of them.
     experiment : array_like of shape (N,) or None, default=None
         Label of the experiment of every sample.
     level : float, default=0.9
