@@ -259,7 +259,9 @@ def test_a_sampling_time_that_was_forgotten_is_named(plain, table):
     index = pd.date_range("2024-05-01", periods=N, freq=f"{1000 * plain.dt:g}ms")
     frame = table.set_index(index)
     u, y = frame[["torque [Nm]"]], frame["angle"]
-    with pytest.warns(UserWarning, match=r"steps of 0.05 s, and `dt` is 1 s.*dt=0.05"):
+    with pytest.warns(
+        UserWarning, match=r"steps of 0.05 s, and `dt` is 1 s.* Fit with dt=0\.05\.$"
+    ):
         LinearStateSpace(nx=2).fit(u, y)
     with pytest.warns(UserWarning, match=r"steps of 0.05 s"):
         LinearStateSpace(nx=2).fit(u["torque [Nm]"], y)
@@ -277,7 +279,10 @@ def test_times_of_a_record_are_told_after_the_fit(plain, table):
     slow = pd.date_range("2024-05-01", periods=N, freq="100ms", tz="UTC")
     verbs = [lambda u, y: model.predict(u), model.score, model.validate]
     verbs += [model.predict_ahead, lambda u, y: model.score([u], [y])]
-    words = r"steps of 0.1 s, and `dt` is 0.05 s.*Resample the record, or fit with dt=0"
+    words = (
+        r"steps of 0.1 s, and `dt` is 0.05 s.*"
+        r"Resample the record, or fit with dt=0\.1\.$"
+    )
     for verb in verbs:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -43,9 +43,7 @@ def warn_of_time(u, dt, experiment=None, *, fitted=False):
         return
     step = float(np.median(steps[inside]))
     if step > 0 and abs(step - dt) > SAME * step:
-        remedy = (
-            f"{'Resample the record, or fit' if fitted else 'Fit'} with dt={step:g}"
-        )
+        remedy = "Resample the record, or fit" if fitted else "Fit"
         warn_user(
             f"The index of `u` has steps of {step:g} s, and `dt` is {dt:g} s: times "
             f"and frequencies are wrong by this factor. {remedy} with dt={step:g}.",
