@@ -1,6 +1,7 @@
 import subprocess
 import sys
 import warnings
+from functools import cache
 
 import control
 import matplotlib as mpl
@@ -67,12 +68,18 @@ def fit(model, data):
         return model.set_params(dt=DT).fit(*data)
 
 
-@pytest.fixture(scope="module", params=["output", "state"])
-def model(request, data):
-    estimator = al_ssnn(
-        nx=2, n_h=2, n_g=3, feedback=request.param, max_iter=15, random_state=0
+@pytest.fixture(scope="module")
+def fitted(data):
+    """Return how to get a model of a feedback, which is fitted once."""
+    options = {"max_iter": 15, "random_state": 0}
+    return cache(
+        lambda s: fit(al_ssnn(nx=2, n_h=2, n_g=3, feedback=s, **options), data)
     )
-    return fit(estimator, data)
+
+
+@pytest.fixture(params=["output", "state"])
+def model(request, fitted):
+    return fitted(request.param)
 
 
 @pytest.fixture(scope="module")

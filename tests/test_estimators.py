@@ -1,5 +1,6 @@
 import pickle
 import warnings
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -35,10 +36,11 @@ ESTIMATORS = [
 ]
 
 
-@pytest.fixture(
-    params=ESTIMATORS,
-    ids=lambda e: f"{type(e).__name__}-{getattr(e, 'feedback', 'none')}",
-)
+def named(estimator):
+    return f"{type(estimator).__name__}-{getattr(estimator, 'feedback', 'none')}"
+
+
+@pytest.fixture(params=ESTIMATORS, ids=named)
 def estimator(request):
     return clone(request.param)
 
@@ -67,6 +69,22 @@ def mimo():
     return u, y * [100.0, 0.1] + [5.0, 7.0]
 
 
+@pytest.fixture(scope="module")
+def fits(mimo):
+    """Return how to get an estimator that is fitted, which no test changes."""
+    return cache(lambda estimator: clone(estimator).fit(*mimo))
+
+
+@pytest.fixture(params=ESTIMATORS, ids=named)
+def fitted(request, fits):
+    return fits(request.param)
+
+
+@pytest.fixture
+def linear(fits):
+    return fits(ESTIMATORS[0])
+
+
 # -- fit and predict -------------------------------------------------------------------
 
 
@@ -89,9 +107,8 @@ def test_fit_sets_documented_attributes(estimator, mimo):
             assert name in documented or f"{name}," in documented, name
 
 
-def test_params_are_the_equations_in_the_units_of_the_user(estimator, mimo):
-    u, y = mimo
-    model = estimator.fit(u, y)
+def test_params_are_the_equations_in_the_units_of_the_user(fitted, mimo):
+    (u, y), model = mimo, fitted
     p, x = model.params_, np.zeros(2)
     y_hat = np.empty_like(y)
     for k, du in enumerate(u - model.u_offset_):
@@ -186,17 +203,15 @@ def test_every_experiment_has_its_own_initial_state(estimator, mimo):
     np.testing.assert_allclose(together[100:350], alone, rtol=1e-12)
 
 
-def test_predict_starts_at_the_operating_point(estimator, mimo):
-    u, y = mimo
-    model = estimator.fit(u, y)
+def test_predict_starts_at_the_operating_point(fitted, mimo):
+    (u, _), model = mimo, fitted
     np.testing.assert_allclose(model.predict(u)[0], model.y_offset_)
     first = model.predict(u, x0=[1.0, 0.0])[0]
     np.testing.assert_allclose(first, model.y_offset_ + model.C_[:, 0])
 
 
-def test_estimate_x0_recovers_the_state(estimator, mimo):
-    u, y = mimo
-    model = estimator.fit(u, y)
+def test_estimate_x0_recovers_the_state(fitted, mimo):
+    (u, _), model = mimo, fitted
     truth = np.array([[0.7, -0.4], [0.1, 0.9]])
     labels = np.repeat([0, 1], 200)
     simulated = model.predict(u, labels, truth)
@@ -643,13 +658,12 @@ def test_x0_of_wrong_size(mimo, x0):
     "call",
     ["score", "simulate_test", "estimate_x0", "linearizability", "predict_ahead"],
 )
-def test_outputs_of_another_number_are_refused(mimo, call):
+def test_outputs_of_another_number_are_refused(mimo, linear, call):
     u, y = mimo
-    model = LinearStateSpace(nx=2).fit(u, y)
     labels = np.repeat([0, 1], len(u) // 2)
     for wrong in (y[:, 0], y[:, :1], np.hstack([y, y[:, :1]])):
         with pytest.raises(ValueError, match=r"`y` must have the outputs .* 2, got"):
-            getattr(model, call)(u, wrong, experiment=labels)
+            getattr(linear, call)(u, wrong, experiment=labels)
 
 
 def test_x0_and_its_samples_are_checked(mimo):

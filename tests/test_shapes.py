@@ -26,6 +26,11 @@ def pair():
     return fit(fl_ssnn(nx=2, n_h=2, max_iter=2, tol=1e-1, random_state=0), 2, 2)
 
 
+@pytest.fixture(scope="module")
+def linear(record):
+    return LinearStateSpace(nx=1).fit(*record)
+
+
 KINDS = {
     "flat": lambda y: y,
     "column": lambda y: y[:, None],
@@ -105,14 +110,13 @@ CALLS = {
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize("kind", WRONG)
 @pytest.mark.parametrize("name", ["u", "y"])
-def test_wrong_data_are_named_in_few_words(record, name, kind, call):
+def test_wrong_data_are_named_in_few_words(record, linear, name, kind, call):
     if call == "predict" and (name == "y" or kind in ("shorter", "across")):
         pytest.skip("no wrong data of this call")
     data = dict(zip("uy", record, strict=True))
-    model = LinearStateSpace(nx=1).fit(*record)
     data[name] = WRONG[kind](data[name])
     with pytest.raises((TypeError, ValueError), match=f"`{name}`") as caught:
-        CALLS[call](model, data["u"], data["y"])
+        CALLS[call](linear, data["u"], data["y"])
     message = str(caught.value)
     assert len(message) < 300 and "\n" not in message
     assert "for X" not in message and "Input X" not in message
