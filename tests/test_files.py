@@ -3,6 +3,8 @@
 import json
 import pickle
 import zipfile
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import control
@@ -61,12 +63,13 @@ MODELS = {
 
 @pytest.fixture(scope="module")
 def fitted():
-    return {name: fit(model) for name, model in MODELS.items()}
+    """Return how to get a fitted model by name, which no test changes."""
+    return cache(lambda name: fit(MODELS[name]))
 
 
 @pytest.fixture(params=MODELS, ids=str)
 def model(request, fitted):
-    return fitted[request.param]
+    return fitted(request.param)
 
 
 @pytest.fixture
@@ -172,7 +175,8 @@ def test_the_loaded_model_computes_the_same_bits(model, path):
 def test_fits_can_be_continued_after_loading(fitted, path):
     with pytest.warns(UserWarning, match="stopped before|stopped after"):
         for name in ("al", "contractive"):
-            model = fitted[name].set_params(warm_start=True, max_iter=2, tol=1e-12)
+            model = deepcopy(fitted(name))
+            model.set_params(warm_start=True, max_iter=2, tol=1e-12)
             loaded = again(model, path).fit(*record(2, 2))
             model.fit(*record(2, 2))
             np.testing.assert_array_equal(loaded._theta, model._theta)
@@ -204,7 +208,7 @@ def test_files_of_old_versions_are_read(name):
 
 
 def test_older_files_have_no_training_samples(fitted, path):
-    model = fitted["al"]
+    model = fitted("al")
     region = model.fitted_.region
     assert len(region.points) > 100 and region.reach > 0 and region.doubt > 0
     model.save(path)
@@ -223,7 +227,7 @@ def test_older_files_have_no_training_samples(fitted, path):
 
 
 def test_types_that_numpy_forgets_are_refused(fitted, path):
-    fitted["al"].save(path)
+    fitted("al").save(path)
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     members["x0.npy"] = members["x0.npy"].replace(b"'<f8'", b"'<a8'")
@@ -280,7 +284,7 @@ def test_labels_that_are_no_names_are_refused(path):
 
 
 def test_a_failed_save_keeps_the_old_file(fitted, path):
-    model = pickle.loads(pickle.dumps(fitted["al"]))
+    model = pickle.loads(pickle.dumps(fitted("al")))
     model.save(path)
     before = path.read_bytes()
     model.cost_ = np.inf
@@ -362,17 +366,17 @@ ARRAYS = {
 
 
 def test_files_that_name_penalties_are_read(fitted, path):
-    fitted["al"].save(path)
+    fitted("al").save(path)
     penalties = {"penalty": None, "penalize_h": False}
     alter(path, document=lambda d: d["structure"]["options"].update(penalties))
     structure = alssnn.load(path)._structure
-    assert_same(structure.options, fitted["al"]._structure.options)
+    assert_same(structure.options, fitted("al")._structure.options)
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_altered_documents_are_refused(fitted, path, name):
     change, message = DOCUMENTS[name]
-    fitted["al"].save(path)
+    fitted("al").save(path)
     alter(path, document=change)
     with pytest.raises(ValueError, match=message):
         alssnn.load(path)
@@ -381,21 +385,21 @@ def test_altered_documents_are_refused(fitted, path, name):
 @pytest.mark.parametrize("name", ARRAYS)
 def test_altered_arrays_are_refused(fitted, path, name):
     change, message = ARRAYS[name]
-    fitted["al"].save(path)
+    fitted("al").save(path)
     alter(path, arrays=change)
     with pytest.raises(ValueError, match=message):
         alssnn.load(path)
 
 
 def test_truncated_and_damaged_files_are_refused(fitted, path):
-    fitted["al"].save(path)
+    fitted("al").save(path)
     data = path.read_bytes()
     for stop in (2, 100, len(data) // 2, len(data) - 1):
         path.write_bytes(data[:stop])
         with pytest.raises(ValueError, match=r"a damaged file .*save it again"):
             alssnn.load(path)
     # one byte within the numbers of theta
-    p = fitted["al"]._structure.split(fitted["al"]._theta)
+    p = fitted("al")._structure.split(fitted("al")._theta)
     where = data.index(p["A"].tobytes()) + 7
     path.write_bytes(data[:where] + bytes([data[where] ^ 1]) + data[where + 1 :])
     with pytest.raises(ValueError, match="a damaged file"):
@@ -451,7 +455,7 @@ class Touch:
 
 def test_loading_executes_nothing(fitted, path, tmp_path):
     trace = tmp_path / "trace"
-    fitted["al"].save(path)
+    fitted("al").save(path)
     _, arrays = _archive.read(path)
     pickle.loads(pickle.dumps(Touch(trace))).close()
     assert trace.exists()  # the trap works
@@ -524,8 +528,8 @@ def test_every_structure_is_what_its_plant_is(name, path):
 
 def test_a_mat_file_simulates_as_the_model(fitted, path):
     u, _, _ = record(2, 2, seed=4)
-    for name in fitted:
-        model = lively(fit(MODELS[name]))
+    for name in MODELS:
+        model = lively(deepcopy(fitted(name)))
         model.to_mat(path)
         m = load_struct(path)
         y = model.predict(u)
@@ -543,15 +547,25 @@ def test_a_mat_file_simulates_as_the_model(fitted, path):
 
 
 @pytest.mark.skipif(bool(octave.NO_OCTAVE), reason=octave.NO_OCTAVE)
-def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
+@pytest.mark.parametrize(
+    ("names", "n_laws"),
+    [
+        (["fl", "al"], 2),
+        pytest.param(list(MODELS), 4, marks=pytest.mark.slow),
+    ],
+    ids=["two", "all"],
+)
+def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(
+    fitted, tmp_path, names, n_laws
+):
     from scipy.io import loadmat, savemat
 
     octave.documented_functions(tmp_path)
     u, y, _ = record(2, 2, seed=4)
     rng = np.random.default_rng(0)
     models, expected = [], []
-    for i, name in enumerate(MODELS):
-        model = lively(fit(MODELS[name]))
+    for i, name in enumerate(names):
+        model = lively(deepcopy(fitted(name)))
         models.append(model)
         law = s = None
         if not (np.any(model.D_) or "W_k" in model.params_ or model.input_delay_.any()):
@@ -570,7 +584,7 @@ def test_octave_simulates_a_mat_file_by_the_functions_of_the_manual(tmp_path):
         given = {"u": u.to_numpy(), "s": np.zeros((0, 0)) if s is None else s}
         given |= {"X": X, "Y": y_i}
         savemat(tmp_path / f"given_{i}.mat", given)
-    assert sum(law is not None for _, law, _ in expected) >= 4
+    assert sum(law is not None for _, law, _ in expected) >= n_laws
     script = f"""
         none = zeros(0, 1);
         for i = 0:{len(models) - 1}
@@ -616,7 +630,7 @@ def test_a_mat_file_holds_a_law_that_looks_ahead(name, path):
 
 
 def test_a_mat_file_holds_law_observer_and_gain(fitted, path):
-    model = fitted["al"]
+    model = fitted("al")
     law, K = model.linearizing_law(u_max=[50, np.inf]), lqi(model, np.eye(4), np.eye(2))
     model.to_mat(path, law=law, gain=K)
     m = load_struct(path)
