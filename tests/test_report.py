@@ -393,29 +393,37 @@ def test_wrong_arguments(tmp_path):
     assert not (tmp_path / "r.html").exists()
 
 
-def test_a_browser_shows_the_page(tmp_path):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "fl",
+        pytest.param("al", marks=pytest.mark.slow),
+        pytest.param("delay", marks=pytest.mark.slow),
+    ],
+)
+def test_a_browser_shows_the_page(tmp_path, boiler, name):
     if browser.find() is None:
         pytest.skip(f"none of {', '.join(browser.NAMES)} is installed")
-    pages = {name: tmp_path / f"{name}.html" for name in ("fl", "al", "delay")}
-    for name, path in pages.items():
+    path = boiler
+    if name != "fl":
+        path = tmp_path / f"{name}.html"
         fitted(name).report(path, *TEST)
     with browser.Browser(tmp_path / "profile") as window:
         looks = [(375, "light"), (390, "dark"), (1280, "light"), (1100, "dark")]
-        for path in pages.values():
-            for width, scheme in looks:
-                window.prefer(scheme)
-                window.open(path, width)
-                assert window.evaluate(DRAWN) >= 2
-                assert window.evaluate(PAPER) == PAPERS[scheme]
-                sections = window.evaluate(SHOWN_SECTIONS)
-                assert set(sections) == SECTIONS
-                assert window.evaluate("document.documentElement.scrollWidth") == width
-                assert window.overflowing() == []
-                assert window.complaints() == []
-                asked = window.requests()
-                assert asked.count(path.as_uri()) == 1  # so that requests are seen
-                assert all(a.startswith(("file:", "data:")) for a in asked)
-                assert window.evaluate(BROKEN_IMAGES) == 0
+        for width, scheme in looks:
+            window.prefer(scheme)
+            window.open(path, width)
+            assert window.evaluate(DRAWN) >= 2
+            assert window.evaluate(PAPER) == PAPERS[scheme]
+            sections = window.evaluate(SHOWN_SECTIONS)
+            assert set(sections) == SECTIONS
+            assert window.evaluate("document.documentElement.scrollWidth") == width
+            assert window.overflowing() == []
+            assert window.complaints() == []
+            asked = window.requests()
+            assert asked.count(path.as_uri()) == 1  # so that requests are seen
+            assert all(a.startswith(("file:", "data:")) for a in asked)
+            assert window.evaluate(BROKEN_IMAGES) == 0
         before, after, again, said = window.evaluate(ZOOM)
         assert after != before == again
         assert said.startswith("time, s: ") and "measured: " in said
