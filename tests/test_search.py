@@ -4,6 +4,7 @@ import copy
 import pickle
 import warnings
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -189,6 +190,12 @@ def scaled(u, y):
     return [((u - u.mean()) / u.std(), (y - y.mean()) / y.std())]
 
 
+@cache
+def compared(*orders):
+    """Return the orders of the short record, compared, which no test changes."""
+    return compare_orders(scaled(*soft(0)), orders)
+
+
 def walk(
     orders, bounds=(np.inf,) * 3, center="start", is_predictor=False, steps=20, tol=1e-6
 ):
@@ -211,10 +218,10 @@ def walk(
     [(1.0, 0.9, False), (1.0, 1.1, True), (1e-4, 1.1, False)],
 )
 def test_an_error_from_elsewhere_counts_beyond_a_bound(
-    short, monkeypatch, bound, elsewhere, counts
+    monkeypatch, bound, elsewhere, counts
 ):
     """Unless the error of the fold is as large already."""
-    orders = compare_orders(scaled(*short), [1])
+    orders = compared(1)
     real = Fold.error
 
     def told(*point, **where):
@@ -237,10 +244,10 @@ def test_an_error_from_elsewhere_counts_beyond_a_bound(
     ],
 )
 def test_stages_that_may_be_chosen_are_asked_where_they_lead(
-    short, monkeypatch, errors, leads, asked, scores
+    monkeypatch, errors, leads, asked, scores
 ):
     """The start is none of them: it may be lower, and is not chosen."""
-    path = walk(compare_orders(scaled(*short), [1]))
+    path = walk(compared(1))
     n, given, seen = len(path.folds), iter(leads), []
     path.scores[0] = 0.0
     for error in errors:
@@ -253,17 +260,17 @@ def test_stages_that_may_be_chosen_are_asked_where_they_lead(
     np.testing.assert_allclose(path.scores[1:], n * np.array(scores))
 
 
-def test_what_the_cost_asks_counts_where_paths_are_compared(short, monkeypatch):
+def test_what_the_cost_asks_counts_where_paths_are_compared(monkeypatch):
     """Not where they are compared with the linear model."""
-    errors = walk(compare_orders(scaled(*short), [1])).errors[0]
+    errors = walk(compared(1)).errors[0]
     monkeypatch.setattr(Fold, "asked", lambda *_: 0.25)
-    path = walk(compare_orders(scaled(*short), [1]))
+    path = walk(compared(1))
     np.testing.assert_array_equal(path.errors[0], errors)
     assert path.scores[0] == pytest.approx(errors.sum() + 0.25 * len(errors))
 
 
-def test_a_large_alpha_leaves_the_linear_model(short):
-    orders = compare_orders(scaled(*short), [1])
+def test_a_large_alpha_leaves_the_linear_model():
+    orders = compared(1)
     path = walk(orders)
     path.descend([1e8], Watch())
     before, after = (np.sqrt(errors.sum()) for errors in path.errors)
@@ -276,8 +283,8 @@ def test_a_large_alpha_leaves_the_linear_model(short):
             np.testing.assert_allclose(moved[name], held[name], atol=1e-4)
 
 
-def test_a_decay_to_zero_takes_the_networks_away(short):
-    orders = compare_orders(scaled(*short), [1])
+def test_a_decay_to_zero_takes_the_networks_away():
+    orders = compared(1)
     path = walk(orders, center="zero", steps=50, tol=1e-9)
     path.descend([1e2], Watch())
     for theta, _ in path.points:
@@ -287,9 +294,9 @@ def test_a_decay_to_zero_takes_the_networks_away(short):
             np.testing.assert_allclose(p[name], 0.0, atol=1e-3)
 
 
-def test_where_networks_were_taken_away_a_path_begins_anew(short):
+def test_where_networks_were_taken_away_a_path_begins_anew():
     """The linear model is a saddle, at which a smaller decay would change nothing."""
-    orders = compare_orders(scaled(*short), [1])
+    orders = compared(1)
     alone, behind, above = (walk(orders, center="zero", tol=1e-9) for _ in range(3))
     alone.descend([1e-4], Watch())
     behind.descend([1e2, 1e-4], Watch())
@@ -308,9 +315,9 @@ def test_where_networks_were_taken_away_a_path_begins_anew(short):
 @pytest.mark.parametrize(
     ("left", "gone"), [({}, True), ({"b_h": 0.5}, True), ({"W_h": 0.5}, False)]
 )
-def test_networks_are_gone_where_their_biases_alone_are_left(short, left, gone):
+def test_networks_are_gone_where_their_biases_alone_are_left(left, gone):
     """A bias of the output is no network, and stays at a decay that takes all else."""
-    path = walk(compare_orders(scaled(*short), [1]))
+    path = walk(compared(1))
     structure, start = path.problems[0][0], path.points[0][0]
     p = structure.split(start)
     now = {n: v * (n not in structure.network_parameters) for n, v in p.items()}
@@ -319,10 +326,8 @@ def test_networks_are_gone_where_their_biases_alone_are_left(short, left, gone):
 
 
 @pytest.mark.parametrize(("error", "scale"), [(1e-4, 0.01), (0.01, 1.0), (0.5, 1.0)])
-def test_a_decay_to_zero_is_small_for_a_small_linear_error(
-    short, monkeypatch, error, scale
-):
-    orders = compare_orders(scaled(*short), [1])
+def test_a_decay_to_zero_is_small_for_a_small_linear_error(monkeypatch, error, scale):
+    orders = compared(1)
     orders = replace(orders, errors={1: np.array([0.5, 1.0, 1.5]) * error})
     walked = told(monkeypatch, [[1, 0.9]], [11])
     search(recipe(), orders, [1], [11], max_iter=60, descents=[SMOOTH])
@@ -332,8 +337,8 @@ def test_a_decay_to_zero_is_small_for_a_small_linear_error(
     assert not walked[0].centers[0].any()
 
 
-def test_smaller_alphas_fit_more(short):
-    orders = compare_orders(scaled(*short), [1])
+def test_smaller_alphas_fit_more():
+    orders = compared(1)
     path = walk(orders)
     path.descend(ALPHAS[:6], Watch())
     costs = []
@@ -371,11 +376,9 @@ def test_the_path_that_chose_an_order_is_taken_if_it_comes_lower(errors, stage):
     assert walking.lowest([*paths, other], 1.1) == [expected]
 
 
-def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(
-    short, monkeypatch
-):
+def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(monkeypatch):
     """Along the usual alphas it is another one, along those to zero the same."""
-    orders, seeds = compare_orders(scaled(*short), [1, 2]), [11, 22]
+    orders, seeds = compared(1, 2), [11, 22]
     descend, walked = searching.Path.descend, []
 
     def recorded(self, alphas, *rest, **options):
@@ -418,10 +421,8 @@ def test_a_path_that_was_walked_to_choose_an_order_is_not_walked_again(
         ([[1, 0.9, 2.0, 3.0], [1, 0.9, 3.0, 3.0], [1, 0.95, 3.0, 0.8]], 3, 2),
     ],
 )
-def test_the_largest_alpha_that_does_nearly_as_well(
-    short, monkeypatch, table, stage, start
-):
-    orders = compare_orders(scaled(*short), [1])
+def test_the_largest_alpha_that_does_nearly_as_well(monkeypatch, table, stage, start):
+    orders = compared(1)
     seeds, fold = [11, 22, 33], start  # any fold may have the best parameters
     told(monkeypatch, table, seeds, fold)
     found = search(recipe(), orders, [1], seeds, max_iter=10)
@@ -435,8 +436,8 @@ def test_the_largest_alpha_that_does_nearly_as_well(
 
 
 @pytest.mark.parametrize("to_zero", [0.8, 0.4])
-def test_the_lowest_path_of_all_descents_is_taken(short, monkeypatch, to_zero):
-    orders, seeds = compare_orders(scaled(*short), [1]), [11, 22]
+def test_the_lowest_path_of_all_descents_is_taken(monkeypatch, to_zero):
+    orders, seeds = compared(1), [11, 22]
     descents = USUAL, FADING
     zero = [[1, 0.9, 0.9], [1, 0.9, to_zero]]
     walked = told(monkeypatch, [[1, 0.5, 0.9], [1, 0.9, 0.9]], seeds, zero=zero)
@@ -518,9 +519,9 @@ def told(monkeypatch, table, seeds, fold=0, zero=None, further=None):
     ],
 )
 def test_of_low_paths_the_one_that_ends_lowest_if_the_lowest_does_not_rest(
-    short, monkeypatch, finalists, further, taken, went
+    monkeypatch, finalists, further, taken, went
 ):
-    orders, seeds = compare_orders(scaled(*short), [1]), [11, 22, 33]
+    orders, seeds = compared(1), [11, 22, 33]
     table = [[1, 0.3, 0.9], [1, 0.9, 0.4], [1, 0.9, 0.8]]
     told(monkeypatch, table, seeds, further=further)
     descents = [replace(USUAL, finalists=finalists)]
@@ -564,11 +565,9 @@ def test_the_path_of_a_long_record_does_not_go_on(monkeypatch):
         ({2: (0.3, 0.3), 3: (0.2, 0.2), 4: (0.19, 0.19), -4: (0.3, 0.01)}, 9, 3),
     ],
 )
-def test_the_smallest_order_that_does_nearly_as_well(
-    short, monkeypatch, table, largest, nx
-):
+def test_the_smallest_order_that_does_nearly_as_well(monkeypatch, table, largest, nx):
     """A table of errors after few stages and after all, negative orders are idle."""
-    orders = compare_orders(scaled(*short), [2, 3, 4])
+    orders = compared(2, 3, 4)
     walked = []
 
     class Path(searching.Path):
@@ -607,8 +606,8 @@ WITHIN, BEYOND = 1 + 1.8 / 300, 1 + 2.2 / 300
 
 
 @pytest.mark.parametrize("is_predictor", [False, True])
-def test_white_errors_differ_by_chance(short, monkeypatch, is_predictor):
-    orders = compare_orders(scaled(*short), [1])
+def test_white_errors_differ_by_chance(monkeypatch, is_predictor):
+    orders = compared(1)
     for share, stage in ((WITHIN, 2), (BEYOND, 3 if is_predictor else 2)):
         walked = told(monkeypatch, [[1, 0.9, 0.5 * share, 0.5]], [11])
         options = {"max_iter": 10, "is_predictor": is_predictor}
@@ -626,8 +625,8 @@ def test_white_errors_differ_by_chance(short, monkeypatch, is_predictor):
 
 
 @pytest.mark.parametrize("error", [0.1, 1e-4])
-def test_alphas_of_a_predictor_are_relative_to_its_noise(short, monkeypatch, error):
-    orders = compare_orders(scaled(*short), [1])
+def test_alphas_of_a_predictor_are_relative_to_its_noise(monkeypatch, error):
+    orders = compared(1)
     orders = replace(orders, errors={1: np.array([0.5, 1.0, 1.5]) * error})
     asked = []
     for is_predictor in (False, True):
@@ -657,10 +656,8 @@ def test_a_fit_says_that_it_searches_a_predictor(short, monkeypatch):
 
 
 @pytest.mark.parametrize(("contends", "n"), [(1.0, 1), (1.5, 2), (1.7, 3)])
-def test_of_a_long_record_starts_near_the_best_go_all_the_way(
-    short, monkeypatch, contends, n
-):
-    orders = compare_orders(scaled(*short), [1])
+def test_of_a_long_record_starts_near_the_best_go_all_the_way(monkeypatch, contends, n):
+    orders = compared(1)
     one = {1: orders.models[1][:1]}, {1: orders.errors[1][:1]}
     orders = Orders(orders.folds[:1], *one)  # a long record has one fold
     went, scores = [], iter([1.6**2, 1.4**2, 1.0])
@@ -686,8 +683,8 @@ def test_of_a_long_record_starts_near_the_best_go_all_the_way(
     assert found.refit_iter == 50
 
 
-def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
-    orders = compare_orders(scaled(*short), [1])
+def test_a_path_goes_on_as_long_as_hidden_samples_gain():
+    orders = compared(1)
     path = walk(orders, steps=2, tol=1e-9)
     path.descend(ALPHAS[:5], Watch())
     before = [errors.sum() for errors in path.errors]
@@ -699,8 +696,8 @@ def test_a_path_goes_on_as_long_as_hidden_samples_gain(short):
 
 
 @pytest.mark.parametrize("best", [0, 1, 2])
-def test_the_fold_from_which_all_samples_are_fitted_best(short, best):
-    orders = compare_orders(scaled(*short), [1])
+def test_the_fold_from_which_all_samples_are_fitted_best(best):
+    orders = compared(1)
     path = walk(orders)
     path.descend(ALPHAS[:6], Watch())
     start, end = path.states[0], path.states[-1]
@@ -710,7 +707,7 @@ def test_the_fold_from_which_all_samples_are_fitted_best(short, best):
 
 
 def test_a_fold_has_all_samples(short):
-    (u, y), fold = scaled(*short)[0], compare_orders(scaled(*short), [1]).folds[1]
+    (u, y), fold = scaled(*short)[0], compared(1).folds[1]
     y = y.copy()
     y[3] = np.nan
     fold = replace(fold, fitted=[(u, np.where(np.isnan(y), y, fold.fitted[0][1]))])
@@ -763,7 +760,7 @@ def test_how_sure_a_gain_is_where_something_diverges_or_little_is_hidden():
 
 
 def test_hidden_squares_are_those_of_the_error(short):
-    orders = compare_orders(scaled(*short), [1])
+    orders = compared(1)
     for fold, linear in zip(orders.folds, orders.models[1], strict=True):
         structure, theta, fit = linear.as_fit()
         squares = fold.squares(structure, theta, fit.x0)
@@ -808,10 +805,8 @@ def test_networks_are_compared_output_by_output(monkeypatch):
 
 
 @pytest.mark.parametrize("escaped", [False, True])
-def test_what_larger_inputs_take_away_counts_with_twice_its_error(
-    short, monkeypatch, escaped
-):
-    orders = compare_orders(scaled(*short), [1])
+def test_what_larger_inputs_take_away_counts_with_twice_its_error(monkeypatch, escaped):
+    orders = compared(1)
     monkeypatch.setattr(Excursion, "leads", lambda *point: escaped)
     path = walk(orders)
     assert path.scores == [pytest.approx(path.errors[0].sum() * (4 if escaped else 1))]
@@ -823,7 +818,7 @@ def test_what_larger_inputs_take_away_counts_with_twice_its_error(
     assert walk(orders).scores == [pytest.approx(path.errors[0].sum(), rel=0.5)]
 
 
-def test_of_two_paths_the_one_that_stays(short):
+def test_of_two_paths_the_one_that_stays():
     stays, leaves = Walked([2, 1], (1, 0.5, 0.3)), Walked([2, 1], (1, 0.4, 0.2))
     leaves.scores = [1, 0.4, 0.8]
     assert walking.lowest([stays, leaves], 1.1) == [(stays, 2)]
@@ -1277,12 +1272,12 @@ def test_h_alone_is_tried_where_networks_with_g_do_not_help(
         return replace(found, gain=0.0 if searches[-1] else found.gain)
 
     monkeypatch.setattr(_ssnn, "search", refused)
-    model = quietly(make("al", max_iter=100, **options), *soft(0))
+    model = quietly(make("al", max_iter=100, **options), *soft(0, 200))
     assert searches == with_g
     assert np.any(model.params_.get("W_h", 0.0)) != with_g[-1]
     if with_g == [True, False]:
         assert not np.any(model.params_["W_g"])
-        again = quietly(model.set_params(warm_start=True, max_iter=3), *soft(0))
+        again = quietly(model.set_params(warm_start=True, max_iter=3), *soft(0, 200))
         assert len(searches) == 2 and not np.any(again.params_["W_g"])
 
 
