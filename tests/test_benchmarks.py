@@ -16,7 +16,7 @@ from benchmarks.paper.figures import envelope
 @pytest.fixture(scope="module")
 def circuit():
     """The study of the circuit on a short simulated record, and its fits."""
-    record = make_wiener_hammerstein(3000, random_state=0)
+    record = make_wiener_hammerstein(1500, random_state=0)
     train, test = record.split(0.6)
     models, gammas = studies.wiener_hammerstein_models(float(np.var(train.y)), 0, True)
     for model in {*models.values(), *gammas.values()}:
@@ -82,8 +82,8 @@ def test_accuracy_shows_what_was_measured(circuit):
     assert table["linearization error"][table["model"].index("FL-SSNN")] == "0"
     record = fit.model.linearizability(*study.test)
     y = study.test.y - fit.model.y_offset_
-    error = np.sqrt(np.mean(record.e[600:] ** 2) / np.mean(y[600:] ** 2))
-    assert table["settled"][i] == report.percent(error)  # of 1200 samples, half
+    error = np.sqrt(np.mean(record.e[300:] ** 2) / np.mean(y[300:] ** 2))
+    assert table["settled"][i] == report.percent(error)  # of 600 samples, half
 
 
 def test_gamma_is_converted_to_an_output_of_unit_variance(circuit):

@@ -187,7 +187,7 @@ def test_a_calm_end_of_a_record_is_no_accuracy():
 
 
 def test_a_curve_is_asked_for_where_a_linear_model_is_near_the_noise_too():
-    excitation = multisine(256, n_periods=8, n_realizations=8, random_state=1)
+    excitation = multisine(256, n_periods=4, n_realizations=4, random_state=1)
     u = excitation.u[:, 0] / excitation.u[:, 0].std()
     noise = 0.3 * np.random.default_rng(0).standard_normal(u.shape)
     wanted = alssnn.look(excitation, u + 0.03 * u**3 + noise).recommendation

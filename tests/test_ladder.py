@@ -14,7 +14,7 @@ from alssnn.ladder._fit import _estimators
 from alssnn.metrics import fit_percent, rmse
 from alssnn.watch import Step
 
-SMALL = {"nx": 6, "n_h": 2, "n_g": 3, "n_f": 4, "max_iter": 30}
+SMALL = {"nx": 6, "n_h": 2, "n_g": 3, "n_f": 4, "max_iter": 10}
 SMALL |= {"alpha": 0.0, "n_init": 1}  # a search would need more steps
 
 

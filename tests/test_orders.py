@@ -91,7 +91,7 @@ def test_networks_try_larger_orders_whatever_their_linear_models_miss():
 
 def test_a_fit_leaves_out_orders_that_miss_dynamics(rng):
     u, y = oscillator(make_pendulum, 1000)
-    options = {"max_iter": 250, "n_init": 1, "random_state": 0}
+    options = {"max_iter": 40, "n_init": 1, "random_state": 0}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model = FlSsnn("auto", 2, **options).fit(u, y)

@@ -530,7 +530,7 @@ def test_bands_are_wider_by_what_a_decay_holds_back(seed):
 def test_networks_of_no_use_explain_nothing(input_map):
     """A fit that returns its linear model is judged, and uncertain, as that one."""
     u, y = mimo(np.random.default_rng(0))
-    options = {"n_h": 2, "n_init": 1, "max_iter": 50, "random_state": 0}
+    options = {"n_h": 2, "n_init": 1, "max_iter": 20, "random_state": 0}
     with pytest.warns(ConvergenceWarning, match="the linear model, which is returned"):
         model = FlSsnn(nx=3, input_map=input_map, **options).fit(u, y)
     linear = LinearStateSpace(nx=3).fit(u, y)
