@@ -1,7 +1,6 @@
 """Processes that die while they work for a fit."""
 
 import os
-import time
 import warnings
 
 import numpy as np
@@ -11,16 +10,7 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn import AlSsnn
 from alssnn.model_selection import _gamma_path, gamma_path
 from alssnn.workers import finished
-
-
-def dies(i, home, flag):
-    """Return i, but kill the first process that is not home with a later task."""
-    if i == 2 and os.getpid() != home:
-        while not flag.exists():  # until another task is finished
-            time.sleep(0.01)
-        os._exit(1)
-    flag.touch()
-    return i
+from deaths import dies
 
 
 def test_what_was_finished_is_not_done_again(tmp_path):
