@@ -273,6 +273,7 @@ KINDS = {
     "2 x 2, noise of the process, gaps": {"nu": 2, "process": 0.5, "gaps": 5},
     "two experiments": {"parts": 2},
     "lightly damped": {"system": ([0, 0.1], [1, -1.9, 0.97])},
+    "five sines": {"sines": 5},
 }
 
 
@@ -290,6 +291,12 @@ def any_input(seeds):
             u = np.repeat(rng.standard_normal((1500 // hold + 1, nu)), hold, axis=0)[
                 :1500
             ]
+            if "sines" in options:
+                f, phase = rng.uniform(
+                    [[0.001], [0]], [[0.05], [1]], (2, options["sines"])
+                )
+                turns = f * np.arange(1500)[:, None] + phase
+                u = np.sin(2 * np.pi * turns).sum(axis=1, keepdims=True)
             w = u + options.get("process", 0.0) * rng.standard_normal(u.shape)
             x = lfilter(*options.get("system", FIRST), w, axis=0)
             x *= 0.5 / x.std(axis=0)

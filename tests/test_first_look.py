@@ -208,6 +208,33 @@ def test_the_level_of_the_test_is_its_level():
     assert 0 <= np.mean(called) < 0.12  # 0.05 but for chance
 
 
+def test_smooth_inputs_of_a_linear_plant_show_no_nonlinearity():
+    """Their lags nearly depend on each other, and yet all of them count."""
+    called = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        f, phase = rng.uniform(0.001, 0.05, 5), rng.uniform(0, 2 * np.pi, 5)
+        u = np.sin(2 * np.pi * f * np.arange(1000)[:, None] + phase).sum(axis=1)
+        y = lfilter([0, 0.01, 0.005], [1, -1.87, 0.873], u)
+        y = y + 0.01 * y.std() * rng.standard_normal(1000)
+        called.append(nonlinearity(u, y)[0] < 0.05)
+    assert np.mean(called) < 0.15  # 0.05 but for chance
+
+
+def test_a_late_input_of_a_linear_plant_shows_no_nonlinearity():
+    called = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.choice([-1.0, 1.0], (125, 2)), 8, axis=0)
+        late = np.column_stack([np.roll(u[:, 0], 40), u[:, 1]])
+        y = lfilter([0, 0.3], [1, -0.7], late.sum(axis=1))
+        y = y + 0.03 * rng.standard_normal(1000)
+        page = alssnn.look(u[40:], y[40:], recommends=False)
+        assert page["delay"].value == 40
+        called.append(page["nonlinearity"].attention)
+    assert np.mean(called) < 0.5
+
+
 def test_it_is_an_f_test_of_two_regressions():
     """The oracle: sums of squares of both, by NumPy's least squares."""
     u, y = (z[:, 0] for z in make(0, 400))

@@ -11,7 +11,7 @@ from ..periods import repeated
 from ..shown import percent
 from . import _signals
 from ._findings import Finding, FirstLook
-from ._nonlinearity import nonlinearity, scaled
+from ._nonlinearity import arrived, nonlinearity, scaled
 from ._recommend import LEVEL, SHORT, recommend
 
 MATTERS = 0.05  # what is not linear, relative to the output, from which it is seen
@@ -78,7 +78,8 @@ def look(u, y, experiment=None, *, dt=None, period=None, recommends=True):
     records = Records.of(u, y, experiment)
     response, why = _response(u, y, experiment, dt, period)
     delays = _delays(records)
-    not_linear = _nonlinearity(nonlinearity(u, y, experiment)[0], response)
+    p_value, _ = nonlinearity(*arrived(records.pairs, delays))
+    not_linear = _nonlinearity(p_value, response)
     wanted = None
     if recommends:
         wanted = recommend(records, delays, not_linear.value, response, dt, period)

@@ -17,6 +17,7 @@ from ..nonparametric.records import Records
 from ..regression import complete, lagged
 
 LAGS = 30  # of every signal, at most
+BEFORE = 10  # lags before an input arrives
 PER_UNKNOWN = 6  # samples per unknown, at least
 TESTED = 50_000  # samples, at most
 INDEPENDENT = 1e-6  # relative size of what a power adds to the others
@@ -50,7 +51,11 @@ def nonlinearity(u, y, experiment=None):
     Notes
     -----
     It sees curves of what a linear model predicts, not of inputs that have no linear
-    effect. Costs O(N (30 (nu + ny))^2), of 50,000 samples at most.
+    effect. What a linear plant shows of an input more than 30 samples late, coarse
+    steps of a converter, and noise whose size depends on the signals may count as
+    nonlinear. `look` lets the test begin where the inputs arrive.
+
+    Costs O(N (30 (nu + ny))^2), of 50,000 samples at most.
 
     Examples
     --------
@@ -76,8 +81,10 @@ def nonlinearity(u, y, experiment=None):
         return np.nan, np.nan
     X = np.column_stack([data[:, ny:], np.ones(len(data))])
     Q, R = np.linalg.qr(X)
-    pivots = np.abs(np.diag(R))
-    Q = Q[:, pivots > INDEPENDENT * pivots.max()]
+    # of a smooth input each lag adds little to those before it, and all much to the
+    # first ones: what counts is left in a few directions of all of them
+    turn, values, _ = np.linalg.svd(R)
+    Q = Q @ turn[:, values > INDEPENDENT * values[0]]
     p_values, shares = [], []
     for y in data[:, :ny].T:
         predicted = Q @ (Q.T @ y)
@@ -87,6 +94,37 @@ def nonlinearity(u, y, experiment=None):
         shares.append(share)
     # Bonferroni: one of several outputs is enough
     return float(min(1.0, ny * min(p_values))), float(max(shares))
+
+
+def arrived(pairs, delays):
+    """Return pairs with inputs as they arrive, but for a few samples.
+
+    Parameters
+    ----------
+    pairs : list of tuple of ndarray
+        Pairs (u, y).
+    delays : ndarray of int of shape (nu,) or None
+        Samples by which the inputs arrive late; None if they are not known.
+
+    Returns
+    -------
+    u, y : list of ndarray
+        Signals of the experiments that are long enough, without their first samples.
+    """
+    late = np.zeros(1, int) if delays is None else np.maximum(delays - BEFORE, 0)
+    first = late.max()
+    if first:
+        pairs = [
+            (
+                np.column_stack(
+                    [z[first - d : len(z) - d] for z, d in zip(u.T, late, strict=True)]
+                ),
+                y[first:],
+            )
+            for u, y in pairs
+            if len(u) > first
+        ]
+    return [u for u, _ in pairs], [y for _, y in pairs]
 
 
 def scaled(pairs):
