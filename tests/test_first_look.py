@@ -11,7 +11,7 @@ from scipy.stats import f as f_distribution
 
 import alssnn
 from alssnn import cli
-from alssnn.excitation import multisine
+from alssnn.excitation import multisine, steps
 from alssnn.first_look import nonlinearity
 from benchmarks import recommendations as benchmark
 
@@ -96,6 +96,15 @@ def test_numbers_of_limits_and_steps(good):
     step = 0.05 / np.round(y / 0.05).std() / 0.05
     page = look(u, np.round(y / 0.05) * 0.05)
     assert page["quantization"].value == pytest.approx(step)
+
+
+def test_rounding_is_no_converter():
+    """Of periods without noise, values repeat themselves up to the last digit."""
+    y = np.tile(np.random.default_rng(0).standard_normal(100), 10)
+    y[50::100] = 0
+    y[550] = 1e-21
+    assert len(np.unique(y)) < len(y) / 2
+    assert look(np.roll(y, -1), y)["quantization"].value == 0
 
 
 def test_waves_and_steps_are_no_spikes():
@@ -219,6 +228,21 @@ def test_smooth_inputs_of_a_linear_plant_show_no_nonlinearity():
         y = y + 0.01 * y.std() * rng.standard_normal(1000)
         called.append(nonlinearity(u, y)[0] < 0.05)
     assert np.mean(called) < 0.15  # 0.05 but for chance
+
+
+@pytest.mark.parametrize("noise", [0, 1e-3])
+def test_fast_motion_and_the_ends_of_a_record_are_no_spikes(noise):
+    """Overshoots of a few samples, and waves that are cut anywhere."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        held = steps(1000, random_state=seed).u[:, 0]
+        waves = np.sin(0.3 * np.arange(1000 - 20 * seed) + seed)
+        for u in (held, waves):
+            y = lfilter([0, 0.3, 0.1], [1, -1.2, 0.5], u)[10:]
+            y = y + noise * y.std() * rng.standard_normal(y.shape)
+            assert look(u[10:], y)["outliers"].value == 0
+            y[[300, 600]] += [2.0, -2.0]
+            assert look(u[10:], y)["outliers"].value == 2
 
 
 def test_a_late_input_of_a_linear_plant_shows_no_nonlinearity():

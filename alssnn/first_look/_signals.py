@@ -8,6 +8,7 @@ GAPS = 0.05  # share of missing samples from which they cost accuracy
 PILED_UP = 3.0  # samples at an extreme value, relative to those at the value beside
 SATURATED = 0.005  # share of the samples at an extreme value that are a limit
 LEVELS = 20  # different values: fewer are levels that were sent, not a converter
+ROUNDING = 1e-10  # step over the range that is one of rounding
 COARSE = 0.02  # step of a converter relative to the standard deviation
 SPIKE = 12.0  # robust standard deviations of a sample from its neighbors
 # what three samples before, three behind, and two at each side foretell of the middle
@@ -18,6 +19,10 @@ FORETELL = np.array(
         [0, -1 / 6, 4 / 6, 0, 4 / 6, -1 / 6, 0],
     ]
 )
+# what of these six no cubic explains: they are as rough themselves
+CUBIC = np.vander([-3.0, -2, -1, 1, 2, 3], 4)
+ROUGH = np.insert(np.eye(6) - CUBIC @ np.linalg.pinv(CUBIC), 3, 0.0, axis=1)
+LONE = 4.0  # a spike over the roughness of its neighbors; less is a fast motion
 COLLINEAR = 0.95  # correlation of two inputs
 SQRT12 = np.sqrt(12.0)
 
@@ -123,6 +128,8 @@ def _step(z):
     if not LEVELS <= len(values) <= len(z) / 2:
         return 0.0
     step = np.diff(values).min()
+    if step < ROUNDING * (values[-1] - values[0]):  # no converter has so many bits
+        return 0.0
     multiples = np.diff(values) / step
     # values read from a file have few digits
     return float(step) if np.abs(multiples - np.round(multiples)).max() < 0.1 else 0.0
@@ -133,7 +140,8 @@ def outliers(records):
 
     A spike is far, and to one side, from what the samples before it foretell and from
     what those behind it do, as the edge of a step is not, and from the cubic through
-    both, as the crest of a wave is not.
+    both, as the crest of a wave is not. Its neighbors are smooth without it, as those
+    of a fast motion are not. The three samples at an end, or at a gap, are not judged.
 
     Parameters
     ----------
@@ -151,14 +159,15 @@ def outliers(records):
             z = y[:, i]
             if np.sum(~np.isnan(z)) < 10:
                 continue
-            padded = np.pad(z, 3, mode="edge")
+            padded = np.pad(z, 3, constant_values=np.nan)
             around = np.lib.stride_tricks.sliding_window_view(padded, 7)  # (N, 7)
             known = np.isfinite(around).all(axis=1)
             rest = np.where(known, z - FORETELL @ around.T, 0.0)  # (3, N)
             scale = 1.4826 * np.median(np.abs(rest[2, known])) if known.any() else 0.0
             # of a signal that rests most of the time, or of coarse steps
             scale = max(scale, _step(z), 1e-3 * float(np.nanstd(z)))
-            far = np.abs(rest).min(axis=0) > SPIKE * scale
+            rough = np.sqrt(np.sum((ROUGH @ around.T) ** 2, axis=0) / 2)
+            far = np.abs(rest).min(axis=0) > np.fmax(SPIKE * scale, LONE * rough)
             spikes = np.flatnonzero(far & (rest[0] * rest[1] > 0))
             found += len(spikes)
             if len(spikes) and not first:
