@@ -190,6 +190,18 @@ def test_a_binary_sequence_has_two_levels_and_a_flat_spectrum():
     assert np.unique(np.diff(np.flatnonzero(np.diff(held.u[:, 0]))) % 3).tolist() == [0]
 
 
+def test_a_single_sweep_need_not_come_back():
+    """Where it ends is far from its beginning; the rate counts between samples."""
+    for n in (1000, 1234):
+        options = {"dt": 0.01, "band": (0.1, 2), "rate": 5}
+        once, twice = (swept_sine(n, n_periods=p, **options).u for p in (1, 2))
+        for u in (once, twice):
+            fastest = np.abs(np.diff(u[:, 0])).max() / 0.01
+            assert fastest == pytest.approx(5)
+        assert 0.4 < once.max() < 0.45  # 5 / (2 pi 2) = 0.398, between samples
+        assert np.abs(once[0] - once[-1]) > 0.05 and twice.max() < 0.1
+
+
 def test_a_sweep_passes_its_band():
     excitation = swept_sine(4000, 2, dt=0.01, band=(0.5, 8), n_realizations=2)
     assert excitation.n_experiments == 4

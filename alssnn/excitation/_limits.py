@@ -85,7 +85,7 @@ class Limits:
             )
         return cls(low, high, point, limit)
 
-    def scale(self, s, dt):
+    def scale(self, s, dt, n_periods):
         """Return a shape as large as it may be.
 
         Parameters
@@ -94,6 +94,9 @@ class Limits:
             One period of a shape around zero, of all experiments.
         dt : float
             Sampling time, in seconds.
+        n_periods : int
+            How often it will be repeated; from 2 on, the way back to its beginning
+            counts as well.
 
         Returns
         -------
@@ -102,7 +105,8 @@ class Limits:
         """
         flat = s.reshape(-1, *s.shape[-2:])
         top, bottom = flat.max(axis=(0, 1)), -flat.min(axis=(0, 1))
-        step = np.abs(np.diff(flat, axis=1, append=flat[:, :1])).max(axis=(0, 1))
+        back = flat[:, : min(n_periods - 1, 1)]
+        step = np.abs(np.diff(flat, axis=1, append=back)).max(axis=(0, 1))
         tiny = np.finfo(float).tiny
         a = np.minimum.reduce(
             [

@@ -143,7 +143,8 @@ def multisine(
         if reduce_crest:
             phi = _low_peaks(given, phi, lines, period)
         periods[m] = _waveforms(given * np.exp(1j * phi)[:, None, :], lines, period)
-    u = limits.scale(periods, dt).reshape(-1, period, nu)
+    n_periods = count("n_periods", n_periods)
+    u = limits.scale(periods, dt, n_periods).reshape(-1, period, nu)
     return repeat(u, dt, limits, n_periods, n_realizations, lines, names, "multisine")
 
 

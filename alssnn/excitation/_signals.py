@@ -276,7 +276,8 @@ default="logarithmic"
     for m, phase in enumerate(phases):
         for i in range(nu):
             s[m, i, :, i] = chirp(t, first, t[-1], last, method=method, phi=phase)
-    u = limits.scale(s, dt).reshape(-1, n_samples, nu)
+    n_periods = count("n_periods", n_periods)
+    u = limits.scale(s, dt, n_periods).reshape(-1, n_samples, nu)
     return repeat(u, dt, limits, n_periods, n_realizations, None, names, "swept_sine")
 
 
