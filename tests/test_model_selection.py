@@ -155,10 +155,14 @@ def test_shuffled_folds_score_an_exact_model_wrongly():
     model = LinearStateSpace(nx=1)
     shuffled = KFold(3, shuffle=True, random_state=0)
     assert cross_val_score(model, u, y, cv=shuffled).max() < 0.4
+    held = np.repeat(u[:12], 50, axis=0)  # what is shuffled looks much the same then
+    late = lfilter([0.0, 0.5], [1.0, -0.5], held, axis=0)
+    assert 0.6 < cross_val_score(model, held, late, cv=shuffled).mean() < 0.97
     assert cross_val_score(model, u, y, cv=BlockedTimeSeriesSplit(3)).min() > 0.95
     pages = Path(__file__).parents[1] / "doc"
     for page in ("scikit_learn.rst", "guide_identify.rst"):
         text = " ".join((pages / page).read_text(encoding="utf-8").split())
+        assert "0.4 or less" not in text
         assert "huffled folds" in text and "Take ``BlockedTimeSeriesSplit``" in text
 
 

@@ -88,8 +88,10 @@ class StateSpaceModel(
     cost_ : float
         Final cost (eq. cost), outputs scaled to unit variance.
     train_score_ : float
-        R2 of the simulation of the training record, initial states estimated as in
-        `score`; nan if the record stays on a cluster.
+        1 less the mean square error of the simulation of the training record, outputs
+        of unit variance, initial states estimated as in `score`; nan if the record
+        stays on a cluster. The R2 of `score` takes the variance of the samples that it
+        scores, and every output alike, and differs where these or gaps do.
     n_iter_ : int
         Trial steps of the training.
     converged_ : bool

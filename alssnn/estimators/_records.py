@@ -95,7 +95,8 @@ class Records:
         Relative change of cost or parameters that ends the refinement.
     max_time : float or None, default=None
         Seconds after which the fit stops at its next trial step, with the best
-        parameters so far; None means no limit.
+        parameters so far; None means no limit. To judge what there is may take some
+        seconds more.
     noise_floor : float, array_like of shape (ny,), object, True or None, default=None
         Noise of the outputs, root mean squares in their units, or what `look` or
         `nonparametric.best_linear_approximation` say of a periodic record; True takes
