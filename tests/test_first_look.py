@@ -118,6 +118,21 @@ def test_waves_and_steps_are_no_spikes():
     assert page["outliers"].value == 1 and "sample 1000" in page["outliers"].sentence
 
 
+@pytest.mark.parametrize("value", [0.1, 3.3, np.nan])
+def test_an_output_at_rest_is_told_and_has_no_accuracy(good, value):
+    """Its deviation from the mean is one of rounding, and not zero."""
+    u, y = good
+    still = np.full_like(y, value)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of empty means
+        page = alssnn.look(u, np.hstack([y, still]))
+    assert "At rest: y[1]" in page["model"].sentence
+    assert np.isnan(page["accuracy"].value)
+    assert "y[1]" in page["accuracy"].sentence
+    if value == value:
+        assert "u[0] does not move" in look(still, y)["inputs"].sentence
+
+
 def test_delays_and_inputs_that_move_together():
     u, y = make(delay=6)
     page = look(u, y)

@@ -76,7 +76,7 @@ def look(u, y, experiment=None, *, dt=None, period=None, recommends=True):
         period = u.period if period is None and u.n_periods > 2 else period
     dt = 1.0 if dt is None else sampling_time(dt)
     records = Records.of(u, y, experiment)
-    response, why = _response(u, y, experiment, dt, period)
+    response, why = _response(records, u, y, experiment, dt, period)
     delays = _delays(records)
     p_value, _ = nonlinearity(*arrived(records.pairs, delays))
     not_linear = _nonlinearity(p_value, response)
@@ -101,8 +101,12 @@ def look(u, y, experiment=None, *, dt=None, period=None, recommends=True):
     return FirstLook(tuple(findings), response.noise_rms if known else None, wanted)
 
 
-def _response(u, y, experiment, dt, period):
+def _response(records, u, y, experiment, dt, period):
     """Return the frequency response, or None and why there is none."""
+    rests = records.rests[records.nu :]
+    if rests.any():
+        names = np.compress(rests, records.output_names)
+        return None, f"at rest, or never measured: {', '.join(names)}."
     try:
         if period is not None:
             return best_linear_approximation(u, y, experiment, dt=dt, period=period), ""
@@ -128,8 +132,7 @@ def _record(records, dt):
 
 def _delays(records):
     """Return the delays of the inputs; None if a signal is at rest."""
-    spreads = np.hstack([records.u.std(axis=0), np.nanstd(records.y, axis=0)])
-    if not np.all(spreads > 0):
+    if records.rests.any():
         return None
     return estimate_delays(scaled(records.pairs), "auto", max_delay=MAX_DELAY)
 

@@ -160,14 +160,10 @@ def _none(reason):
 def _what_rests(records):
     """Say which columns are at rest, or were never measured."""
     names = [*records.input_names, *records.output_names]
-    columns = np.hstack([records.u, records.y]).T
-    values = [column[np.isfinite(column)] for column in columns]
-    still = [
-        n for n, z in zip(names, values, strict=True) if not (len(z) and z.std() > 0)
-    ]
+    still = ", ".join(np.compress(records.rests, names))
     return (
-        f"At rest: {', '.join(still)}; nothing can be learned of it. Leave it out, or "
-        "record it while it moves."
+        f"At rest: {still}; nothing can be learned of it. Leave it out, or record it "
+        "while it moves."
     )
 
 

@@ -197,9 +197,9 @@ def inputs(records):
     finding : Finding
         Largest correlation of two inputs; 1 if one is at rest.
     """
-    spread = records.u.std(axis=0)
-    rest = [n for n, s in zip(records.input_names, spread, strict=True) if not s > 0]
-    if rest:
+    spread, nu = records.u.std(axis=0), records.nu
+    rest = np.compress(records.rests[:nu], records.input_names)
+    if len(rest):
         return Finding(
             "inputs",
             1.0,

@@ -50,6 +50,12 @@ class Records:
         """Return the number of outputs."""
         return len(self.output_names)
 
+    @property
+    def rests(self):
+        """Return which inputs, then outputs, do not move, or were never measured."""
+        signals = np.hstack([self.u, self.y])  # a deviation from a mean has rounding
+        return ~(np.fmax.reduce(signals) > np.fmin.reduce(signals))
+
     @classmethod
     def of(cls, u, y, experiment=None):
         """Check a record and split it into experiments.
