@@ -324,6 +324,15 @@ def test_explanation_of_networks_that_gain_nothing():
     assert "the networks gain nothing" in explain(lti, make_row(missed=0.95))
 
 
+def test_explanation_does_not_depend_on_the_units_of_the_outputs():
+    rows = make_row("LTI", missed=5.0, ny=2), make_row(missed=2.0, ny=2)
+    in_mv = [replace(row, rmse_test=row.rmse_test * [1, 1000]) for row in rows]
+    in_mv[1].rmse_test[1] = in_mv[0].rmse_test[1]  # the second output gains nothing
+    for some in (rows, in_mv):
+        text = " ".join(make_ladder(*some, ny=2).explain().split())
+        assert "misses 5 % of the output, AL-SSNN 2 %, 2.5 times less." in text
+
+
 def test_explanation_of_unstable_models():
     lti = make_row("LTI", missed=20.0, rest=0.0)
     text = explain(lti, make_row(missed=np.inf, rest=np.inf, rho=1.02))

@@ -101,7 +101,8 @@ def _missed(row):
 def _about_accuracy(al, lti):
     if drifts(al):
         return "Accuracy: no free run knows what drifts. `validate` judges predictions."
-    ratio = lti.rmse_test.mean() / al.rmse_test.mean()
+    # without units, as the percentages beside it
+    ratio = _missed(lti) / max(_missed(al), np.finfo(float).eps)
     if not np.isfinite(al.rmse_test).all():
         return "Accuracy: AL-SSNN diverges on the test data and is of no use there."
     if _missed(al) >= 100:

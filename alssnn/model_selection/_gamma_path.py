@@ -85,6 +85,11 @@ class GammaPath:
         ------
         ValueError
             If no model of the path is stable on the test data.
+
+        Notes
+        -----
+        Of several outputs, RMSE is the mean in their units: one in large numbers, such
+        as mV beside V, decides alone.
         """
         nonlinear = self.linearization_error if self.score is None else -self.score
         usable = np.isfinite(self.rmse_test) & np.isfinite(nonlinear)
