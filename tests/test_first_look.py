@@ -483,6 +483,23 @@ def twins(name, rng, N=2000):
     }[name]()
 
 
+@pytest.mark.parametrize("seed", [1, 11])
+def test_a_loop_with_a_slow_disturbance_has_no_delay_that_varies(seed):
+    """Inputs to come tell of the output, for the controller answers to it."""
+    rng = np.random.default_rng(seed)
+    r = np.repeat(rng.standard_normal(41), 25)[:1000]
+    u, y = np.zeros(1000), np.zeros(1000)
+    x, total, slow = np.zeros(2), 0.0, 0.0
+    for k in range(1000):
+        slow = 0.95 * slow + 0.05 * rng.standard_normal()
+        y[k] = x[0] + slow + 0.02 * rng.standard_normal()
+        total += 0.05 * (r[k] - y[k])
+        u[k] = 0.5 * (r[k] - y[k]) + total
+        x = np.array([1.2 * x[0] - 0.5 * x[1] + 0.4 * u[k], x[0]])
+    wanted = alssnn.look(u, y).recommendation
+    assert wanted.options["noise"] == "innovations"
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [

@@ -118,6 +118,10 @@ def recommend(records, delays, p, response, dt, period=None):
         fits, why = _with_networks(parts, linear, records.ny), ""
     best = min(fits, key=lambda fit: fit.error)
     rival = _rival(parts, delays, best.error, is_linear)
+    if not rival:
+        rival = _wandering(parts, best.error)
+        # a controller answers to the output, and so inputs to come tell of it
+        rival = "" if rival and _is_fed_back(parts, best, period) else rival
     chosen = _none(rival) if rival else _chosen(parts, fits, best, why, given, period)
     return replace(chosen, linear_rms=_rms(linear.model, records))
 
@@ -253,6 +257,11 @@ def _rival(parts, delays, least, is_linear):
             f"{percent(100 * error)}: the plant has no dynamics, or nothing but a "
             "controller moves it. Fit a curve, or move the reference while recording."
         )
+    return ""
+
+
+def _wandering(parts, least):
+    """Say that the delay varies, if that is much better than any model."""
     fixed, moving, spread = varying_delay(parts)
     if moving <= min(MUCH * fixed, least / NEAR) and spread > WANDERS:
         return (
