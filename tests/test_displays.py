@@ -342,7 +342,7 @@ def test_bode(model):
             assert set(np.round(limits, 9)) == {0.1, 0.3}
     label = labels(display.axes_[0, 0])
     assert "model, amplitude 0.1, 0.2" in label and "(A, B, C, D)" in label
-    assert display.axes_[2, 1].get_ylabel() == "|temperature [K] / heater [V]|"
+    assert display.axes_[2, 1].get_ylabel() == "|temperature [K] /\nheater [V]|"
     assert display.axes_[-1, 0].xaxis.get_major_formatter().unit == "Hz"
 
 

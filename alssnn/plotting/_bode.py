@@ -11,6 +11,7 @@ from ..validation import (
 from ._axes import Display, color, finish, frequency_axis, grid_of_axes, spelled
 
 N_FREQUENCIES = 300  # of the linear response
+LONGEST = 20  # characters of a label beside an axis
 
 
 class BodeDisplay(Display):
@@ -141,10 +142,9 @@ class BodeDisplay(Display):
                 )
                 for j in range(nu)
             ]
-            label = ", ".join(f"{value:.3g}" for value in np.unique(row))
             what = "model" if loop == "open" else "loop u = v - h"
             G = np.stack([G for _, G in found], axis=-1)
-            responses.append((f"{what}, amplitude {label}", found[0][0], G))
+            responses.append((f"{what}, {_amplitude(row, G)}", found[0][0], G))
         (f, G), inputs = linear_response(model, period), moved_names(model)
         display = cls(f, G, inputs, outputs, responses, band, decibel)
         return display.plot(ax, **kwargs)
@@ -183,6 +183,15 @@ class BodeDisplay(Display):
         return self._drawn(axes)
 
 
+def _amplitude(row, G):
+    """Return the amplitudes of the inputs in words, and whether all is drawn."""
+    values = row[:1] if np.ptp(row) == 0 else row  # in the order of the inputs
+    words, known = ", ".join(f"{value:.3g}" for value in values), np.isfinite(G)
+    if known.all():
+        return f"amplitude {words}"
+    return f"amplitude {words}, {'partly ' * bool(known.any())}diverges"
+
+
 def linear_response(model, period):
     """Return the response of (A, B, C, D), as a loop sees it.
 
@@ -206,7 +215,7 @@ def linear_response(model, period):
 
 
 def draw_response(axes, f, G, decibel, label, **style):
-    """Draw a frequency response.
+    """Draw a frequency response, its phase beside the one that is there already.
 
     Parameters
     ----------
@@ -225,8 +234,20 @@ def draw_response(axes, f, G, decibel, label, **style):
     """
     for i, j in np.ndindex(G.shape[1:]):
         magnitude, phase = axes[2 * i : 2 * i + 2, j]
+        before = [line.get_data() for line in phase.get_lines()[:1]]
+        angles = _beside(f, degrees(G[:, i, j]), *before)
         magnitude.plot(f, magnitudes(G[:, i, j], decibel), label=label, **style)
-        phase.plot(f, degrees(G[:, i, j]), **style)
+        phase.plot(f, angles, **style)
+
+
+def _beside(f, angles, other=None):
+    """Return phases with the whole turns that bring them near another response."""
+    if other is None:
+        return angles
+    at, before = (z[np.isfinite(other[1])] for z in other)
+    apart = np.interp(f, at, before) - angles if len(at) else np.full(len(f), np.nan)
+    apart = apart[np.isfinite(apart)]
+    return angles + 360.0 * np.round(np.median(apart) / 360.0) if len(apart) else angles
 
 
 def draw_band(axes, band, decibel, label=None, **style):
@@ -268,7 +289,7 @@ def draw_band(axes, band, decibel, label=None, **style):
         axes[2 * i, j].fill_between(f, low, high, label=name, **style)
 
 
-def finish_responses(axes, outputs, inputs, decibel, longest=np.inf):
+def finish_responses(axes, outputs, inputs, decibel):
     """Label and scale the axes of frequency responses.
 
     Parameters
@@ -279,14 +300,12 @@ def finish_responses(axes, outputs, inputs, decibel, longest=np.inf):
         Names of the signals.
     decibel : bool
         Whether magnitudes are in dB.
-    longest : int, default=inf
-        Characters of a label, beyond which it takes two lines.
     """
     for i, output in enumerate(outputs):
         for j, name in enumerate(inputs):
             magnitude, phase = axes[2 * i : 2 * i + 2, j]
             what = f"|{output} / {name}|"
-            if len(what) > longest:
+            if len(what) > LONGEST:
                 what = what.replace(" / ", " /\n", 1)
             magnitude.set_ylabel(f"{what}, dB" if decibel else what)
             magnitude.set_yscale("linear" if decibel else "log")

@@ -18,7 +18,6 @@ from ._axes import (
 from ._bode import draw_band, draw_response, finish_responses, linear_response
 from ._ladder import limits_of, out_of_view
 
-LONGEST = 20  # characters of a label beside an axis
 SLOWEST = 1024  # samples of the slowest sine of a frequency response
 
 
@@ -187,5 +186,5 @@ class BodeComparisonDisplay(Display):
             f, G = linear_response(model, SLOWEST)
             style = {"label": name, **model_style(k, 1.4), **spelled(kwargs)}
             draw_response(axes, f, G, self.decibel, **style)
-        finish_responses(axes, outputs, inputs, self.decibel, LONGEST)
+        finish_responses(axes, outputs, inputs, self.decibel)
         return self._drawn(axes)

@@ -18,6 +18,7 @@ from ..simulation import simulate
 
 SETTLED = 1e-4  # what is left of the transient when the response is measured
 MAX_PERIODS = 8  # of the common period, spent on the transient
+GROWS = 2.0  # states of one period over those before, of what diverges
 
 
 def frequency_response(sys, frequencies):
@@ -113,6 +114,7 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
     X = np.zeros((len(harmonics), plant.nx))
     U = np.tile(plant.u_offset, (len(harmonics), 1))
     G = np.zeros((len(harmonics), plant.ny), dtype=complex)
+    size = np.zeros((settle + 1, len(harmonics)))
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range((settle + 1) * period):
             turn = 2 * np.pi * harmonics * (k % period) / period
@@ -121,8 +123,12 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
                 y = plant.output(X, U) - plant.y_offset
                 G += y * np.exp(-1j * turn)[:, None]
             X = plant.step(X, U)
+            np.fmax(size[k // period], np.abs(X).max(axis=1), out=size[k // period])
         G *= 2j / (period * amplitude)
-    G[~np.isfinite(G).all(axis=1)] = np.nan
+    lost = ~np.isfinite(G).all(axis=1)
+    if radius >= 1:  # what is not yet too large for a number
+        lost |= size[-1] > GROWS * size[-2]
+    G[lost] = np.nan
     return harmonics / (period * plant.dt), G
 
 
