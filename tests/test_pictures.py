@@ -1,11 +1,26 @@
 """Pictures whose words and axes have to be true of what they show."""
 
+import json
+import warnings
+
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
-from alssnn.plotting import BodeComparisonDisplay, BodeDisplay
+from alssnn.datasets import make_duffing, make_valve_tank
+from alssnn.linearizability import words_left
+from alssnn.plotting import (
+    BodeComparisonDisplay,
+    BodeDisplay,
+    SimulationDisplay,
+    figure_curves,
+    plot_model,
+)
+from alssnn.report._sections import equations
+from helpers import linear_plant
+from models import fl_ssnn
 
 
 def phases(display, row=1):
@@ -74,3 +89,84 @@ def test_long_names_take_two_lines_beside_an_axis(model, draw):
     else:
         display = draw(model)
     assert display.axes_[0, 0].get_ylabel() == "|level of the tank [m] /\nvalve [%]|"
+
+
+def test_a_simulation_that_goes_far_leaves_the_measured_output_in_view():
+    y = np.sin(np.arange(200) / 5)
+    far = SimulationDisplay.from_predictions(y, y * np.exp(np.arange(200) / 2))
+    low, high = far.axes_[0, 0].get_ylim()
+    assert -4 < low < -1 and 1 < high < 4
+    label = far.axes_[0, 0].get_legend_handles_labels()[1][1]
+    assert "partly out of view: -1.2e+40 to 1.4e+43" in label
+    panels = json.loads(figure_curves(far.figure_))
+    np.testing.assert_allclose(panels[0]["limits"], [low, high], rtol=1e-4)
+    near = SimulationDisplay.from_predictions(y, y + 5)  # a level alone hides nothing
+    assert "view" not in near.axes_[0, 0].get_legend_handles_labels()[1][1]
+    assert near.axes_[0, 0].get_ylim()[1] > 6
+    assert json.loads(figure_curves(near.figure_))[0]["limits"] is None
+    lost = SimulationDisplay.from_predictions(y, np.where(y < 0.9, y, np.inf))
+    assert "diverges" in lost.axes_[0, 0].get_legend_handles_labels()[1][1]
+
+
+def test_the_range_of_the_training_data_is_in_the_figure_of_the_page():
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([0.0, 2.0], [1.0, 3.0], label="model")
+    axes.axhspan(-1.0, 2.0, facecolor="0.93", label="range of the training data")
+    (panel,) = json.loads(figure_curves(figure))
+    band, line = panel["series"]
+    assert band["kind"] == "band" and band["name"] == "range of the training data"
+    assert band["x"] == [0, 2] and line["x"] == [0, 2]
+    assert band["y"] == [-1, -1] and band["high"] == [2, 2]
+
+
+@pytest.fixture(scope="module")
+def oscillator():
+    """Return a model of continuous time that has h and no g, and its record."""
+    record = make_duffing(300, random_state=0)
+    options = {"hold": "linear", "time": "continuous", "dt": record.dt}
+    model = fl_ssnn(
+        nx=2, n_h=2, feedback="state", max_iter=5, random_state=0, **options
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return model.fit(*record), record
+
+
+def test_what_moves_while_u_is_held_is_not_called_g(oscillator, tmp_path):
+    model, record = oscillator
+    for ahead in (False, True):
+        found = model.linearizability(*record, ahead=ahead, in_loop=False)
+        text = " ".join(str(found).split())
+        assert found.ratio_g_max > 0  # a model without g
+        assert "|omega| / |Ax+Bu| mean" in text and "H2 gain from omega to y" in text
+        assert "|g|" not in text and "from g" not in text
+        assert "spectral radius of sampled A" in text
+        assert "by g, and by h where it moves while u is held" in text
+    assert words_left(model.plant_).endswith("and h, which moves while u is held")
+    plain = linear_plant([[0.5]], [[1.0]])
+    assert words_left(plain) == "What g leaves at the output"
+
+
+def test_equations_of_derivatives_say_what_they_are(oscillator):
+    model, _ = oscillator
+    text = equations(model)
+    assert "x&#x27; is the derivative of x by the time in seconds, x+ is" in text
+    assert "and hold their inputs, unlike the simulation of this record." in text
+    assert str(model.summary()).count("of the sampled A") == 1
+
+
+def test_parts_of_a_figure_have_the_width_that_they_need():
+    tank = make_valve_tank(250, noise=0.01, random_state=0)
+    options = {"disturbances": [1], "dt": tank.dt, "max_iter": 3, "random_state": 0}
+    model = fl_ssnn(nx=1, n_h=2, feedback="state", input_map="monotone", **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(tank.u, tank.y)
+    figure = plot_model(model, tank.u, tank.y)
+    figure.draw_without_rendering()  # a warning says that axes collapsed
+    width = figure.get_size_inches()[0]
+    law = [ax for ax in figure.axes if "density" in ax.get_xlabel()]
+    assert len(law) == 3
+    assert min(ax.get_position().width for ax in law) * width > 2.5
+    assert law[0].get_ylim() != law[2].get_ylim()  # h is not of the size of phi

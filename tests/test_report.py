@@ -317,7 +317,7 @@ def test_a_failed_model_is_not_praised(tmp_path, undrawn):
     text = " ".join(check(tmp_path / "report.html")[1].split())
     assert "Do not use this design on the plant. The model fails: free run" in text
     assert "is nearly (A, B, C)" not in text and " Holds. " not in text
-    assert "Conditional: holds while |g| stays below what the data showed" in text
+    assert "Conditional: holds while |omega|, what the linear part lacks of" in text
     assert "Holds for the model, not for the plant." in text
 
 

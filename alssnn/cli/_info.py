@@ -82,7 +82,7 @@ def run(args):
         ("parameters", f"{known['parameters']}, trained"),
         ("training error", _error(missed, model.drift)),
         ("training", f"{model.n_iter_} trial steps: {model.message_}"),
-        ("poles", ", ".join(_pole(pole) for pole in poles)),
+        ("poles", ", ".join(_pole(pole) for pole in poles) + _per_second(model)),
         ("operating point", _point(inputs, model.u_offset_, outputs, model.y_offset_)),
     ]
     rows = [(name, value) for name, value in rows if value]
@@ -120,6 +120,11 @@ def _pole(pole):
     if pole.imag == 0:
         return f"{pole.real:.4g}"
     return f"{pole.real:.4g}{pole.imag:+.4g}j"
+
+
+def _per_second(model):
+    """Return the unit of poles, which those from sample to sample do not have."""
+    return " per second" if model.time == "continuous" else ""
 
 
 def _point(inputs, u, outputs, y):

@@ -194,6 +194,8 @@ class Ladder(Rows):
             "is cancelled, rms(e) / std(y); in the loop: rms(e) / std(y_lin) under "
             "u = v - h, with the recorded input as v."
         ]
+        if any(getattr(row.model, "time", "") == "continuous" for row in self.rows):
+            notes.append("Radius of A: that of the sampled A, in continuous time.")
         if any(map(drifts, self.rows)):
             notes.append(
                 "These are errors of a free run, which does not know what drifts. "

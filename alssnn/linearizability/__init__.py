@@ -9,12 +9,13 @@ _verdict    whether that is good enough
 from ..region import Region
 from ._measure import measure, output_residual
 from ._rate import at_rate
-from ._record import LARGE_LAW, OUTSIDE, Bands, Linearizability
+from ._record import LARGE_LAW, OMEGA, OUTSIDE, Bands, Linearizability, words_left
 from ._verdict import LOOP_OUTSIDE, is_unstable, judge, percent, worst_error
 
 __all__ = [
     "LARGE_LAW",
     "LOOP_OUTSIDE",
+    "OMEGA",
     "OUTSIDE",
     "Bands",
     "Linearizability",
@@ -25,5 +26,6 @@ __all__ = [
     "measure",
     "output_residual",
     "percent",
+    "words_left",
     "worst_error",
 ]

@@ -74,7 +74,8 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
     plant = as_plant(plant)
     if law_dt is not None or ahead or plant.rates is not None:
         plant, records = at_rate(plant, records, law_dt or plant.dt, ahead)
-    is_sampled, plant = plant.rates is not None, plant.arrived()
+    is_sampled = plant.rates is not None or plant.looks_ahead
+    plant = plant.arrived()
     A, _, C, _ = plant.linear()
     u = [record.du for record in records]
     opened = [_run(plant, record, record.du) for record in records]

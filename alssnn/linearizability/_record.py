@@ -10,6 +10,10 @@ from ..shown import percent, short_repr, times
 
 WIDTHS = (38, 16, 16)  # columns of the table: name, open loop, closed loop
 OUTSIDE = 0.02  # share of samples of a record outside, from which it is said
+OMEGA = (
+    "omega: what the linear part lacks of the next state, by g, and by h where it "
+    "moves while u is held"
+)
 LARGE_LAW = 3.0  # std(h) / std(u) above which the law does more than the record
 PER_OUTPUT = (
     "linearization_error",
@@ -80,7 +84,8 @@ class Linearizability:
         depend on the state basis, nor on the operating point of y.
     ratio_g_mean, ratio_g_max : float
         Mean and maximum over time of ``|g| / |A x + B u|``, in the state basis. Here
-        and below, G d of measured disturbances counts with A x + B u.
+        and below, G d of measured disturbances counts with A x + B u, and g is
+        omega in continuous time: what h does while u is held counts, too.
     ratio_h_mean, ratio_h_max : float
         Mean and maximum over time of ``|h| / |A x + B u|``, h in the units of u.
     spectral_radius : float
@@ -200,6 +205,11 @@ class Linearizability:
     is_sampled: bool = False
 
     @property
+    def words_rest(self):
+        """Return what the linear part lacks of the next state, in words."""
+        return "omega" if self.is_sampled else "g"
+
+    @property
     def words_linear(self):
         """Return what states and inputs add up to in the linear part, in words."""
         return "|Ax+Bu+Gd|" if self.has_disturbances else "|Ax+Bu|"
@@ -211,7 +221,7 @@ class Linearizability:
 
     def __repr__(self):
         """Return a table."""
-        linear = self.words_linear
+        linear, rest = self.words_linear, self.words_rest
         rows = [
             ("", "open loop", "closed loop"),
             *(
@@ -223,10 +233,10 @@ class Linearizability:
                     strict=True,
                 )
             ),
-            *self._size_rows(f"|g| / {linear}", "ratio_g", "closed_ratio"),
+            *self._size_rows(f"|{rest}| / {linear}", "ratio_g", "closed_ratio"),
             *self._size_rows(f"|h| / {linear}", "ratio_h"),
             *self._size_rows(linear, None, "closed_linear"),
-            *self._size_rows("|g|", None, "closed_omega"),
+            *self._size_rows(f"|{rest}|", None, "closed_omega"),
             (
                 "samples outside the training region",
                 _percent(self.outside),
@@ -242,12 +252,14 @@ class Linearizability:
             (self.words_radius, f"{self.spectral_radius:.6f}"),
             _pair("peak of |A^k|", self.peak_gain),
             *(
-                _pair(f"H2 gain from g to y{of}", gain)
+                _pair(f"H2 gain from {rest} to y{of}", gain)
                 for of, gain in zip(self._suffixes(), self.h2_gain, strict=True)
-                if self.ratio_g_max  # else there is no g
+                if self.ratio_g_max  # else there is none
             ),
         ]
         rows += [*self._band_rows(), "", *self._closed_words()]
+        if self.is_sampled:
+            rows += textwrap.wrap(OMEGA, sum(WIDTHS))
         if self.outside is not None and self.outside > OUTSIDE:
             rows += [
                 "",
@@ -261,7 +273,7 @@ class Linearizability:
 
     def _size_rows(self, name, *sizes):
         """Return the rows of the mean and the maximum of a size."""
-        width = len(f"|g| / {self.words_linear}  ")
+        width = len(f"|{self.words_rest}| / {self.words_linear}  ")
         return [
             _pair(
                 text.ljust(width) + of,
@@ -431,6 +443,25 @@ class Linearizability:
 
 def _percent(value):
     return "-" if value is None or np.isnan(value) else percent(100 * value, 3)
+
+
+def words_left(plant):
+    """Return what the output-referred residual e is made of, in words.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant along which it was simulated.
+
+    Returns
+    -------
+    words : str
+        A title.
+    """
+    words = "What g leaves at the output"
+    if plant.cancels and plant.rates is not None:
+        words += ", and h, which moves while u is held"
+    return words
 
 
 def _pair(name, *values):

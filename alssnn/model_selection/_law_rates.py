@@ -81,7 +81,7 @@ class LawRates:
 
     def __str__(self):
         """Return the errors as a table."""
-        lines = [f"{'law_dt, s':>10s}{'e/y, %':>10s}{'looking ahead, %':>18s}"]
+        lines = [f"{'law_dt, s':>10s}{'error, %':>10s}{'looking ahead, %':>18s}"]
         for dt, now, ahead in zip(
             self.law_dt, self.error(), self.error(ahead=True), strict=True
         ):

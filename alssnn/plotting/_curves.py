@@ -57,6 +57,7 @@ def _panel(axes, behind):
         for path in band.get_paths()
     ]
     series += [_histogram(bars, _name(bars[0])) for bars in axes.containers]
+    series += [_level_band(patch, ends, logs) for patch in _spans(axes)]
     low, high = axes.get_ylim()
     for other in _at_place(axes):
         if other in behind:
@@ -72,7 +73,7 @@ def _panel(axes, behind):
             {
                 "kind": "stem" if is_points else "line",
                 "name": _name(line),
-                "color": to_hex(str(line.get_color())),
+                "color": to_hex(line.get_color()),
                 "width": round(float(line.get_linewidth()), 2),
                 "dashed": not is_points and style != "-",
                 "step": line.get_drawstyle() == "steps-post",
@@ -87,7 +88,31 @@ def _panel(axes, behind):
         "title": _plain(axes.get_title(loc="left") or axes.get_title()),
         "xlog": logs[0],
         "ylog": logs[1],
+        # a curve that leaves limits that were set is out of view here, too
+        "limits": None if axes.get_autoscaley_on() else _rounded([low, high], 5),
         "series": series,
+    }
+
+
+def _spans(axes):
+    """Return the areas that lie between two levels from edge to edge."""
+    level = False, True  # which of both coordinates are data
+    return [
+        patch
+        for patch in axes.patches
+        if patch.get_transform().contains_branch_seperately(axes.transData) == level
+    ]
+
+
+def _level_band(patch, ends, logs):
+    """Return an area between two levels, as long as the curves."""
+    corners = patch.get_patch_transform().transform(patch.get_path().vertices)
+    levels = _scaled([corners[:, 1].min(), corners[:, 1].max()], logs[1])
+    return {
+        "kind": "band",
+        "name": _name(patch),
+        "color": to_hex(tuple(patch.get_facecolor()[:3])),
+        **_band(np.repeat(_scaled([min(ends), max(ends)], logs[0]), 2), [*levels] * 2),
     }
 
 
@@ -137,7 +162,7 @@ def _name(artist):
 def _band(places, edges):
     """Return the lower and the upper edge of a band."""
     x = np.unique(places)
-    at = [edges[places == value] for value in x]
+    at = [np.asarray(edges)[places == value] for value in x]
     low, high = ([f(z) for z in at] for f in (np.min, np.max))
     return {"x": _rounded(x, 7), "y": _rounded(low, 5), "high": _rounded(high, 5)}
 

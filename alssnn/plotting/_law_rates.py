@@ -96,6 +96,6 @@ class LawRatesDisplay(Display):
             rates.dt, color="0.6", linewidth=0.8, label="sampling time of the record"
         )
         axes.set_xlabel("sampling time of the law, s")
-        axes.set_ylabel("linearization error rms(e) / std(y), %")
+        axes.set_ylabel("linearization error, %")
         finish(axes)
         return self._drawn(axes)

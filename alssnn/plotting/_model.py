@@ -3,21 +3,22 @@
 from matplotlib.figure import Figure
 from sklearn.utils.validation import check_is_fitted
 
+from ..linearizability import words_left
 from ._nonlinearity import NonlinearityDisplay, ResidualNonlinearityDisplay
 from ._residuals import ResidualDisplay
 from ._simulation import SimulationDisplay
 
-PARTS: dict[str, tuple] = {  # display, title, network
-    "simulation": (SimulationDisplay, "Measured and simulated", ""),
-    "residual": (ResidualDisplay, "Correlations of the residual", ""),
-    "h": (NonlinearityDisplay, "h, which the law cancels", "W_h"),
-    "g": (ResidualNonlinearityDisplay, "What g leaves at the output", "W_g"),
+PARTS: dict[str, tuple] = {  # display, network
+    "simulation": (SimulationDisplay, ""),
+    "residual": (ResidualDisplay, ""),
+    "h": (NonlinearityDisplay, "W_h"),
+    "g": (ResidualNonlinearityDisplay, "W_g"),
 }
 OPTIONS: dict[str, dict] = {  # of the axes of a part
     "simulation": {"sharex": "col", "height_ratios": (2, 1)},
     "h": {"sharey": "row"},
 }
-WIDTH, ROW = 8.0, 2.1  # inches
+ROW = 2.1  # inches
 
 
 def plot_model(model, u, y, experiment=None, *, parts=None):
@@ -75,12 +76,27 @@ def plot_model(model, u, y, experiment=None, *, parts=None):
     # once more on axes of one figure: how many they are, the displays alone know
     shapes = [display.axes_.shape for display in displays]
     heights = [ROW * rows + 0.4 for rows, _ in shapes]
-    figure = Figure(figsize=(WIDTH, sum(heights)), layout="constrained")
+    titles = _titles(model.plant_)
+    width = max(display.figure_.get_size_inches()[0] for display in displays)
+    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
     frames = figure.subfigures(len(parts), 1, squeeze=False, height_ratios=heights)
     for part, display, shape, frame in zip(
         parts, displays, shapes, frames[:, 0], strict=True
     ):
-        axes = frame.subplots(*shape, squeeze=False, **OPTIONS.get(part, {}))
+        options = OPTIONS.get(part, {})
+        if getattr(display, "n_inputs", 0):  # phi is not of the size of h
+            options = {}
+        axes = frame.subplots(*shape, squeeze=False, **options)
         display.plot(axes)
-        frame.suptitle(PARTS[part][1], x=0.02, ha="left", weight="bold")
+        frame.suptitle(titles[part], x=0.02, ha="left", weight="bold")
     return figure
+
+
+def _titles(plant):
+    """Return the titles of all parts."""
+    return {
+        "simulation": "Measured and simulated",
+        "residual": "Correlations of the residual",
+        "h": f"h, which {'no' if plant.no_law else 'the'} law cancels",
+        "g": words_left(plant),
+    }

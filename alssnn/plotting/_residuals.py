@@ -1,10 +1,14 @@
 """Correlations of the residuals of a model, with their bands."""
 
+from textwrap import fill
+
 import numpy as np
 from matplotlib.ticker import EngFormatter
 
 from ..validation import column_names, judged_experiments, residual_tests
 from ._axes import BAND, Display, color, finish, grid_of_axes, spelled
+
+BESIDE, ABOVE = 28, 52  # characters of a line beside and above an axes
 
 
 class ResidualDisplay(Display):
@@ -190,9 +194,9 @@ class ResidualDisplay(Display):
         axes = grid_of_axes(ax, (1 + nu, ny), size=(5.0, 2.1))
         style = {"color": color(0), "linewidth": 1.4, **spelled(kwargs)}
         percent = f"{100 * (1 - tests.level):g} %"
-        noun, whitened = "residual", "whitened residual\n"
+        noun, whitened = "residual", "whitened residual"
         if tests.ahead:
-            noun, whitened = "error one sample ahead", "error one sample ahead\n"
+            noun = whitened = "error one sample ahead"
         for i, column in enumerate(axes.T):
             name = tests.output_names[i]
             rows = [
@@ -200,7 +204,7 @@ class ResidualDisplay(Display):
                     tests.lags,
                     tests.autocorrelation[:, i],
                     tests.autocorrelation_band[:, i],
-                    f"autocorrelation\nof the {noun} of {name}",
+                    f"autocorrelation of the {noun} of {name}",
                     f"{noun}: ",
                 ),
                 *(
@@ -208,7 +212,7 @@ class ResidualDisplay(Display):
                         tests.cross_lags,
                         tests.cross_correlation[:, i, j],
                         tests.cross_band[:, i],
-                        f"{whitened}of {name} with {tests.input_names[j]}",
+                        f"{whitened} of {name} with {tests.input_names[j]}",
                         f"{tests.input_names[j]}, lags from {tests.first_lag} on: ",
                     )
                     for j in range(nu)
@@ -220,11 +224,11 @@ class ResidualDisplay(Display):
                 )
                 one.vlines(lags, 0.0, r, **style)
                 one.plot(lags, r, ".", color=style["color"], markersize=4)
-                one.set_ylabel(label, fontsize="small")
+                one.set_ylabel(fill(label, BESIDE), fontsize="small")
                 counted = lags >= (tests.first_lag if one is not column[0] else 1)
                 out = int(np.sum((np.abs(r) > band)[counted]))
                 title += f"{out} of {counted.sum()} outside the band"
-                one.set_title(title, loc="left", fontsize="medium")
+                one.set_title(fill(title, ABOVE), loc="left", fontsize="medium")
                 # the band is the same everywhere, and correlations may fill it
                 finish(one, legend=one is axes[0, 0])
             dt = EngFormatter(unit="s", places=None)(tests.dt)

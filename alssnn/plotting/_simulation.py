@@ -16,6 +16,9 @@ from ._axes import (
     spelled,
     time_axis,
 )
+from ._ladder import limits_of, out_of_view
+
+FAR = 10.0  # ranges of an output, from which a simulation would hide it
 
 
 class SimulationDisplay(Display):
@@ -188,13 +191,26 @@ class SimulationDisplay(Display):
         self.fit_percent_ = fit = free_run_errors(self.y_true, self.y_pred)[1]
         style = {"color": color(0), "linewidth": 1.2, **spelled(kwargs)}
         for i, (top, bottom) in enumerate(axes.T):
-            label = f"{self.name}, fit {percent(fit[i], 3)}"
-            top.plot(self.t, self.y_true[:, i], label="measured", **MEASURED)
-            top.plot(self.t, self.y_pred[:, i], **{"label": label, **style})
-            bottom.plot(self.t, self.y_true[:, i] - self.y_pred[:, i], **style)
+            y, y_hat = self.y_true[:, i], self.y_pred[:, i]
+            limits = limits_of(y, [y_hat]) if _is_far(y_hat, y) else ()
+            note = out_of_view(y_hat, *limits) if limits else ""
+            label = f"{self.name}, fit {percent(fit[i], 3)}{note}"
+            top.plot(self.t, y, label="measured", **MEASURED)
+            top.plot(self.t, y_hat, **{"label": label, **style})
+            bottom.plot(self.t, y - y_hat, **style)
+            if limits:
+                top.set_ylim(*limits)
+                bottom.set_ylim(*(np.ptp(limits) * np.array([-0.5, 0.5])))
             top.set_ylabel(self.output_names[i])
             bottom.set_ylabel(f"residual of\n{self.output_names[i]}")
             time_axis(bottom)
             finish(top, legend="above")
             finish(bottom, legend=False)
         return self._drawn(axes)
+
+
+def _is_far(y_hat, y):
+    """Return whether a simulation goes so far that the output would be a line."""
+    y = y[np.isfinite(y)]
+    size = np.ptp(y) if len(y) else 0.0
+    return size > 0 and not np.all(np.abs(y_hat - y.mean()) < FAR * size)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..linearizability import OMEGA, words_left
 from ..plants import as_plant
 from ..validation import column_names, moved_names
 from ._page import (
@@ -19,14 +20,14 @@ from ._page import (
 MAX_NEURONS = 100
 
 LINEARITY = (
-    ("|g| / {linear}, mean", "ratio_g_mean", "closed_ratio_mean"),
-    ("|g| / {linear}, max", "ratio_g_max", "closed_ratio_max"),
+    ("|{rest}| / {linear}, mean", "ratio_g_mean", "closed_ratio_mean"),
+    ("|{rest}| / {linear}, max", "ratio_g_max", "closed_ratio_max"),
     ("|h| / {linear}, mean", "ratio_h_mean", None),
     ("|h| / {linear}, max", "ratio_h_max", None),
     ("{linear}, mean", None, "closed_linear_mean"),
     ("{linear}, max", None, "closed_linear_max"),
-    ("|g|, mean", None, "closed_omega_mean"),
-    ("|g|, max", None, "closed_omega_max"),
+    ("|{rest}|, mean", None, "closed_omega_mean"),
+    ("|{rest}|, max", None, "closed_omega_max"),
     ("share outside the training region", "outside", "closed_outside"),
     ("{radius}", "spectral_radius", None),
     ("peak of |A^k|", "peak_gain", None),
@@ -66,9 +67,9 @@ def linearity(model, test, record):
         for i, name in enumerate(outputs)
     ]
     rows += [
-        (f"H2 gain from g to {name}", gain, "")
+        (f"H2 gain from {record.words_rest} to {name}", gain, "")
         for name, gain in zip(outputs, record.h2_gain, strict=True)
-        if record.ratio_g_max  # else there is no g
+        if record.ratio_g_max  # else there is none
     ]
     bands = record.bands
     header = ["band, Hz"]
@@ -90,6 +91,7 @@ def linearity(model, test, record):
                 "linearization error is relative to the linear response to v, "
                 "rms(e) / std(y_lin)."
             )
+            + f" {OMEGA[0].upper()}{OMEGA[1:]}." * record.is_sampled
         ),
         table(("", "open loop", "closed loop"), rows),
         heading("By frequency"),
@@ -108,7 +110,11 @@ def linearity(model, test, record):
 
 def _sizes(record):
     """Return the rows of numbers that belong to no single output."""
-    words = {"linear": record.words_linear, "radius": record.words_radius}
+    words = {
+        "linear": record.words_linear,
+        "radius": record.words_radius,
+        "rest": record.words_rest,
+    }
     return [
         (
             text.format(**words),
@@ -130,7 +136,7 @@ def _rest(model, test):
     from ..plotting import ResidualNonlinearityDisplay
 
     display = ResidualNonlinearityDisplay.from_estimator(model, *test)
-    return figure(display, "What g leaves at the output.")
+    return figure(display, f"{words_left(as_plant(model))}.")
 
 
 def certificates(model, test, doubt=""):
@@ -220,8 +226,9 @@ def _iss(model, test, doubt):
         for name, bound in zip(outputs, certificate.output_bounds, strict=True)
     ]
     return paragraph(
-        "Conditional: holds while |g| stays below what the data showed, for the "
-        "model, in the loop u = v - h. Nothing proves that it stays there. "
+        "Conditional: holds while |omega|, what the linear part lacks of the next "
+        "state, stays below what the data showed, for the model, in the loop u = v - "
+        "h. Nothing proves that it stays there. "
         + (f"{doubt} " if doubt else "")
         + certificate.reason,
         "note",
@@ -287,7 +294,7 @@ def controller(model, doubt=""):
             "The model passed on this record. With its law it is nearly (A, B, C), "
             "from v to y. This is a proposal to begin with. " + weights
         )
-    nx = model.plant_.late().nx
+    nx, n_late = model.plant_.late().nx, model.plant_.late().n_late
     Q, R = balanced_weights(model)
     try:
         K = lqi(model, Q, R)
@@ -297,6 +304,7 @@ def controller(model, doubt=""):
         words = "LQR, v = r - K x"
     else:
         refused, words = "", "LQI, v = u_e - K [x; z], z+ = z + y - r"
+    words += "; x with the last inputs behind it, oldest first" * bool(n_late)
     content = refused + heading(words) + matrix("K", K) + _poles(model, K)
     content += python_code("Copy the gain as Python", {"K": K})
     if not refused:

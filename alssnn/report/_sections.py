@@ -170,7 +170,10 @@ def _pole_words(model):
         else f"{s.real:.3g} per second"
         for s in sorted(poles[poles.imag >= 0], key=abs)
     ]
-    return f"Poles of A: {', '.join(words)}. The steps below are from sample to sample."
+    steps = "The steps below are from sample to sample, and hold their inputs"
+    if model.fitted_.structure.sampling.hold != "zoh":
+        steps += ", unlike the simulation of this record"
+    return f"Poles of A: {', '.join(words)}. {steps}."
 
 
 def in_words(model):
@@ -310,15 +313,18 @@ class _Steps:
 
 
 def _delay_words(model):
+    said = "x+ is x one sample later"
+    if model.fitted_.structure.sampling is not None:
+        said = f"x' is the derivative of x by the time in seconds, {said}"
     if not np.any(model.input_delay_):
-        return "x+ is x one sample later"
+        return said
     inputs, _ = column_names(model)
     late = ", ".join(
         f"{name} arrives {delay} {'sample' if delay == 1 else 'samples'} late"
         for name, delay in zip(inputs, model.input_delay_, strict=True)
         if delay
     )
-    return f"x+ is x one sample later; {late}"
+    return f"{said}; {late}"
 
 
 def accuracy(model, test, train, floor=None):

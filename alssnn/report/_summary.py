@@ -161,4 +161,6 @@ def _poles(model):
     poles = np.linalg.eigvals(model.to_statespace(dt=model.plant_.dt).A)
     sizes = np.sort(np.abs(poles))[::-1]
     more = ", ..." if len(sizes) > MOST_POLES else ""
+    if model.fitted_.structure.sampling is not None:
+        more += ", of the sampled A"
     return ", ".join(f"{size:.4g}" for size in sizes[:MOST_POLES]) + more

@@ -64,7 +64,7 @@
     const heading = document.createElement("p");
     heading.className = "note";
     heading.append([panel.ylabel, panel.title].filter(Boolean).join("; "));
-    for (const one of panel.series) if (one.color === "#000000") one.color = "currentColor";
+    for (const one of panel.series) if (one.color === "#000000") one.color = "var(--ink)";
     for (const one of panel.series.filter(s => s.name)) {
       const key = document.createElement("span");
       key.className = "key";
@@ -107,6 +107,7 @@
           high = Math.max(high, y[i], top ? top[i] : y[i]);
         });
       }
+      if (panel.limits) low = Math.max(low, panel.limits[0]), high = Math.min(high, panel.limits[1]);
       if (!(low <= high)) low = high = 0;
       const margin = 0.06 * (high - low) || Math.abs(high) || 1;
       low -= margin;
@@ -119,7 +120,7 @@
         node("text", {x: px(t), y: height - 8, "text-anchor": "middle"}, svg,
           shown(t, panel.xlog));
       }
-      for (const y of whole(ticks(low, high, 4), panel.ylog)) {
+      for (const y of whole(ticks(low, high, 6), panel.ylog)) {
         node("line", {x1: LEFT, x2: width - RIGHT, y1: py(y), y2: py(y), class: "grid"}, svg);
         node("text", {x: LEFT - 5, y: py(y) + 4, "text-anchor": "end"}, svg,
           shown(y, panel.ylog));

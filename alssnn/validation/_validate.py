@@ -488,4 +488,6 @@ def _linear(linear, within, decides, free_run, missed):
             "compare `closed_loop` of the model with `designed_loop`."
         )
     value = worst_error(linear)
-    return Check("linearizability", passed, value, "rms(e) / std(y)", decides, sentence)
+    return Check(
+        "linearizability", passed, value, "linearization error", decides, sentence
+    )
