@@ -2,6 +2,8 @@
 
 import json
 import warnings
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,10 +12,15 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
 from alssnn.datasets import make_duffing, make_valve_tank
+from alssnn.excitation import multisine
 from alssnn.linearizability import words_left
+from alssnn.model_selection import GammaPath
+from alssnn.nonparametric import best_linear_approximation
 from alssnn.plotting import (
     BodeComparisonDisplay,
     BodeDisplay,
+    CertificateDisplay,
+    GammaPathDisplay,
     SimulationDisplay,
     figure_curves,
     plot_model,
@@ -21,6 +28,13 @@ from alssnn.plotting import (
 from alssnn.report._sections import equations
 from helpers import linear_plant
 from models import fl_ssnn
+
+
+def fitted(model, u, y):
+    """Return a model after a few steps of training, which do."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return model.fit(u, y)
 
 
 def phases(display, row=1):
@@ -128,9 +142,7 @@ def oscillator():
     model = fl_ssnn(
         nx=2, n_h=2, feedback="state", max_iter=5, random_state=0, **options
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        return model.fit(*record), record
+    return fitted(model, *record), record
 
 
 def test_what_moves_while_u_is_held_is_not_called_g(oscillator, tmp_path):
@@ -160,9 +172,7 @@ def test_parts_of_a_figure_have_the_width_that_they_need():
     tank = make_valve_tank(250, noise=0.01, random_state=0)
     options = {"disturbances": [1], "dt": tank.dt, "max_iter": 3, "random_state": 0}
     model = fl_ssnn(nx=1, n_h=2, feedback="state", input_map="monotone", **options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        model.fit(tank.u, tank.y)
+    fitted(model, tank.u, tank.y)
     figure = plot_model(model, tank.u, tank.y)
     figure.draw_without_rendering()  # a warning says that axes collapsed
     width = figure.get_size_inches()[0]
@@ -170,3 +180,68 @@ def test_parts_of_a_figure_have_the_width_that_they_need():
     assert len(law) == 3
     assert min(ax.get_position().width for ax in law) * width > 2.5
     assert law[0].get_ylim() != law[2].get_ylim()  # h is not of the size of phi
+
+
+def test_models_without_a_linearization_error_stay_in_the_figure():
+    ones = np.ones(3)
+    path = GammaPath(
+        gammas=np.array([10.0, 1.0, 0.1]),
+        models=(None,) * 3,
+        rmse_train=ones,
+        rmse_test=np.array([2.0, 1.5, 1.2]),
+        linearization_error=np.array([0.0, 0.01, 0.1]),
+        spectral_radius=0.9 * ones,
+        seconds=ones,
+    )
+    axes = GammaPathDisplay.from_path(path).ax_
+    axes.figure.draw_without_rendering()
+    assert axes.get_xlim()[0] <= 0 < axes.get_xlim()[1]
+    none = replace(path, linearization_error=np.zeros(3))
+    GammaPathDisplay.from_path(none).figure_.draw_without_rendering()
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_axis_of_a_response_ends_where_its_errors_do(unit):
+    excitation = multisine(64, dt=0.01, random_state=0)
+    noise = np.random.default_rng(0).standard_normal((len(excitation), 1))
+    y = unit * (excitation.u + 1e-3 * noise)
+    found = best_linear_approximation(excitation, y)
+    smallest = np.fmin(found.std, found.noise_std).min()
+    low, high = found.plot().axes_[0, 0].get_ylim()
+    assert 0.1 * smallest < low < smallest and unit < high < 10 * unit
+
+
+def test_numbers_with_units_do_not_run_into_each_other():
+    excitation = multisine(1024, random_state=0)  # one sample per second
+    display = excitation.plot(lw=2, ls=":")
+    assert display.axes_[0, 0].lines[0].get_linewidth() == 2
+    figure = display.figure_
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [t.get_window_extent() for t in axes.get_xticklabels() if t.get_text()]
+        low, high = axes.bbox.intervalx
+        ends = [(b.x0, b.x1) for b in boxes if low < (b.x0 + b.x1) / 2 < high]
+        assert all(a[1] < b[0] for a, b in pairwise(ends)) and len(ends) > 2
+
+
+def test_a_legend_stands_above_the_power_of_ten():
+    y = 3e-5 + 1e-7 * np.sin(np.arange(300) / 9)
+    display = SimulationDisplay.from_predictions(y, y)
+    axes = display.axes_[0, 0]
+    display.figure_.draw_without_rendering()
+    power = axes.yaxis.get_offset_text()
+    assert power.get_text()
+    boxes = [one.get_window_extent() for one in (axes.get_legend(), power)]
+    assert not boxes[0].overlaps(boxes[1])
+
+
+def test_rounding_is_no_deviation_of_a_loop():
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(300)
+    y = np.convolve(u, 0.9 ** np.arange(30))[:300]
+    options = {"feedback": "state", "max_iter": 5, "random_state": 0}
+    model = fitted(fl_ssnn(nx=2, n_h=2, **options), u, y)
+    certificate = model.iss_certificate(u, y)
+    assert certificate.level == 0  # nothing but h, which the law cancels
+    display = CertificateDisplay.from_estimator(model, certificate, u, y)
+    assert display.inside_ == 1

@@ -8,16 +8,29 @@ from matplotlib.axes import Axes
 from matplotlib.cbook import normalize_kwargs
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter, LogFormatter, MaxNLocator, ScalarFormatter
+from matplotlib.ticker import (
+    EngFormatter,
+    LogFormatter,
+    MaxNLocator,
+    ScalarFormatter,
+    StrMethodFormatter,
+)
 
 MEASURED = {"color": "0.65", "linewidth": 4.0}
 # Okabe and Ito's palette: told apart by color-blind readers, too
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
 LEGENDS: dict[str, dict] = {  # outside the axes
-    "above": {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2},
+    # beside and above the power of ten of the ordinate
+    "above": {
+        "loc": "lower left",
+        "bbox_to_anchor": (0, 1),
+        "ncols": 2,
+        "borderaxespad": 1.7,
+    },
     "beside": {"loc": "upper left", "bbox_to_anchor": (1, 1)},
     "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)},
 }
+STEPS = (1, 2, 2.5, 5, 10)  # between ticks, in powers of ten
 DPI = 100  # of a figure in a notebook
 BAND = {"color": "0.85", "linewidth": 0.0}
 
@@ -211,6 +224,7 @@ def time_axis(ax, label="time"):
         Label; the ticks carry the unit.
     """
     ax.xaxis.set_major_formatter(EngFormatter(unit="s"))
+    ax.xaxis.set_major_locator(MaxNLocator(6, steps=STEPS))  # units make them long
     ax.set_xlabel(label)
 
 
@@ -228,11 +242,15 @@ def few_ticks(axis):
     axis.set_major_locator(MaxNLocator(6))
 
 
-class _MinorHertz(LogFormatter):
-    """Label, in hertz, the minor ticks that a short axis has labels for."""
+class _Minor(LogFormatter):
+    """Label, by `text`, the minor ticks that a short axis has labels for."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.text = text
 
     def __call__(self, x, pos=None):
-        return EngFormatter(unit="Hz")(x) if super().__call__(x, pos) else ""
+        return self.text(x) if super().__call__(x, pos) else ""
 
 
 def frequency_axis(ax):
@@ -243,9 +261,24 @@ def frequency_axis(ax):
     ax : matplotlib.axes.Axes
         Axes.
     """
+    if ax.get_xscale() == "linear":
+        ax.xaxis.set_major_locator(MaxNLocator(5, steps=STEPS))
+    else:
+        ax.xaxis.set_minor_formatter(_Minor(EngFormatter(unit="Hz")))
     ax.xaxis.set_major_formatter(EngFormatter(unit="Hz"))
-    ax.xaxis.set_minor_formatter(_MinorHertz())
     ax.set_xlabel("frequency")
+
+
+def plain_logs(axis):
+    """Label a logarithmic axis by plain numbers, which are short.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+        Logarithmic axis.
+    """
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(_Minor(StrMethodFormatter("{x:g}")))
 
 
 def finish(ax, legend=True):

@@ -84,7 +84,9 @@ class ExcitationDisplay(Display):
             for m, u in enumerate(one.experiments[min(i, each - 1) :: each][:2]):
                 part = u[: PERIODS * period, i]
                 style = {"color": color(m), "linewidth": 1.0}
-                style |= {"label": f"realization {m}"} | (kwargs if m == 0 else {})
+                style |= {"label": f"realization {m}"} | (
+                    spelled(kwargs) if m == 0 else {}
+                )
                 t = one.dt * np.arange(len(part))
                 signal.plot(t, part, drawstyle="steps-post", **style)
                 lines, level = _spectrum(u[:period, i], one.lines)
@@ -211,4 +213,5 @@ class ApproximationDisplay(Display):
 def _smallest(*curves):
     """Return the smallest number above zero; 1 if there is none."""
     values = np.concatenate(curves)
-    return values[values > 0].min(initial=1.0)
+    values = values[values > 0]
+    return values.min() if len(values) else 1.0

@@ -8,6 +8,7 @@ from ..validation import column_names, loop_deviation
 from ._axes import Display, color, few_ticks, finish, grid_of_axes, spelled
 
 POINTS = 200  # of an ellipse
+ROUNDING = 1e-12  # deviations over states that are those of a linear loop
 
 
 class CertificateDisplay(Display):
@@ -131,7 +132,7 @@ class CertificateDisplay(Display):
             )
         runs = loop_deviation(model, u, y, experiment, K=K)
         labels = [f"deviation of {names[i]}{through}" for i in pair]
-        trajectories = [run.Z for run in runs]
+        trajectories = [_without_rounding(run) for run in runs]
         display = cls(certificate, rows[list(pair)], labels, trajectories)
         return display.plot(ax, **kwargs)
 
@@ -167,6 +168,8 @@ class CertificateDisplay(Display):
         """
         ((axes,),) = grid_of_axes(ax, (1, 1), size=(5.5, 4.5))
         style = {"color": color(2), "linewidth": 1.6, "label": "invariant set"}
+        if self.certificate.level == 0:  # a point: the loop is linear
+            style |= {"marker": "o"}
         axes.plot(*self.boundary().T, **{**style, **spelled(kwargs)})
         self.inside_ = None
         if len(self.trajectories):
@@ -188,3 +191,9 @@ class CertificateDisplay(Display):
         few_ticks(axes.xaxis)  # that of y would stand where the legend is
         finish(axes, legend="above")
         return self._drawn(axes)
+
+
+def _without_rounding(run):
+    """Return the deviations of a loop, zero where they are rounding errors alone."""
+    size = np.max(np.abs(run.X), axis=0, where=np.isfinite(run.X), initial=0.0)
+    return np.where(np.abs(run.Z) <= ROUNDING * size, 0.0, run.Z)

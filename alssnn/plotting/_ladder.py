@@ -22,9 +22,10 @@ def plot_ladder(ladder, *, axes=None, output=0, view=VIEW, label=None, unit=None
     """Draw simulated outputs, residuals and spectra of compared models.
 
     Top: a stretch of the measured test output and its simulations. Middle: the
-    residuals over the same stretch, as moving RMS. Bottom: amplitude spectra of the
+    residuals over the same stretch, as moving RMS. Time begins with the first scored
+    sample of the experiment, the longest one. Bottom: amplitude spectra of the
     measured output, of the residuals, and of the linearization residual e of the
-    models that have both h and g (eq. gauge), over the longest test experiment.
+    models that have both h and g (eq. gauge), over the whole of it.
 
     Parameters
     ----------
@@ -88,8 +89,9 @@ def plot_ladder(ladder, *, axes=None, output=0, view=VIEW, label=None, unit=None
         label = "output" if names is None else names[output]
     part = max(ladder.parts, key=lambda part: part.stop - part.start)
     window = _liveliest(ladder, part, output, view)
-    _draw_outputs(axes[0], ladder, window, output)
-    _draw_residuals(axes[1], ladder, window, output)
+    t = ladder.dt * (np.arange(window.start, window.stop) - part.start)
+    _draw_outputs(axes[0], ladder, t, window, output)
+    _draw_residuals(axes[1], ladder, t, window, output)
     _draw_spectra(axes[2], ladder, part, output)
     suffix = "" if unit is None else f" [{unit}]"
     axes[0].set_ylabel(label + suffix)
@@ -130,8 +132,7 @@ def _liveliest(ladder, part, output, view):
     return slice(start, start + view)
 
 
-def _draw_outputs(ax, ladder, window, output):
-    t = ladder.dt * np.arange(window.start, window.stop)
+def _draw_outputs(ax, ladder, t, window, output):
     y = ladder.y_test[window, output]
     ax.plot(t, y, label="measured", **MEASURED)
     limits = limits_of(y, [row.y_hat[window, output] for row in ladder.rows])
@@ -194,8 +195,7 @@ def out_of_view(curve, low, high):
     return f"\n({part}out of view: {curve.min():.2g} to {curve.max():.2g})"
 
 
-def _draw_residuals(ax, ladder, window, output):
-    t = ladder.dt * np.arange(window.start, window.stop)
+def _draw_residuals(ax, ladder, t, window, output):
     for i, row in enumerate(ladder.rows):
         r = _residual(ladder, row, output)[window]
         style = {"color": color(i), "label": f"{row.name}, {_percent(row, output)}"}

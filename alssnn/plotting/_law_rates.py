@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._axes import Display, color, finish, grid_of_axes, spelled
+from ._axes import Display, color, finish, grid_of_axes, plain_logs, spelled
 
 
 class LawRatesDisplay(Display):
@@ -95,6 +95,7 @@ class LawRatesDisplay(Display):
         axes.axvline(
             rates.dt, color="0.6", linewidth=0.8, label="sampling time of the record"
         )
+        plain_logs(axes.xaxis)
         axes.set_xlabel("sampling time of the law, s")
         axes.set_ylabel("linearization error, %")
         finish(axes)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._axes import Display, color, finish, grid_of_axes, spelled
+from ._axes import Display, color, finish, grid_of_axes, plain_logs, spelled
 
 
 class GammaPathDisplay(Display):
@@ -89,7 +89,10 @@ class GammaPathDisplay(Display):
             "zorder": 1,
             **spelled(kwargs),
         }
-        axes.loglog(error[finite], rmse[finite], label="test data", **style)
+        draw = axes.loglog
+        if not error[finite].all():  # zero has no place on a logarithmic axis
+            draw = axes.semilogy
+        draw(error[finite], rmse[finite], label="test data", **style)
         stable = path.spectral_radius < 1
         for which, face, label in (
             (finite & stable, style["color"], "A is stable"),
@@ -123,6 +126,9 @@ class GammaPathDisplay(Display):
                 color=color(2),
                 label=f"knee, gamma = {path.gammas[knee]:g}",
             )
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_scale() == "log":
+                plain_logs(axis)
         axes.set_xlabel("linearization error rms(e) / std(y), %")
         axes.set_ylabel("RMSE of the free run, in units of y")
         finish(axes)
