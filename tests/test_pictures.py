@@ -26,6 +26,7 @@ from alssnn.plotting import (
     plot_model,
 )
 from alssnn.report._sections import equations
+from alssnn.validation import frequency_response
 from helpers import linear_plant
 from models import fl_ssnn
 
@@ -245,3 +246,25 @@ def test_rounding_is_no_deviation_of_a_loop():
     assert certificate.level == 0  # nothing but h, which the law cancels
     display = CertificateDisplay.from_estimator(model, certificate, u, y)
     assert display.inside_ == 1
+
+
+def test_a_band_in_continuous_time_is_around_its_response():
+    record = make_duffing(400, amplitude=0.01, noise=0.01, random_state=0)
+    options = {"time": "continuous", "dt": record.dt}
+    model = fitted(LinearStateSpace(nx=2, **options), record.u, record.y)
+    omega = 2 * np.pi * np.geomspace(0.01, 1.2, 30)
+    band = model.parameter_covariance(*record).frequency_response(omega)
+    low, high = (limit[:, 0, 0] for limit in band.magnitude_band())
+    held = np.abs(
+        frequency_response(model.to_statespace(dt=record.dt), omega / 2 / np.pi)
+    )
+    assert (held[:, 0, 0] < low).any()  # what is sampled is another response
+    for display in (
+        BodeDisplay.from_estimator(model, band=band),
+        BodeComparisonDisplay({"(A, B, C, D)": model}, {"(A, B, C, D)": band}).plot(),
+    ):
+        (line,) = display.axes_[0, 0].get_lines()
+        f, G = line.get_data()
+        assert line.get_label() == "(A, B, C, D), inputs not held"
+        assert (np.interp(f, omega / 2 / np.pi, low) <= G * (1 + 1e-12)).all()
+        assert (np.interp(f, omega / 2 / np.pi, high) >= G * (1 - 1e-12)).all()

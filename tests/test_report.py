@@ -31,6 +31,7 @@ from alssnn.plotting import (
     figure_curves,
 )
 from alssnn.report import model_steps
+from alssnn.report._control import controller
 from exported import NAMES, make_plant, signals
 from helpers import simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
@@ -219,6 +220,17 @@ def test_inputs_beyond_the_training_data_are_said(boiler):
     text = check(boiler)[1]
     for i, left in enumerate(beyond):
         assert (f"u{i} goes from" in text) == left
+
+
+def test_a_design_that_leaves_the_data_says_so_before_its_gain(undrawn):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 1))  # moves fast, and slow steps take more of it
+    y = simulate_linear(np.array([[-0.95]]), np.eye(1), np.eye(1), u)
+    model = LinearStateSpace(nx=1, integrators=0).fit(u, 3.0 * y)
+    page = controller(model)
+    said = page.index("In the step below, u0 goes from")
+    assert page.index("This is a proposal to begin with.") < said
+    assert said < page.index("Copy the gain as Python")
 
 
 def test_curves_of_long_records_keep_their_extremes():

@@ -145,7 +145,7 @@ class BodeDisplay(Display):
             what = "model" if loop == "open" else "loop u = v - h"
             G = np.stack([G for _, G in found], axis=-1)
             responses.append((f"{what}, {_amplitude(row, G)}", found[0][0], G))
-        (f, G), inputs = linear_response(model, period), moved_names(model)
+        (f, G), inputs = linear_response(model, period, band), moved_names(model)
         display = cls(f, G, inputs, outputs, responses, band, decibel)
         return display.plot(ax, **kwargs)
 
@@ -175,7 +175,8 @@ class BodeDisplay(Display):
         if self.band is not None:
             draw_band(axes, self.band, db, label="confidence", color="0.85")
         style = {"color": "k", "linewidth": 1.6, **spelled(kwargs)}
-        draw_response(axes, self.frequencies, self.G, db, "(A, B, C, D)", **style)
+        label = f"(A, B, C, D){not_sampled(self.G, self.band)}"
+        draw_response(axes, self.frequencies, self.G, db, label, **style)
         for i, (label, f, G) in enumerate(self.responses):
             style = {"color": color(i), "linewidth": 1.2, "marker": ".", "ls": "--"}
             draw_response(axes, f, G, db, label, **style)
@@ -192,8 +193,8 @@ def _amplitude(row, G):
     return f"amplitude {words}, {'partly ' * bool(known.any())}diverges"
 
 
-def linear_response(model, period):
-    """Return the response of (A, B, C, D), as a loop sees it.
+def linear_response(model, period, band=None):
+    """Return the response of (A, B, C, D), as a loop sees it, or as its band does.
 
     Parameters
     ----------
@@ -201,6 +202,9 @@ def linear_response(model, period):
         Fitted model.
     period : int
         Samples of the slowest sine.
+    band : FrequencyBand, tuple of ndarray or None, default=None
+        Confidence in it. That of a covariance in continuous time is one of a response
+        that is not sampled, which is returned then.
 
     Returns
     -------
@@ -210,8 +214,28 @@ def linear_response(model, period):
         Response.
     """
     dt = model.plant_.dt
+    if model.plant_.rates is not None and hasattr(band, "response"):
+        return band.omega / (2 * np.pi), band.response
     f = np.geomspace(1 / (period * dt), 0.5 / dt, N_FREQUENCIES)
     return f, frequency_response(model.to_statespace(dt=dt), f)
+
+
+def not_sampled(G, band):
+    """Return what the legend adds to the name of a response that is that of its band.
+
+    Parameters
+    ----------
+    G : ndarray of complex
+        The response.
+    band : FrequencyBand, tuple of ndarray or None
+        Its confidence.
+
+    Returns
+    -------
+    words : str
+        Empty for others.
+    """
+    return ", inputs not held" if G is getattr(band, "response", None) else ""
 
 
 def draw_response(axes, f, G, decibel, label, **style):

@@ -15,7 +15,13 @@ from ._axes import (
     spelled,
     time_axis,
 )
-from ._bode import draw_band, draw_response, finish_responses, linear_response
+from ._bode import (
+    draw_band,
+    draw_response,
+    finish_responses,
+    linear_response,
+    not_sampled,
+)
 from ._ladder import limits_of, out_of_view
 
 SLOWEST = 1024  # samples of the slowest sine of a frequency response
@@ -183,8 +189,9 @@ class BodeComparisonDisplay(Display):
             if band is not None:
                 area = {"color": color(k), "alpha": 0.25, "linewidth": 0}
                 draw_band(axes, band, self.decibel, **area)
-            f, G = linear_response(model, SLOWEST)
-            style = {"label": name, **model_style(k, 1.4), **spelled(kwargs)}
+            f, G = linear_response(model, SLOWEST, band)
+            label = f"{name}{not_sampled(G, band)}"
+            style = {"label": label, **model_style(k, 1.4), **spelled(kwargs)}
             draw_response(axes, f, G, self.decibel, **style)
         finish_responses(axes, outputs, inputs, self.decibel)
         return self._drawn(axes)

@@ -6,6 +6,7 @@ from ..linearizability import OMEGA, words_left
 from ..plants import as_plant
 from ..validation import column_names, moved_names
 from ._page import (
+    REFUSED,
     attempt,
     figure,
     heading,
@@ -305,10 +306,9 @@ def controller(model, doubt=""):
     else:
         refused, words = "", "LQI, v = u_e - K [x; z], z+ = z + y - r"
     words += "; x with the last inputs behind it, oldest first" * bool(n_late)
-    content = refused + heading(words) + matrix("K", K) + _poles(model, K)
-    content += python_code("Copy the gain as Python", {"K": K})
-    if not refused:
-        content += attempt(lambda: _step(model, K), "Step response")
+    beyond, step = ("", "") if refused else _step(model, K)
+    content = refused + beyond + heading(words) + matrix("K", K) + _poles(model, K)
+    content += python_code("Copy the gain as Python", {"K": K}) + step
     if doubt:
         content = f"<details><summary>{shown}</summary>{content}</details>"
     return intro + content
@@ -323,17 +323,21 @@ def _poles(model, K):
 
 
 def _step(model, K):
+    """Return what a step response warns of, and its figure."""
     from ..feedback import step_comparison
     from ..plotting import LoopDisplay
 
-    responses = step_comparison(model, K)
+    try:
+        responses = step_comparison(model, K)
+    except REFUSED as error:
+        return "", paragraph(f"Step response: not available. {error}", "note")
     caption = (
         "Step of all references by one standard deviation of the training data: the "
         "design, and the whole model under its law. u is what the plant gets, over its "
         "range in the training data."
     )
     display = LoopDisplay.from_steps(model, responses)
-    return figure(display, caption) + _beyond(model, responses)
+    return _beyond(model, responses), figure(display, caption)
 
 
 def _beyond(model, responses):
@@ -354,4 +358,5 @@ def _beyond(model, responses):
     ]
     if not said:
         return ""
-    return paragraph(" ".join([*said, "There the model is a guess."]), "fail")
+    said = ["In the step below,", *said, "There the model is a guess."]
+    return paragraph(" ".join(said), "fail")
