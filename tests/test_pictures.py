@@ -28,7 +28,7 @@ from alssnn.plotting import (
 from alssnn.report._sections import equations
 from alssnn.validation import frequency_response
 from helpers import linear_plant
-from models import fl_ssnn
+from models import al_ssnn, fl_ssnn
 
 
 def fitted(model, u, y):
@@ -268,3 +268,17 @@ def test_a_band_in_continuous_time_is_around_its_response():
         assert line.get_label() == "(A, B, C, D), inputs not held"
         assert (np.interp(f, omega / 2 / np.pi, low) <= G * (1 + 1e-12)).all()
         assert (np.interp(f, omega / 2 / np.pi, high) >= G * (1 - 1e-12)).all()
+
+
+def test_a_figure_of_another_law_than_the_judged_one_says_so(
+    tmp_path, undrawn, monkeypatch
+):
+    monkeypatch.setattr("alssnn.report._control.certificates", lambda *_: "")
+    record = make_duffing(300, random_state=0)
+    options = {"time": "continuous", "dt": record.dt, "random_state": 0}
+    model = fitted(al_ssnn(nx=2, n_h=2, n_g=2, max_iter=3, **options), *record)
+    page = tmp_path / "report.html"
+    model.report(page, *record, law_dt=0.1)
+    section = page.read_text(encoding="utf-8").split("<section ")[4]
+    said = section.index("Of the law at the sampling time of the record, 0.4 s, and")
+    assert section.index("By frequency") < said < section.index("What g leaves at")

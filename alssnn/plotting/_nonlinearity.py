@@ -202,7 +202,9 @@ class NonlinearityDisplay(Display):
 class ResidualNonlinearityDisplay(Display):
     """Show what g adds to the output once h is cancelled (eq. gauge).
 
-    Left the distribution of e, right its amplitude spectrum beside that of the output.
+    Left the distribution of e, right its amplitude spectrum beside that of the output,
+    in the longest experiment. In continuous time e is of the law at the sampling time
+    of the record, and what h does while u is held is a part of it.
 
     Parameters
     ----------

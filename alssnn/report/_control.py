@@ -35,7 +35,7 @@ LINEARITY = (
 )
 
 
-def linearity(model, test, record):
+def linearity(model, test, record, other=""):
     """Return how linear the model is once h is cancelled.
 
     Parameters
@@ -46,6 +46,9 @@ def linearity(model, test, record):
         The record, (u, y, experiment).
     record : Linearizability
         What was measured.
+    other : str, default=""
+        That what was measured is of another law than that of the record, as HTML;
+        empty if it is not.
 
     Returns
     -------
@@ -105,7 +108,8 @@ def linearity(model, test, record):
     if as_plant(model).cancels:  # a search may have returned the linear model
         parts.append(attempt(lambda: _law(model, test), "Figure of h"))
     if "W_g" in model.params_:
-        parts.append(attempt(lambda: _rest(model, test), "Figure of the rest"))
+        rest = attempt(lambda: _rest(model, test), "Figure of the rest")
+        parts.append(other + rest)
     return "".join(parts)
 
 

@@ -96,7 +96,7 @@ def write_report(
         (
             "linearizability",
             "Linearizability" + _of_law(law_dt, ahead),
-            _control.linearity(model, test, record),
+            _control.linearity(model, test, record, _other_law(model, **law)),
         ),
         (
             "certificates",

@@ -65,6 +65,8 @@
     heading.className = "note";
     heading.append([panel.ylabel, panel.title].filter(Boolean).join("; "));
     for (const one of panel.series) if (one.color === "#000000") one.color = "var(--ink)";
+    for (const one of panel.series) // gray areas, on dark paper, too
+      if (one.kind === "band" && /^#(..)\1\1$/.test(one.color)) one.color = "var(--line)";
     for (const one of panel.series.filter(s => s.name)) {
       const key = document.createElement("span");
       key.className = "key";
