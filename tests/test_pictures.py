@@ -4,6 +4,7 @@ import json
 import warnings
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
-from alssnn.datasets import make_duffing, make_valve_tank
+from alssnn.datasets import Record, make_duffing, make_valve_tank
 from alssnn.excitation import multisine
 from alssnn.linearizability import words_left
 from alssnn.model_selection import GammaPath
@@ -21,11 +22,12 @@ from alssnn.plotting import (
     BodeDisplay,
     CertificateDisplay,
     GammaPathDisplay,
+    ResidualDisplay,
     SimulationDisplay,
     figure_curves,
     plot_model,
 )
-from alssnn.report._sections import equations
+from alssnn.report._sections import equations, summary
 from alssnn.validation import frequency_response
 from helpers import linear_plant
 from models import al_ssnn, fl_ssnn
@@ -282,3 +284,53 @@ def test_a_figure_of_another_law_than_the_judged_one_says_so(
     section = page.read_text(encoding="utf-8").split("<section ")[4]
     said = section.index("Of the law at the sampling time of the record, 0.4 s, and")
     assert section.index("By frequency") < said < section.index("What g leaves at")
+
+
+def test_an_output_that_one_experiment_did_not_measure_is_simulated():
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal((50, 2))
+    y[:, 1] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        display = SimulationDisplay.from_predictions(y, np.zeros((50, 2)))
+        display.figure_.draw_without_rendering()
+    words = [ax.get_legend_handles_labels()[1][1] for ax in display.axes_[0]]
+    assert "fit" in words[0] and words[1] == "simulated, not measured"
+    assert np.isnan(display.fit_percent_).tolist() == [False, True]
+
+
+def test_samples_that_are_measured_seldom_are_drawn():
+    y = np.full((120, 1), np.nan)
+    y[::4] = np.sin(np.arange(30))[:, None]
+    y[50:53] = 0.5  # a stretch is a line
+    y_hat = np.zeros((120, 1))
+    alone = [i for i in range(0, 120, 4) if i != 52]
+    display = SimulationDisplay.from_predictions(y, y_hat)
+    top, bottom = display.axes_[:, 0]
+    for line in (top.lines[0], bottom.lines[0]):
+        assert line.get_marker() == "." and line.get_markevery() == alone
+    assert top.lines[1].get_marker() == "None"
+    outputs, inputs = Record(y_hat, y, 0.1).plot().axes_[:, 0]
+    assert outputs.lines[0].get_markevery() == alone
+    assert inputs.lines[0].get_marker() == "None"
+
+
+def test_lags_that_no_two_samples_have_are_not_drawn():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((600, 1))
+    y = np.full((600, 1), np.nan)
+    y[::2] = rng.standard_normal((300, 1))
+    axes = ResidualDisplay.from_predictions(u, y, np.zeros((600, 1))).axes_[0, 0]
+    lags = axes.lines[0].get_xdata()
+    assert (lags % 2 == 0).all() and f"of {len(lags) - 1} outside" in axes.get_title(
+        "left"
+    )
+
+
+@pytest.mark.parametrize(("size", "said"), [(1.0, "misses 100 % of"), (0.01, "1 % of")])
+def test_shares_of_a_report_have_no_exponent(size, said, model, monkeypatch):
+    y = np.random.default_rng(0).standard_normal((500, 1))
+    pair = y, y * (1 - size) if size < 1 else np.full_like(y, y.mean() + 0.01)
+    monkeypatch.setattr(type(model), "simulate_test", lambda *_: pair)
+    data = [SimpleNamespace(y=y)]
+    assert said in summary(model, data, (None, None, None), None)

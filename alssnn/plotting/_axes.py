@@ -103,6 +103,24 @@ def spelled(options):
     return normalize_kwargs(options, Line2D)
 
 
+def dots(y):
+    """Return how samples are drawn that have no measured one beside them.
+
+    Parameters
+    ----------
+    y : ndarray of shape (N,)
+        Signal; nan where not measured.
+
+    Returns
+    -------
+    style : dict
+        Options of its curve: a line alone would not show such samples.
+    """
+    known = np.pad(~np.isnan(y), 1)
+    alone = np.flatnonzero(known[1:-1] & ~known[:-2] & ~known[2:])
+    return {"marker": ".", "markevery": alone.tolist()} if len(alone) else {}
+
+
 def model_style(i, linewidth):
     """Return how the i-th of several models is drawn.
 

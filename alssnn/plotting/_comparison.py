@@ -9,6 +9,7 @@ from ._axes import (
     Display,
     check_which,
     color,
+    dots,
     finish,
     grid_of_axes,
     model_style,
@@ -91,13 +92,13 @@ class ComparisonDisplay(Display):
         for i, (top, bottom) in enumerate(axes.T):
             y, simulated = y_true[:, i], [row.y_hat[which][:, i] for row in found]
             low, high = limits_of(y, simulated)
-            top.plot(t, y, label="measured", **MEASURED)
+            top.plot(t, y, label="measured", **MEASURED, **dots(y))
             for j, (row, y_hat) in enumerate(zip(found, simulated, strict=True)):
                 note = out_of_view(y_hat, low, high)
                 label = f"{row.name}, fit {percent(row.fit_percent[i], 3)}{note}"
                 style = model_style(j, 1.2) | spelled(kwargs)
                 top.plot(t, y_hat, **{"label": label, **style})
-                bottom.plot(t, y - y_hat, **style)
+                bottom.plot(t, y - y_hat, **{**dots(y), **style})
             top.set_ylim(low, high)
             half = (high - low) / 2  # as the outputs: what is beyond them is far off
             bound = np.nanmax(np.abs(bottom.dataLim.intervaly), initial=0.0)

@@ -11,7 +11,15 @@ from matplotlib.figure import Figure
 from scipy import ndimage
 
 from ..shown import percent
-from ._axes import MEASURED, color, finish, frequency_axis, model_style, time_axis
+from ._axes import (
+    MEASURED,
+    color,
+    dots,
+    finish,
+    frequency_axis,
+    model_style,
+    time_axis,
+)
 from ._spectrum import amplitude_spectrum
 
 VIEW = 300  # samples of the zoomed window
@@ -134,7 +142,7 @@ def _liveliest(ladder, part, output, view):
 
 def _draw_outputs(ax, ladder, t, window, output):
     y = ladder.y_test[window, output]
-    ax.plot(t, y, label="measured", **MEASURED)
+    ax.plot(t, y, label="measured", **MEASURED, **dots(y))
     limits = limits_of(y, [row.y_hat[window, output] for row in ladder.rows])
     for i, row in enumerate(ladder.rows):
         y_hat = row.y_hat[window, output]

@@ -1,6 +1,6 @@
 """A record as it was measured: outputs above inputs."""
 
-from ._axes import Display, color, finish, grid_of_axes, spelled, time_axis
+from ._axes import Display, color, dots, finish, grid_of_axes, spelled, time_axis
 
 
 class RecordDisplay(Display):
@@ -60,7 +60,7 @@ class RecordDisplay(Display):
             style = {"color": color(0 if i < ny else 2), "linewidth": 1.0}
             if i >= ny:  # inputs are held
                 style["drawstyle"] = "steps-post"
-            one.plot(record.t, z, **{**style, **spelled(kwargs)})
+            one.plot(record.t, z, **{**style, **dots(z), **spelled(kwargs)})
             one.set_ylabel(name)
             finish(one, legend=False)
         time_axis(axes[-1, 0])

@@ -218,7 +218,9 @@ class ResidualDisplay(Display):
                     for j in range(nu)
                 ),
             ]
-            for one, (lags, r, band, label, title) in zip(column, rows, strict=True):
+            for one, (*curves, label, title) in zip(column, rows, strict=True):
+                # where no two samples are a lag apart, nothing is known
+                lags, r, band = (np.asarray(z)[curves[2] > 0] for z in curves)
                 one.fill_between(
                     lags, -band, band, label=f"{percent} at each lag", **BAND
                 )

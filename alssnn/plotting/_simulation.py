@@ -11,6 +11,7 @@ from ._axes import (
     check_which,
     color,
     columns,
+    dots,
     finish,
     grid_of_axes,
     spelled,
@@ -46,7 +47,8 @@ class SimulationDisplay(Display):
     figure_ : matplotlib.figure.Figure
         The figure.
     fit_percent_ : ndarray of shape (ny,)
-        Fit of every output, in percent, which the legend shows.
+        Fit of every output, in percent, which the legend shows; nan where this
+        experiment has no measured sample of it.
 
     Examples
     --------
@@ -188,16 +190,17 @@ class SimulationDisplay(Display):
         options = {"sharex": "col", "height_ratios": (2, 1)}
         size = (6.0 if ny == 1 else 4.5, 2.2)
         axes = grid_of_axes(ax, (2, ny), size=size, **options)
-        self.fit_percent_ = fit = free_run_errors(self.y_true, self.y_pred)[1]
+        self.fit_percent_ = fit = self._fits()
         style = {"color": color(0), "linewidth": 1.2, **spelled(kwargs)}
         for i, (top, bottom) in enumerate(axes.T):
             y, y_hat = self.y_true[:, i], self.y_pred[:, i]
             limits = limits_of(y, [y_hat]) if _is_far(y_hat, y) else ()
             note = out_of_view(y_hat, *limits) if limits else ""
-            label = f"{self.name}, fit {percent(fit[i], 3)}{note}"
-            top.plot(self.t, y, label="measured", **MEASURED)
+            said = "not measured" if np.isnan(fit[i]) else f"fit {percent(fit[i], 3)}"
+            label = f"{self.name}, {said}{note}"
+            top.plot(self.t, y, label="measured", **MEASURED, **dots(y))
             top.plot(self.t, y_hat, **{"label": label, **style})
-            bottom.plot(self.t, y - y_hat, **style)
+            bottom.plot(self.t, y - y_hat, **{**dots(y), **style})
             if limits:
                 top.set_ylim(*limits)
                 bottom.set_ylim(*(np.ptp(limits) * np.array([-0.5, 0.5])))
@@ -207,6 +210,15 @@ class SimulationDisplay(Display):
             finish(top, legend="above")
             finish(bottom, legend=False)
         return self._drawn(axes)
+
+    def _fits(self):
+        """Return the fits of the outputs that were measured, nan of the others."""
+        fit, known = np.full(self.y_true.shape[1], np.nan), ~np.isnan(self.y_true)
+        known = known.any(axis=0)
+        if known.any():
+            pair = self.y_true[:, known], self.y_pred[:, known]
+            fit[known] = free_run_errors(*pair)[1]
+        return fit
 
 
 def _is_far(y_hat, y):

@@ -87,13 +87,13 @@ def _verdict(model, outputs, test, validation, reason):
     if np.isfinite(y_pred).all():
         shares = 100 * nrmse(y_true, y_pred, multioutput="raw_values")
         missed = ", ".join(
-            f"{number(share, 2)} % of {name}"
+            f"{percent(share)} of {name}"
             for name, share in zip(outputs, shares, strict=True)
         )
         said = f"On this record the simulation misses {missed}."
     if np.isfinite(model.train_score_):
         share = missed_percent(model.train_score_)
-        said += f" In training it missed {number(share, 2)} % of the output."
+        said += f" In training it missed {percent(share)} of the output."
     parts.append(paragraph(f"Accuracy: {said}"))
     if validation is not None:
         linear = validation["linearizability"].sentence

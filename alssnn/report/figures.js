@@ -134,7 +134,7 @@
       for (const one of panel.series) {
         const style = {stroke: one.color, "stroke-width": one.width || 1, fill: "none"};
         if (one.dashed) style["stroke-dasharray"] = "6 4";
-        let path = "", pen = false;
+        let path = "", dots = "", pen = false;
         if (one.kind === "band") {
           const edge = (y, i) => `${px(one.x[i]).toFixed(1)},${py(y).toFixed(1)}`;
           path = "M" + one.y.map(edge).join("L") + "L"
@@ -147,8 +147,12 @@
           const [a, b] = [px(t).toFixed(1), py(one.y[i]).toFixed(1)];
           if (one.kind === "stem") path += `M${a},${py(0).toFixed(1)}V${b}`;
           else path += !pen ? `M${a},${b}` : one.step ? `H${a}V${b}` : `L${a},${b}`;
+          if (!pen && (one.y[i + 1] ?? null) === null && one.kind !== "stem")
+            dots += `M${a},${b}h0`; // a sample alone, which no line would show
           pen = true;
         });
+        const dot = {"stroke-width": Math.max(4, one.width), "stroke-linecap": "round"};
+        if (dots) node("path", {d: dots, ...style, ...dot}, inside);
         if (path) node("path", {d: path, ...style}, inside);
       }
       panel.cursor = node("line", {y1: TOP, y2: height - BOTTOM, class: "cursor"}, svg);
