@@ -818,7 +818,7 @@ def test_frame_has_every_number(model):
     assert by_name["bands.error"] == list(record.bands.error.ravel())
     fields = {name for name in vars(record) if not name.startswith("carried")}
     assert set(by_name.index) | {"bands", "e", "output_names", "no_law"} == (
-        fields - {"has_disturbances", "is_sampled"}
+        fields - {"has_disturbances", "is_sampled", "is_mapped"}
         | {"bands.error", "bands.output", "bands"}
     )
     band = frame[(frame["quantity"] == "bands.output") & (frame["output"] == "y1")]

@@ -171,11 +171,32 @@ def test_equations_of_derivatives_say_what_they_are(oscillator):
     assert str(model.summary()).count("of the sampled A") == 1
 
 
-def test_parts_of_a_figure_have_the_width_that_they_need():
+@pytest.fixture(scope="module")
+def valve():
+    """Return a model with a monotone map and a disturbance, and its record."""
     tank = make_valve_tank(250, noise=0.01, random_state=0)
     options = {"disturbances": [1], "dt": tank.dt, "max_iter": 3, "random_state": 0}
-    model = fl_ssnn(nx=1, n_h=2, feedback="state", input_map="monotone", **options)
-    fitted(model, tank.u, tank.y)
+    options |= {"feedback": "state", "input_map": "monotone"}
+    return fitted(al_ssnn(nx=1, n_h=2, n_g=1, **options), tank.u, tank.y), tank
+
+
+def test_the_input_behind_a_map_is_not_called_the_recorded_one(valve):
+    model, tank = valve
+    text = " ".join(str(model.linearizability(tank.u, tank.y, in_loop=False)).split())
+    said = "where v is the recorded input, of the mean and the size of v; its lin"
+    assert said in text
+
+
+def test_what_a_law_leaves_includes_disturbances(valve):
+    options = {"disturbances": [1], "feedback": "state", "max_iter": 2}
+    tank = valve[1]
+    model = fitted(al_ssnn(nx=1, n_h=2, n_g=1, **options), tank.u, tank.y)
+    said = "The law leaves (A, B, C) from v and G dd, and what it does not cancel."
+    assert said in equations(model)
+
+
+def test_parts_of_a_figure_have_the_width_that_they_need(valve):
+    model, tank = valve
     figure = plot_model(model, tank.u, tank.y)
     figure.draw_without_rendering()  # a warning says that axes collapsed
     width = figure.get_size_inches()[0]

@@ -194,6 +194,8 @@ class Ladder(Rows):
             "is cancelled, rms(e) / std(y); in the loop: rms(e) / std(y_lin) under "
             "u = v - h, with the recorded input as v."
         ]
+        if any(getattr(row.model, "input_map", "") == "monotone" for row in self.rows):
+            notes.append("Behind a monotone map, it has the mean and the size of v.")
         if any(getattr(row.model, "time", "") == "continuous" for row in self.rows):
             notes.append("Radius of A: that of the sampled A, in continuous time.")
         if any(map(drifts, self.rows)):

@@ -113,6 +113,7 @@ def measure(plant, records, *, output_names=None, law_dt=None, ahead=False):
         law_size=_law_size([run.h for run in opened], u, plant),
         has_disturbances=bool(plant.nd),
         is_sampled=is_sampled,
+        is_mapped=plant.cancels and not plant.law_map.is_sum,
     )
 
 

@@ -153,6 +153,9 @@ class Linearizability:
         Whether there are measured disturbances d.
     is_sampled : bool, default=False
         Whether A is that of a model in continuous time, from sample to sample.
+    is_mapped : bool, default=False
+        Whether v is a monotone map: in the closed loop the recorded input then has the
+        mean and the standard deviation that v had along the record.
 
     Notes
     -----
@@ -203,6 +206,12 @@ class Linearizability:
     carried_problem: str = ""
     has_disturbances: bool = False
     is_sampled: bool = False
+    is_mapped: bool = False
+
+    @property
+    def words_v(self):
+        """Return what v is in the closed loop, in words."""
+        return f"the recorded input{', of the mean and the size of v' * self.is_mapped}"
 
     @property
     def words_rest(self):
@@ -368,11 +377,11 @@ class Linearizability:
         if self.no_law:
             words = f"There is no closed loop to measure. {self.no_law}"
             return textwrap.wrap(words, sum(WIDTHS))
-        return (
-            "closed loop: u = v - h, where v is the recorded input; its",
-            "linearization error is relative to the linear response to v;",
-            *self._controlled_words(),
+        words = (
+            f"closed loop: u = v - h, where v is {self.words_v}; its linearization "
+            "error is relative to the linear response to v;"
         )
+        return *textwrap.wrap(words, sum(WIDTHS)), *self._controlled_words()
 
     def _controlled_words(self):
         """Return what the loop with a controller is, as lines of the table."""

@@ -91,7 +91,7 @@ def linearity(model, test, record, other=""):
             "on the state basis. Ratios and gains do. "
             + (
                 record.no_law
-                or "Closed loop: u = v - h, with the recorded input as v. Its "
+                or f"Closed loop: u = v - h, where v is {record.words_v}. Its "
                 "linearization error is relative to the linear response to v, "
                 "rms(e) / std(y_lin)."
             )

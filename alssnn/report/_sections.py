@@ -236,7 +236,7 @@ def _law_words(plant):
     of_d = " and G dd" if plant.nd else ""
     left = f"The law leaves (A, B, C) from v{of_d}, as far as the model is the plant."
     if not plant.no_law and np.any(plant.observed.rows_z[plant.ny + plant.nv :]):
-        left = "The law leaves (A, B, C) from v, and what it does not cancel."
+        left = f"The law leaves (A, B, C) from v{of_d}, and what it does not cancel."
     return [
         paragraph(
             f"u = v - h({s})"
