@@ -13,6 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
 from alssnn.datasets import Record, make_duffing, make_valve_tank
+from alssnn.estimators._fitted import publish_parameters
 from alssnn.excitation import multisine
 from alssnn.linearizability import words_left
 from alssnn.model_selection import GammaPath
@@ -27,10 +28,10 @@ from alssnn.plotting import (
     figure_curves,
     plot_model,
 )
-from alssnn.report._sections import equations, summary
+from alssnn.report._sections import equations, in_words, summary
 from alssnn.validation import frequency_response
 from helpers import linear_plant
-from models import al_ssnn, fl_ssnn
+from models import al_ssnn, fl_ssnn, lively
 
 
 def fitted(model, u, y):
@@ -355,3 +356,15 @@ def test_shares_of_a_report_have_no_exponent(size, said, model, monkeypatch):
     monkeypatch.setattr(type(model), "simulate_test", lambda *_: pair)
     data = [SimpleNamespace(y=y)]
     assert said in summary(model, data, (None, None, None), None)
+
+
+def test_networks_that_were_left_are_not_in_the_equations(valve):
+    tank = valve[1]
+    options = {"feedback": "state", "max_iter": 2, "random_state": 0}
+    model = lively(fitted(al_ssnn(nx=1, n_h=2, n_g=1, **options), tank.u, tank.y))
+    assert in_words(model)[0] == "x+ = A x + B (du + h(x)) + g(x, du)"
+    for name in model._structure.network_parameters:  # as a search does
+        model._theta[model._structure.slices[name]] = 0.0
+    publish_parameters(model)
+    assert in_words(model)[0] == "x+ = A x + B du"
+    assert str(model.summary()).splitlines()[1] == "equation     x+ = A x + B du"

@@ -192,7 +192,9 @@ def in_words(model):
     options = model.fitted_.structure.options
     if "n_h" not in options:
         return []
-    h, g, k = (any(options[f"n_{net}"]) for net in "hgk")
+    # networks that a search has left, or a decay taken away, are none
+    g, k = (any(options[f"n_{z}"]) and np.any(model.params_[f"W_{z}"]) for z in "gk")
+    h = model.plant_.cancels
     nd = len(model.disturbances_)
     du = "dm" if nd else "du"
     s = "x" if options["feedback"] == "state" else "y - y_e"
