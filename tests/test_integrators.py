@@ -305,6 +305,10 @@ def test_auto_says_what_it_found():
     auto = fit(MODELS["linear"], *integrating(1200), integrators="auto")
     assert auto.integrators_ == 1
     assert auto.message_.endswith("the record shows an integrator, its pole held at 1")
+    times = {"integrators": "auto", "time": "continuous", "dt": 0.1}
+    rate = fit(MODELS["linear"], *integrating(1200), **times)
+    assert rate.message_.endswith("the record shows an integrator, its pole held at 0")
+    assert np.abs(np.linalg.eigvals(rate.A_)).min() == 0
     u, y = slow(1200, 0)
     auto, plain = (fit(MODELS["linear"], u, y, integrators=n) for n in ("auto", 0))
     assert auto.integrators_ == 0

@@ -288,4 +288,5 @@ def note(estimator):
         return ""
     n = estimator.integrators_
     what = "an integrator, its pole" if n == 1 else f"{n} integrators, their poles"
-    return f"; the record shows {what} held at 1"
+    pole = 0 if estimator.time == "continuous" else 1  # of s, or of z
+    return f"; the record shows {what} held at {pole}"

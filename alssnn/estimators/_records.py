@@ -37,9 +37,10 @@ class Records:
         Bounds ``{"D": (low, high)}`` of entries of D and H, and with `linear_start` of
         A, B, C and G, in the units of the data; equal ones hold an entry.
     integrators : int or "auto", default="auto"
-        Number of poles held at 1 (eq. integrate): of outputs that are integrals, such
-        as positions and levels. No network sees their states. "auto" finds them. The
-        mean of u gives way to the input at which they rest.
+        Number of poles held at 1, or at 0 in continuous time (eq. integrate): of
+        outputs that are integrals, such as positions and levels. No network sees
+        their states. "auto" finds them. The mean of u gives way to the input at
+        which they rest.
     operating_point : {"mean", "zero"} or tuple, default="mean"
         Origin of the deviations; a pair (u_e, y_e) in the units of the data.
     initial_state : {"estimate", "rest", "periodic"}, default="estimate"
