@@ -9,25 +9,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import LinearStateSpace
+from alssnn.cli import main
 from alssnn.datasets import Record, make_duffing, make_valve_tank
 from alssnn.estimators._fitted import publish_parameters
 from alssnn.excitation import multisine
+from alssnn.ladder import model_ladder
 from alssnn.linearizability import words_left
-from alssnn.model_selection import GammaPath
+from alssnn.model_selection import GammaPath, law_rates
 from alssnn.nonparametric import best_linear_approximation
 from alssnn.plotting import (
     BodeComparisonDisplay,
     BodeDisplay,
     CertificateDisplay,
     GammaPathDisplay,
+    LawRatesDisplay,
     ResidualDisplay,
     SimulationDisplay,
     figure_curves,
     plot_model,
 )
+from alssnn.report._control import controller
 from alssnn.report._sections import equations, in_words, summary
 from alssnn.validation import frequency_response
 from helpers import linear_plant
@@ -190,8 +195,9 @@ def test_the_input_behind_a_map_is_not_called_the_recorded_one(valve):
 
 def test_what_a_law_leaves_includes_disturbances(valve):
     options = {"disturbances": [1], "feedback": "state", "max_iter": 2}
+    options |= {"random_state": 0}
     tank = valve[1]
-    model = fitted(al_ssnn(nx=1, n_h=2, n_g=1, **options), tank.u, tank.y)
+    model = lively(fitted(al_ssnn(nx=1, n_h=2, n_g=1, **options), tank.u, tank.y))
     said = "The law leaves (A, B, C) from v and G dd, and what it does not cancel."
     assert said in equations(model)
 
@@ -368,3 +374,37 @@ def test_networks_that_were_left_are_not_in_the_equations(valve):
     publish_parameters(model)
     assert in_words(model)[0] == "x+ = A x + B du"
     assert str(model.summary()).splitlines()[1] == "equation     x+ = A x + B du"
+
+
+def test_poles_of_derivatives_have_a_unit(oscillator, tmp_path, capsys):
+    model, _ = oscillator
+    model.save(tmp_path / "model.npz")
+    main(["info", str(tmp_path / "model.npz")])
+    (poles,) = [z for z in capsys.readouterr().out.splitlines() if "poles" in z]
+    assert poles.endswith(" per second")
+
+
+def test_a_table_of_models_says_what_its_radius_is():
+    record = make_duffing(200, random_state=0)
+    options = {"nx": 2, "models": ["lti"], "max_iter": 2, "dt": record.dt}
+    said = "Radius of A: that of the sampled A, in continuous time."
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        assert said in str(model_ladder(*record, time="continuous", **options))
+        assert said not in str(model_ladder(*record, **options))
+
+
+def test_the_larger_error_of_two_loops_has_no_name_of_one(oscillator):
+    model, record = oscillator
+    rates = law_rates(model, *record, law_dt=[record.dt])
+    assert str(rates).splitlines()[0].split(", ")[1].startswith("s  error")
+    label = LawRatesDisplay.from_rates(rates).ax_.get_ylabel()
+    assert label == "linearization error, %"
+
+
+def test_columns_of_a_gain_with_late_inputs_are_told(model, undrawn):
+    late = clone(model).set_params(input_delay=[0, 2])
+    rng = np.random.default_rng(0)
+    late.fit(rng.standard_normal((300, 2)), rng.standard_normal(300))
+    said = "z+ = z + y - r; x with the last inputs behind it, oldest first"
+    assert said in controller(late) and said not in controller(model)
