@@ -276,7 +276,7 @@ def test_residuals(model, data):
         assert band.max() == pytest.approx(tests.cross_band[:, i].max())
     assert labels(display.axes_[0, 0]) == ["99 % at each lag"]
     assert display.axes_[2, 1].get_ylabel() == (
-        "whitened residual\nof temperature [K] with heater [V]"
+        "whitened residual\nof temperature [K] with\nheater [V]"
     )
     assert display.axes_[2, 1].get_xlabel() == "lag, samples of 100 ms"
     u, y, _ = (part[:200] for part in data)  # too short for errors of the parameters

@@ -204,7 +204,7 @@ class ResidualDisplay(Display):
                     tests.lags,
                     tests.autocorrelation[:, i],
                     tests.autocorrelation_band[:, i],
-                    f"autocorrelation of the {noun} of {name}",
+                    f"autocorrelation\nof the {noun} of {name}",
                     f"{noun}: ",
                 ),
                 *(
@@ -212,7 +212,7 @@ class ResidualDisplay(Display):
                         tests.cross_lags,
                         tests.cross_correlation[:, i, j],
                         tests.cross_band[:, i],
-                        f"{whitened} of {name} with {tests.input_names[j]}",
+                        f"{whitened}\nof {name} with {tests.input_names[j]}",
                         f"{tests.input_names[j]}, lags from {tests.first_lag} on: ",
                     )
                     for j in range(nu)
@@ -226,7 +226,8 @@ class ResidualDisplay(Display):
                 )
                 one.vlines(lags, 0.0, r, **style)
                 one.plot(lags, r, ".", color=style["color"], markersize=4)
-                one.set_ylabel(fill(label, BESIDE), fontsize="small")
+                lines = (fill(part, BESIDE) for part in label.split("\n"))
+                one.set_ylabel("\n".join(lines), fontsize="small")
                 counted = lags >= (tests.first_lag if one is not column[0] else 1)
                 out = int(np.sum((np.abs(r) > band)[counted]))
                 title += f"{out} of {counted.sum()} outside the band"
