@@ -141,6 +141,9 @@ def test_the_range_of_the_training_data_is_in_the_figure_of_the_page():
     assert band["kind"] == "band" and band["name"] == "range of the training data"
     assert band["x"] == [0, 2] and line["x"] == [0, 2]
     assert band["y"] == [-1, -1] and band["high"] == [2, 2]
+    axes.set(yscale="log", ylim=(0.1, 100.0))  # what is shown is of the logarithm
+    (panel,) = json.loads(figure_curves(figure))
+    assert panel["limits"] == [-1, 2] and panel["series"][1]["y"][0] == 0
 
 
 @pytest.fixture(scope="module")

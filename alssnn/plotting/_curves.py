@@ -89,7 +89,9 @@ def _panel(axes, behind):
         "xlog": logs[0],
         "ylog": logs[1],
         # a curve that leaves limits that were set is out of view here, too
-        "limits": None if axes.get_autoscaley_on() else _rounded([low, high], 5),
+        "limits": None
+        if axes.get_autoscaley_on()
+        else _rounded(_scaled([low, high], logs[1]), 5),
         "series": series,
     }
 
