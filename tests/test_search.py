@@ -601,6 +601,60 @@ def test_the_smallest_order_that_does_nearly_as_well(monkeypatch, table, largest
     assert ((-5, 3) in walked) == (-5 in table)
 
 
+@pytest.mark.parametrize(
+    ("zero", "nx", "further", "spread"),
+    [
+        # an order that nearly came down along the first descent does along the second
+        ({2: 0.21, 3: 0.2}, 2, {2, 3}, 1.06),
+        ({2: 0.23, 3: 0.2}, 3, {2, 3}, 1.06),
+        # also the larger one, beside what the smaller one has reached
+        ({2: 0.3, 3: 0.1}, 3, {2, 3}, 1.06),
+        # one with over twice the least error is not tried again
+        ({1: 0.01, 2: 0.3, 3: 0.3}, 3, {2, 3}, 1.06),
+        # two starts agree: others would not come lower
+        ({2: 0.01, 3: 0.1}, 3, {3}, 1.04),
+        # there is no further descent
+        ({}, 3, set(), 1.06),
+    ],
+)
+def test_orders_are_compared_along_all_descents_unless_starts_agree(
+    short, monkeypatch, zero, nx, further, spread
+):
+    orders, seeds = compare_orders(scaled(*short), [1, 2, 3]), [11, 22, 33]
+    first, walked = {1: 0.41, 2: 0.38, 3: 0.2}, []
+
+    class Path(searching.Path):
+        def __init__(self, recipe, folds, linears, seed, *of, **common):
+            super().__init__(recipe, folds, linears, seed, *of, **common)
+            n, is_zero = len(linears[0].A), self.descent.center == "zero"
+            # of the further descent, the last start alone comes lower
+            told = zero.get(n, 0.9) if seed == seeds[-1] else 0.9
+            near = first[n] if seed == seeds[0] else spread * first[n]
+            self.square, self.key = (told if is_zero else near) ** 2, (n, is_zero)
+            self.scores = [float(len(folds))]
+            self.errors = [np.ones(len(folds))]
+
+        def descend(self, alphas, watch, tell=None):
+            if alphas:
+                walked.append(self.key)
+            self.alphas += list(alphas)
+            self.errors.append(np.full(len(self.folds), self.square))
+            self.scores.append(self.errors[-1].sum())
+            self.states.append(self.points)
+            return self
+
+        def go_on(self, stage, *args):
+            return stage
+
+    monkeypatch.setattr(searching, "Path", Path)
+    monkeypatch.setattr(Orders, "nx", 3)
+    descents = (USUAL, FADING) if zero else (USUAL,)
+    found = search(recipe(), orders, [1, 2, 3], seeds, descents=descents, max_iter=60)
+    assert found.structure.sizes["x"] == nx
+    # every start of an order once, also where it is that of the path that is taken
+    assert sorted(n for n, is_zero in walked if is_zero) == sorted([*further] * 3)
+
+
 # a record of 400 samples hides three times 100: chance is 2 / 300
 WITHIN, BEYOND = 1 + 1.8 / 300, 1 + 2.2 / 300
 
