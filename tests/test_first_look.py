@@ -144,6 +144,21 @@ def test_delays_and_inputs_that_move_together():
     assert page["inputs"].value > 0.99 and "u[0] and u[1]" in page["inputs"].sentence
 
 
+def test_inputs_whose_sum_is_another():
+    u, y = make()
+    rng = np.random.default_rng(1)
+    two = np.hstack([u, rng.standard_normal(u.shape)])
+    noise = 0.01 * rng.standard_normal(u.shape)
+    three = np.hstack([two, two.sum(axis=1, keepdims=True) + noise])
+    found = look(three, y, recommends=False)["inputs"]
+    assert found.value > 0.99 and found.attention
+    assert "With a sum of all others" in found.sentence
+    assert "move them independently" in found.sentence
+    three[:, 2:] = rng.standard_normal(u.shape)
+    found = look(three, y, recommends=False)["inputs"]
+    assert not found.attention and "sum" not in found.sentence
+
+
 def test_a_periodic_record_tells_noise_from_distortion():
     excitation = multisine(256, dt=0.1, random_state=0)
     rng = np.random.default_rng(0)

@@ -195,7 +195,8 @@ def inputs(records):
     Returns
     -------
     finding : Finding
-        Largest correlation of two inputs; 1 if one is at rest.
+        Largest correlation of two inputs, or of one with a sum of the others if that
+        is too large; 1 if one is at rest.
     """
     spread, nu = records.u.std(axis=0), records.nu
     rest = np.compress(records.rests[:nu], records.input_names)
@@ -212,11 +213,20 @@ def inputs(records):
             f"{records.input_names[0]} has a standard deviation of {spread[0]:.3g}."
         )
         return Finding("inputs", 0.0, sentence, False)
-    correlation = np.abs(np.corrcoef(records.u.T)) - np.eye(records.nu)
-    i, j = np.unravel_index(np.argmax(correlation), correlation.shape)
-    worst = float(correlation[i, j])
+    correlation = np.corrcoef(records.u.T)
+    pairs = np.abs(correlation) - np.eye(nu)
+    i, j = np.unravel_index(np.argmax(pairs), pairs.shape)
+    worst = float(pairs[i, j])
     a, b = records.input_names[min(i, j)], records.input_names[max(i, j)]
     sentence = f"The largest correlation of two inputs is {worst:.2f}, of {a} and {b}."
+    # of each input with the sum of the others that is nearest to it
+    values, vectors = np.linalg.eigh(correlation)
+    inverse = np.sum(vectors**2 / np.maximum(values, np.finfo(float).eps), axis=1)
+    sums = np.sqrt(np.maximum(0.0, 1.0 - 1.0 / inverse))
+    if worst <= COLLINEAR < sums.max():
+        worst = float(sums.max())
+        one = records.input_names[np.argmax(sums)]
+        sentence += f" With a sum of all others, that of {one} is {worst:.2f}."
     if worst > COLLINEAR:
         sentence += " Their effects cannot be told apart: move them independently."
     return Finding("inputs", worst, sentence, worst > COLLINEAR)
