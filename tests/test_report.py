@@ -25,6 +25,7 @@ from alssnn.feedback import (
 )
 from alssnn.plotting import (
     BodeDisplay,
+    LoopDisplay,
     NonlinearityDisplay,
     ResidualNonlinearityDisplay,
     SimulationDisplay,
@@ -231,6 +232,16 @@ def test_a_design_that_leaves_the_data_says_so_before_its_gain(undrawn):
     said = page.index("In the step below, u0 goes from")
     assert page.index("This is a proposal to begin with.") < said
     assert said < page.index("Copy the gain as Python")
+
+
+def test_a_gain_stays_where_its_step_cannot_be_drawn(undrawn, monkeypatch):
+    def refuse(*_):
+        raise ValueError("no such axes")
+
+    monkeypatch.setattr(LoopDisplay, "from_steps", refuse)
+    page = controller(fitted("lti"))
+    assert "Step response: not available. no such axes" in page
+    assert "Copy the gain as Python" in page and "In the step below" not in page
 
 
 def test_curves_of_long_records_keep_their_extremes():

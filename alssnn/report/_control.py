@@ -47,8 +47,8 @@ def linearity(model, test, record, other=""):
     record : Linearizability
         What was measured.
     other : str, default=""
-        That what was measured is of another law than that of the record, as HTML;
-        empty if it is not.
+        Says of which law the last figure is where another one was judged, as HTML;
+        empty if none was.
 
     Returns
     -------
@@ -331,17 +331,17 @@ def _step(model, K):
     from ..feedback import step_comparison
     from ..plotting import LoopDisplay
 
-    try:
-        responses = step_comparison(model, K)
-    except REFUSED as error:
-        return "", paragraph(f"Step response: not available. {error}", "note")
     caption = (
         "Step of all references by one standard deviation of the training data: the "
         "design, and the whole model under its law. u is what the plant gets, over its "
         "range in the training data."
     )
-    display = LoopDisplay.from_steps(model, responses)
-    return _beyond(model, responses), figure(display, caption)
+    try:
+        responses = step_comparison(model, K)
+        drawn = figure(LoopDisplay.from_steps(model, responses), caption)
+    except REFUSED as error:
+        return "", paragraph(f"Step response: not available. {error}", "note")
+    return _beyond(model, responses), drawn
 
 
 def _beyond(model, responses):
