@@ -786,6 +786,15 @@ def test_what_never_settles_is_given_eight_periods(monkeypatch, pole):
     assert np.isnan(G).all() == (pole > 1)  # it grows, or overflows
 
 
+@pytest.mark.parametrize("period", [16, 32, 64])
+def test_a_sine_response_of_what_grows_slowly_is_none(period):
+    """Its transient is larger than the response; a ramp is not, and has one."""
+    for A, grows in ([[1.02]], True), ([[1.0, 1.0], [0.0, 1.0]], False):
+        plant_ = linear_plant(A, np.eye(len(A))[:, -1:])
+        _, G = sine_response(plant_, 1.0, n_frequencies=2, period=period)
+        assert np.isnan(G).all() == np.isnan(G).any() == grows
+
+
 def test_the_law_makes_the_response_linear_at_any_amplitude(fl_model):
     G_lin = None
     spread = {}

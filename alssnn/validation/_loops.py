@@ -18,7 +18,7 @@ from ..simulation import simulate
 
 SETTLED = 1e-4  # what is left of the transient when the response is measured
 MAX_PERIODS = 8  # of the common period, spent on the transient
-GROWS = 2.0  # states of one period over those before, of what diverges
+GROWS = 2.0  # states of the last period over those four before, of what diverges
 
 
 def frequency_response(sys, frequencies):
@@ -126,8 +126,8 @@ def sine_response(model, amplitude, *, loop="open", input=0, n_frequencies=40, p
             np.fmax(size[k // period], np.abs(X).max(axis=1), out=size[k // period])
         G *= 2j / (period * amplitude)
     lost = ~np.isfinite(G).all(axis=1)
-    if radius >= 1:  # what is not yet too large for a number
-        lost |= size[-1] > GROWS * size[-2]
+    if radius >= 1:  # what is not yet too large for a number; a ramp is 9 / 5 as large
+        lost |= size[-1] > GROWS * size[MAX_PERIODS // 2]
     G[lost] = np.nan
     return harmonics / (period * plant.dt), G
 
