@@ -353,7 +353,7 @@ class Path:
 
 
 def _descend(path, alphas, watch):
-    return path.descend(alphas, watch)
+    return path.descend(alphas, watch), watch.reason, watch.interrupt
 
 
 def descended(paths, watch, tally, n_jobs=None, only_first=False, alphas=None):
@@ -387,8 +387,10 @@ def descended(paths, watch, tally, n_jobs=None, only_first=False, alphas=None):
         return paths
     calls = [(path, rest, watch) for path, rest in zip(paths, left, strict=True)]
     walked = {}
-    for i, path in finished(_descend, calls, n_jobs):
+    for i, (path, reason, interrupt) in finished(_descend, calls, n_jobs):
         walked[i] = path
+        if reason is not None:  # the watch of this process has not heard of it
+            watch.stop(reason, interrupt)
         tally.walked(path.errors, len(left[i]))
     return [walked[i] for i in range(len(calls))]
 

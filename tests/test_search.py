@@ -1043,6 +1043,21 @@ def test_orders_are_compared_in_parallel_as_in_one_process(short, monkeypatch):
     assert next(networks) == pytest.approx(next(networks))
 
 
+def test_what_ended_a_worker_ends_the_fit(monkeypatch):
+    """Or it would search on, and say that the networks do not help."""
+
+    def far(function, calls, n_jobs):
+        for i, (*call, watch) in enumerate(calls):
+            yield i, function(*call, pickle.loads(pickle.dumps(watch)))
+
+    monkeypatch.setattr(walking, "finished", far)
+    orders, watch = compared(1), Watch(max_time=0.0)
+    paths = [walk(orders) for _ in range(2)]
+    tally = walking.Tally(watch, orders.errors[1], 2)
+    walking.descended(paths, watch.quiet(), tally, n_jobs=2)
+    assert watch.reason == OUT_OF_TIME
+
+
 # -- what a fit leaves ---------------------------------------------------------------
 
 
