@@ -543,6 +543,27 @@ def test_the_path_of_a_long_record_does_not_go_on(monkeypatch):
     assert not told.went_on and found.errors.sum() == pytest.approx(0.3)
 
 
+class Noted(searching.Path):
+    """Note what is walked, and reach errors that are told."""
+
+    def note(self, walked, key, told):
+        n_folds = len(self.folds)
+        self.walked, self.key, self.scores = walked, key, [float(n_folds)]
+        self.errors = [np.ones(n_folds)]
+        self.told = [np.full(n_folds, error**2) for error in told]
+
+    def descend(self, alphas, watch, tell=None):
+        self.walked.append((self.key, len(alphas)))
+        self.alphas += list(alphas)
+        self.errors.append(self.told[min(len(self.errors), len(self.told)) - 1])
+        self.scores.append(self.errors[-1].sum())
+        self.states.append(self.points)
+        return self
+
+    def go_on(self, stage, *args):
+        return stage
+
+
 @pytest.mark.parametrize(
     ("table", "largest", "nx"),
     [
@@ -570,27 +591,13 @@ def test_the_smallest_order_that_does_nearly_as_well(monkeypatch, table, largest
     orders = compared(2, 3, 4)
     walked = []
 
-    class Path(searching.Path):
+    class Path(Noted):
         def __init__(self, recipe, folds, linears, *of, **common):
             super().__init__(recipe, folds, linears, *of, **common)
-            n, n_folds = len(linears[0].A), len(folds)
+            n = len(linears[0].A)
             is_idle = n > orders.nx and not linears[0].C[:, orders.nx :].any()
-            self.key = -n if is_idle else n
-            told = table.get(self.key, (0.99, 0.99))
-            errors = [np.full(n_folds, error**2) for error in (1, *told)]
-            self.errors, self.told = errors[:1], errors[1:]
-            self.scores = [float(n_folds)]
-
-        def descend(self, alphas, watch, tell=None):
-            walked.append((self.key, len(alphas)))
-            self.alphas += list(alphas)
-            self.errors.append(self.told[min(len(self.errors), 2) - 1])
-            self.scores.append(self.errors[-1].sum())
-            self.states.append(self.points)
-            return self
-
-        def go_on(self, stage, *args):
-            return stage
+            key = -n if is_idle else n
+            self.note(walked, key, table.get(key, (0.99, 0.99)))
 
     monkeypatch.setattr(searching, "Path", Path)
     monkeypatch.setattr(Orders, "nx", 2)
@@ -618,33 +625,19 @@ def test_the_smallest_order_that_does_nearly_as_well(monkeypatch, table, largest
     ],
 )
 def test_orders_are_compared_along_all_descents_unless_starts_agree(
-    short, monkeypatch, zero, nx, further, spread
+    monkeypatch, zero, nx, further, spread
 ):
-    orders, seeds = compare_orders(scaled(*short), [1, 2, 3]), [11, 22, 33]
+    orders, seeds = compared(1, 2, 3), [11, 22, 33]
     first, walked = {1: 0.41, 2: 0.38, 3: 0.2}, []
 
-    class Path(searching.Path):
+    class Path(Noted):
         def __init__(self, recipe, folds, linears, seed, *of, **common):
             super().__init__(recipe, folds, linears, seed, *of, **common)
             n, is_zero = len(linears[0].A), self.descent.center == "zero"
             # of the further descent, the last start alone comes lower
             told = zero.get(n, 0.9) if seed == seeds[-1] else 0.9
             near = first[n] if seed == seeds[0] else spread * first[n]
-            self.square, self.key = (told if is_zero else near) ** 2, (n, is_zero)
-            self.scores = [float(len(folds))]
-            self.errors = [np.ones(len(folds))]
-
-        def descend(self, alphas, watch, tell=None):
-            if alphas:
-                walked.append(self.key)
-            self.alphas += list(alphas)
-            self.errors.append(np.full(len(self.folds), self.square))
-            self.scores.append(self.errors[-1].sum())
-            self.states.append(self.points)
-            return self
-
-        def go_on(self, stage, *args):
-            return stage
+            self.note(walked, (n, is_zero), [told if is_zero else near])
 
     monkeypatch.setattr(searching, "Path", Path)
     monkeypatch.setattr(Orders, "nx", 3)
@@ -652,7 +645,8 @@ def test_orders_are_compared_along_all_descents_unless_starts_agree(
     found = search(recipe(), orders, [1, 2, 3], seeds, descents=descents, max_iter=60)
     assert found.structure.sizes["x"] == nx
     # every start of an order once, also where it is that of the path that is taken
-    assert sorted(n for n, is_zero in walked if is_zero) == sorted([*further] * 3)
+    again = [n for (n, is_zero), n_alphas in walked if is_zero and n_alphas]
+    assert sorted(again) == sorted([*further] * 3)
 
 
 # a record of 400 samples hides three times 100: chance is 2 / 300
