@@ -192,7 +192,7 @@ def valve():
 def test_the_input_behind_a_map_is_not_called_the_recorded_one(valve):
     model, tank = valve
     text = " ".join(str(model.linearizability(tank.u, tank.y, in_loop=False)).split())
-    said = "where v is the recorded input, of the mean and the size of v; its lin"
+    said = "v is the recorded input, brought to the mean and the size that v had; its"
     assert said in text
 
 

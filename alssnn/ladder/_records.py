@@ -195,7 +195,10 @@ class Ladder(Rows):
             "u = v - h, with the recorded input as v."
         ]
         if any(getattr(row.model, "input_map", "") == "monotone" for row in self.rows):
-            notes.append("Behind a monotone map, it has the mean and the size of v.")
+            notes.append(
+                "Behind a monotone map, that input is brought to the mean and the size "
+                "that v had."
+            )
         if any(getattr(row.model, "time", "") == "continuous" for row in self.rows):
             notes.append("Radius of A: that of the sampled A, in continuous time.")
         if any(map(drifts, self.rows)):

@@ -211,7 +211,8 @@ class Linearizability:
     @property
     def words_v(self):
         """Return what v is in the closed loop, in words."""
-        return f"the recorded input{', of the mean and the size of v' * self.is_mapped}"
+        brought = ", brought to the mean and the size that v had" * self.is_mapped
+        return f"the recorded input{brought}"
 
     @property
     def words_rest(self):
