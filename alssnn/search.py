@@ -283,7 +283,7 @@ def search(
         Trial steps of a whole fit; a stage of a path takes a share of it.
     descents : sequence of Descent, default=(`USUAL`,)
         Weights of the decay along the paths of every start. Orders are compared along
-        the first, and where starts do not agree along all.
+        the first, and along all where starts do not agree.
     method : {"lm", "trf"}, default="lm"
         Method of `optimizers.minimize`.
     n_jobs : int or None, default=None
@@ -362,7 +362,10 @@ def search(
 
 
 def _expected(n_ways, n_seeds, descents):
-    """Return the largest number of stages of all paths to the choice of one."""
+    """Return how many stages lead to the choice of a path, at most.
+
+    Those of orders that go on, and along the further descents, come on top.
+    """
     screen = sum(map(len, descents[0].screened))
     tried = min(n_seeds, TRIED) * screen if n_ways > 1 else 0
     return n_seeds * sum(len(d.alphas) for d in descents) + n_ways * tried
