@@ -144,6 +144,8 @@ def test_the_range_of_the_training_data_is_in_the_figure_of_the_page():
     axes.set(yscale="log", ylim=(0.1, 100.0))  # what is shown is of the logarithm
     (panel,) = json.loads(figure_curves(figure))
     assert panel["limits"] == [-1, 2] and panel["series"][1]["y"][0] == 0
+    axes.lines[0].remove()  # a range is as long as the curves
+    assert json.loads(figure_curves(figure))[0]["series"] == []
 
 
 @pytest.fixture(scope="module")

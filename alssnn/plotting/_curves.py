@@ -57,7 +57,7 @@ def _panel(axes, behind):
         for path in band.get_paths()
     ]
     series += [_histogram(bars, _name(bars[0])) for bars in axes.containers]
-    series += [_level_band(patch, ends, logs) for patch in _spans(axes)]
+    series += [_level_band(patch, ends, logs) for patch in _spans(axes) if ends]
     low, high = axes.get_ylim()
     for other in _at_place(axes):
         if other in behind:

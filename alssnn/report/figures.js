@@ -110,7 +110,7 @@
         });
       }
       if (panel.limits) low = Math.max(low, panel.limits[0]), high = Math.min(high, panel.limits[1]);
-      if (!(low <= high)) low = high = 0;
+      if (!(low <= high)) [low, high] = panel.limits || [0, 0]; // all is out of view
       const margin = 0.06 * (high - low) || Math.abs(high) || 1;
       low -= margin;
       high += margin;
