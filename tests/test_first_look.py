@@ -285,6 +285,16 @@ def test_a_late_input_of_a_linear_plant_shows_no_nonlinearity():
     assert nonlinearity(u[40:], y[40:])[0] < 1e-10  # its lags do not reach so far
 
 
+def test_a_delay_longer_than_an_experiment_is_told_and_not_tried():
+    rng = np.random.default_rng(0)
+    us = [rng.standard_normal(n) for n in (60, 35, 400)]
+    ys = [np.r_[np.zeros(40), u][: len(u)] for u in us]
+    ys = [y + 0.01 * rng.standard_normal(y.shape) for y in ys]
+    page = alssnn.look(us, ys)
+    assert page["delay"].value >= 35
+    assert "input_delay" not in page.recommendation.options
+
+
 def test_it_is_an_f_test_of_two_regressions():
     """The oracle: sums of squares of both, by NumPy's least squares."""
     u, y = (z[:, 0] for z in make(0, 400))
