@@ -609,26 +609,29 @@ def test_the_smallest_order_that_does_nearly_as_well(monkeypatch, table, largest
 
 
 @pytest.mark.parametrize(
-    ("zero", "nx", "further", "spread"),
+    ("zero", "nx", "further", "spread", "three"),
     [
         # an order that nearly came down along the first descent does along the second
-        ({2: 0.21, 3: 0.2}, 2, {2, 3}, 1.06),
-        ({2: 0.23, 3: 0.2}, 3, {2, 3}, 1.06),
+        ({2: 0.21, 3: 0.2}, 2, {2, 3}, 1.06, 0.2),
+        ({2: 0.23, 3: 0.2}, 3, {2, 3}, 1.06, 0.2),
         # also the larger one, beside what the smaller one has reached
-        ({2: 0.3, 3: 0.1}, 3, {2, 3}, 1.06),
+        ({2: 0.3, 3: 0.1}, 3, {2, 3}, 1.06, 0.2),
+        # beyond the order of the first comparison, 2, others have to gain more
+        ({2: 0.3, 3: 0.23}, 2, {1, 2, 3}, 1.06, 0.36),
+        ({2: 0.3, 3: 0.22}, 3, {1, 2, 3}, 1.06, 0.36),
         # one with over twice the least error is not tried again
-        ({1: 0.01, 2: 0.3, 3: 0.3}, 3, {2, 3}, 1.06),
+        ({1: 0.01, 2: 0.3, 3: 0.3}, 3, {2, 3}, 1.06, 0.2),
         # two starts agree: others would not come lower
-        ({2: 0.01, 3: 0.1}, 3, {3}, 1.04),
+        ({2: 0.01, 3: 0.1}, 3, {3}, 1.04, 0.2),
         # there is no further descent
-        ({}, 3, set(), 1.06),
+        ({}, 3, set(), 1.06, 0.2),
     ],
 )
 def test_orders_are_compared_along_all_descents_unless_starts_agree(
-    monkeypatch, zero, nx, further, spread
+    monkeypatch, zero, nx, further, spread, three
 ):
     orders, seeds = compared(1, 2, 3), [11, 22, 33]
-    first, walked = {1: 0.41, 2: 0.38, 3: 0.2}, []
+    first, walked = {1: 0.41, 2: 0.38, 3: three}, []
 
     class Path(Noted):
         def __init__(self, recipe, folds, linears, seed, *of, **common):
