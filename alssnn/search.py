@@ -41,11 +41,11 @@ TRIED = 2
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
 NEARLY = 1.1  # relative mean square error that is as good as the best
 CONTENDS = 1.5  # root mean square error of a start over the least of its comparison
-AGREE = 1.05  # the same of the second start, up to which they have come down
+AGREE = 1.05  # the same of the second start, from which on the two disagree
 RIVAL = 2.0  # the same of an order, up to which it is compared along all descents
 # The same that counts of one above that of the first comparison. Of the measured drone,
 # three states had 1.2 times less than two, and more than the linear model on the test.
-LARGER = 1.2
+MORE_STATES = 1.2
 CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
 REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
@@ -220,9 +220,9 @@ def _compared(
 def _smallest(ways, up_to=np.inf):
     """Return the smallest order that does nearly as well as the best.
 
-    Orders above a given one have to do better than that, by `LARGER`.
+    Orders above a given one have to do better than that, by `MORE_STATES`.
     """
-    fair = [(w.error * (LARGER if w.nx > up_to else 1.0), w.nx) for w in ways]
+    fair = [(w.error * (MORE_STATES if w.nx > up_to else 1.0), w.nx) for w in ways]
     enough = CLEARLY * min(fair)[0]
     return min(nx for error, nx in fair if error <= enough)
 
