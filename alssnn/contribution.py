@@ -20,7 +20,8 @@ import numpy as np
 
 from .experiments import chunks
 from .kernels import add_square
-from .simulation import regressors, sensitivities, trajectory
+from .sensitivities import sensitivities
+from .simulation import regressors, trajectory
 from .steady import eliminated, steady_state
 from .structures import Structure
 
@@ -34,15 +35,15 @@ class Arrow(NamedTuple):
 
     Parameters
     ----------
-    head : ndarray of shape (n_params, n_params)
-        J'J by theta.
-    head_r : ndarray of shape (n_params,)
-        J'r by theta.
+    head : ndarray of shape (n_free, n_free)
+        J'J by the free parameters.
+    head_r : ndarray of shape (n_free,)
+        J'r by these.
     square : float
         |r|^2.
     borders : dict of int to tuple of ndarray
         By number of the experiment: the rows of J'J of its initial state, of shape
-        (n_x0, n_params + n_x0), and of J'r, of shape (n_x0,).
+        (n_x0, n_free + n_x0), and of J'r, of shape (n_x0,).
     """
 
     head: np.ndarray
@@ -88,6 +89,8 @@ class Contribution:
     periodic : bool, default=False
         Whether the experiment is one period of what repeats itself: the initial state
         is the periodic one (eq. steady), whatever x0 is.
+    free : ndarray of bool of shape (n_params,) or None, default=None
+        Parameters by which is differentiated, n_free of them; None means all.
     """
 
     structure: Structure
@@ -95,6 +98,7 @@ class Contribution:
     chunk: int | None = None
     pipelined: bool = False
     periodic: bool = False
+    free: np.ndarray | None = None
 
     def initial(self, theta, x0, u, y=None):
         """Return the initial state of an experiment.
@@ -230,8 +234,7 @@ class Contribution:
         FloatingPointError
             If the simulation diverges, or its sensitivities do.
         """
-        n_params = self.structure.n_params
-        n = n_params + self.structure.n_x0
+        n_free, n = self._n_columns
         # of [J r]: J'J, J'r and |r|^2 are blocks of one sum
         sums = np.zeros((n + 1, n + 1))
         end = np.empty((self.structure.nx, n)) if self.periodic else None
@@ -244,15 +247,23 @@ class Contribution:
                 _check(sums)
         JJ = np.tril(sums) + np.tril(sums, -1).T
         if self.periodic:
-            JJ = eliminated(JJ, end, n_params)
-        border = JJ[n_params:n, :n].copy(), JJ[n_params:n, n].copy()
-        head, head_r = JJ[:n_params, :n_params].copy(), JJ[:n_params, n].copy()
+            JJ = eliminated(JJ, end, n_free)
+        border = JJ[n_free:n, :n].copy(), JJ[n_free:n, n].copy()
+        head, head_r = JJ[:n_free, :n_free].copy(), JJ[:n_free, n].copy()
         return Arrow(head, head_r, float(JJ[n, n]), {i: border})
+
+    @property
+    def _n_columns(self):
+        """Return how many derivatives there are: by free parameters, and all."""
+        free = self.free
+        n_free = self.structure.n_params if free is None else int(np.sum(free))
+        return n_free, n_free + self.structure.n_x0
 
     def _jacobian(self, theta, x0, u, y, end):
         """Yield [J r] in chunks; if pipelined, a chunk outlives the next one."""
-        n = self.structure.n_params + self.structure.n_x0
+        n = self._n_columns[1]
         options = {"spare": 1, "buffers": 1 + self.pipelined, "end": end}
+        options["free"] = self.free
         for part, Z, J in sensitivities(
             self.structure, theta, x0, u, self.weight, self.chunk, **options
         ):
@@ -276,7 +287,9 @@ def _add_behind(blocks, sums):
 
 def _check(sums):
     """Raise if the sums show diverging sensitivities."""
-    if not np.diag(sums)[:-1].max() < SENSITIVITY_LIMIT:  # "not <": nan is beyond
+    if (
+        not np.diag(sums)[:-1].max(initial=0.0) < SENSITIVITY_LIMIT
+    ):  # "not <": nan is beyond
         raise FloatingPointError(
             "The simulation is finite at these parameters, but its sensitivities "
             "diverge."

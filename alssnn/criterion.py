@@ -25,6 +25,8 @@ summed in parallel (`mapping`).
 """
 
 from abc import ABC, abstractmethod
+from copy import copy
+from dataclasses import replace
 from functools import partial
 from operator import add
 
@@ -187,6 +189,25 @@ class Criterion(LeastSquares):
             self.center[: structure.n_params] = center
         self._memo: tuple = (None, 0.0)  # last free vector and its norm
 
+    def holding(self, held):
+        """Return the same criterion without derivatives by some parameters.
+
+        Parameters
+        ----------
+        held : ndarray of bool of shape (n_params,)
+            Parameters whose entries of J'J and J'r are wanted by nobody.
+
+        Returns
+        -------
+        criterion : Criterion
+            Those are zero, but for the decay, and cost no time.
+        """
+        if not held.any():
+            return self
+        other = copy(self)
+        other.one = replace(self.one, free=~held)
+        return other
+
     # -- the free vector -----------------------------------------------------------
 
     def join(self, theta, x0):
@@ -298,19 +319,23 @@ class Criterion(LeastSquares):
             If the simulation diverges, or its sensitivities do.
         """
         n_params, n_x0 = self.structure.n_params, self.structure.n_x0
+        theirs = np.arange(n_params)
+        if self.one.free is not None:
+            theirs = theirs[self.one.free]
         away = self.decay * (free - self.center)
         JJ, Jr, square = np.diag(self.decay**2), self.decay * away, float(away @ away)
         theta, x0 = self.split(free)
         arrow = self.experiments.reduce(
             partial(self.one.arrow, theta), Arrow.merge, range(len(x0)), x0
         )
-        JJ[:n_params, :n_params] += arrow.head
-        Jr[:n_params] += arrow.head_r
+        JJ[np.ix_(theirs, theirs)] += arrow.head
+        Jr[theirs] += arrow.head_r
         for i, (rows, rows_r) in arrow.borders.items():
-            own = slice(n_params + i * n_x0, n_params + (i + 1) * n_x0)
-            JJ[own, :n_params] += rows[:, :n_params]
-            JJ[:n_params, own] += rows[:, :n_params].T
-            JJ[own, own] += rows[:, n_params:]
+            own = n_params + i * n_x0 + np.arange(n_x0)
+            border, corner = np.split(rows, [len(theirs)], axis=1)
+            JJ[np.ix_(own, theirs)] += border
+            JJ[np.ix_(theirs, own)] += border.T
+            JJ[np.ix_(own, own)] += corner
             Jr[own] += rows_r
         return JJ, Jr, float(np.sqrt(square + arrow.square))
 

@@ -19,7 +19,8 @@ import numpy as np
 
 from .compression import equilibrated_eigh
 from .contribution import Contribution
-from .simulation import channels, sensitivities, simulate
+from .sensitivities import sensitivities
+from .simulation import channels, simulate
 
 RANK = 1e-9  # relative: what no candidate tells
 LEAST = 1e-7  # prior knowledge, relative to what all experiments tell together

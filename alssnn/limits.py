@@ -80,6 +80,8 @@ class Limits:
         result : OptimizeResult
             Its outcome, with the whole free vector in ``x``.
         """
+        n_params = len(self.low)
+        criterion = criterion.holding(self.low == self.high)
         problem, start = criterion, free
         drifts = drift_of(self.structure) is not None
         if drifts:
@@ -91,7 +93,6 @@ class Limits:
             radius = np.inf if self.radius is None else self.radius
             problem = Schur(criterion, radius, self.n_integrators)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
-        n_params = len(self.low)
         low[:n_params], high[:n_params] = self.low, self.high
         if self.at_rest:
             low[n_params:] = high[n_params:] = 0.0

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 
 from .compression import equilibrated_eigh
 from .noise import Moments
-from .simulation import runs, sensitivities
+from .sensitivities import sensitivities
+from .simulation import runs
 
 RANK_FLOOR = 1e-11  # relative: smaller eigenvalues of J'J are rounding
 LOSS = 0.1  # relative excess of a variance that is worth a test

@@ -93,10 +93,12 @@ def eliminated(sums, end, n_params):
     sums : ndarray of shape (n + 1, n + 1)
         The same with x0 following theta (eq. steady); zero in its own entries.
     """
-    E = np.eye(len(sums))
-    E[n_params:-1] = 0.0
-    E[n_params:-1, :n_params] = follows(end, n_params)
-    return E.T @ sums @ E
+    x0, D = slice(n_params, len(sums) - 1), follows(end, n_params)
+    sums = sums.copy()
+    sums[:, :n_params] += sums[:, x0] @ D
+    sums[:n_params] += D.T @ sums[x0]
+    sums[x0], sums[:, x0] = 0.0, 0.0
+    return sums
 
 
 def follows(end, n_params):

@@ -12,7 +12,8 @@ from alssnn.models import state_space
 from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
-from alssnn.simulation import neuron_gains, regressors, sensitivities
+from alssnn.sensitivities import sensitivities
+from alssnn.simulation import neuron_gains, regressors
 from alssnn.steady import follows
 from alssnn.watch import Silent
 

@@ -9,8 +9,10 @@ from scipy.optimize import brentq, least_squares
 from alssnn import compression
 from alssnn.compression import EIGENVALUE_FLOOR, compress
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted
+from alssnn.limits import Limits
 from alssnn.models import state_space
 from alssnn.scaling import Scaling
+from alssnn.sensitivities import sensitivities
 from alssnn.simulation import outputs, simulate
 from helpers import assert_jacobian, dense_jacobian, dense_residuals, random_theta
 
@@ -353,6 +355,65 @@ def test_restricted_is_a_part_of_the_whole(criterion, free, rng):
     np.testing.assert_array_equal(JJ_p, JJ[np.ix_(mask, mask)])
     np.testing.assert_array_equal(Jr_p, Jr[mask])
     assert norm_p == norm == pytest.approx(part.fun(free[mask])[0], rel=1e-13)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_what_is_held_takes_no_derivatives(
+    structure, experiments, rng, periodic, monkeypatch
+):
+    options = {"weights": weights(structure), "alpha": 0.01, "periodic": periodic}
+    criterion = Criterion(structure, experiments, **options)
+    x0 = rng.standard_normal((len(experiments), structure.n_x0))
+    free = criterion.join(0.7 * random_theta(structure, rng), x0)
+    held = rng.random(structure.n_params) < 0.5
+    names = structure.network_parameters
+    for name in names[:1]:  # a whole network parameter, too
+        held[structure.slices[name]] = True
+    JJ, Jr, norm = criterion.normal_equations(free)
+    columns = []
+
+    def watched(*args, **options):
+        for part, Z, J in sensitivities(*args, **options):
+            columns.append(J.shape[2])
+            yield part, Z, J
+
+    monkeypatch.setattr("alssnn.contribution.sensitivities", watched)
+    found = criterion.holding(held)
+    assert criterion.one.free is None  # it is another one
+    JJ_h, Jr_h, norm_h = found.normal_equations(free)
+    assert set(columns) == {np.sum(~held) + structure.n_x0 + 1}
+    kept = np.append(~held, np.ones(x0.size, dtype=bool))
+    decay, both = np.diag(criterion.decay**2), np.outer(kept, kept)
+    size = max(1.0, np.abs(JJ).max())
+    np.testing.assert_allclose(JJ_h, np.where(both, JJ, decay), atol=1e-12 * size)
+    expected = np.where(kept, Jr, criterion.decay**2 * free)
+    np.testing.assert_allclose(Jr_h, expected, atol=1e-12 * size)
+    assert norm_h == pytest.approx(norm, rel=1e-13)
+    assert criterion.holding(np.zeros_like(held)) is criterion
+
+
+def test_a_search_differentiates_by_what_is_free(monkeypatch, rng):
+    structure = state_space(3, 1, 1)
+    A = np.diag([0.9, 0.5, -0.3])
+    theta = structure.join({"A": A, "B": np.ones((3, 1)), "C": np.ones((1, 3))})
+    u = rng.standard_normal((60, 1))
+    y = outputs(structure.lure(theta), u, np.zeros(3))
+    columns = []
+
+    def watched(*args, **options):
+        for part, Z, J in sensitivities(*args, **options):
+            columns.append(J.shape[2])
+            yield part, Z, J
+
+    monkeypatch.setattr("alssnn.contribution.sensitivities", watched)
+    diagonal = np.where(np.eye(3, dtype=bool), np.inf, 0.0)
+    limits = Limits(structure, bounds={"A": (-diagonal, diagonal)}, at_rest=True)
+    criterion = Criterion(structure, [(u, y)])
+    start = criterion.join(theta * rng.uniform(0.9, 1.1, len(theta)), np.zeros((1, 3)))
+    result = limits.minimize(criterion, start, tol=1e-14)
+    assert result.cost < 1e-20 and set(columns) == {9 + 3 + 1}
+    A_ = structure.split(result.x[:15])["A"]
+    np.testing.assert_allclose(A_, A, atol=1e-9)
 
 
 # -- random structures -----------------------------------------------------------------

@@ -219,7 +219,7 @@ def declared(request, rng):
 @pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain"])
 def test_derivative_of_a_declared_structure(declared, rng, plain, monkeypatch):
     if plain:
-        monkeypatch.setattr("alssnn.simulation.differentiate", differentiate.plain)
+        monkeypatch.setattr("alssnn.sensitivities.differentiate", differentiate.plain)
     structure, theta = declared
     experiments = [
         (rng.standard_normal((n, structure.nu)), rng.standard_normal((n, 3)))

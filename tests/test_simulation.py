@@ -8,14 +8,8 @@ from alssnn import kernels
 from alssnn.activations import ACTIVATIONS
 from alssnn.continuous import flow, sampled
 from alssnn.models import state_space
-from alssnn.simulation import (
-    SIMULATION_CHUNK,
-    channels,
-    chunk_length,
-    sensitivities,
-    simulate,
-    weight_lists,
-)
+from alssnn.sensitivities import chunk_length, sensitivities
+from alssnn.simulation import SIMULATION_CHUNK, channels, simulate, weight_lists
 from helpers import assert_jacobian, random_theta, simulate_linear
 
 
@@ -111,10 +105,11 @@ def test_a_divergence_takes_its_own_1024_samples_along():
 
 
 def test_sensitivities_of_a_chunk_fit_the_cache(structure):
-    sample = 8 * (structure.n_params + structure.n_x0) * structure.nz  # bytes
-    chunk = chunk_length(structure)
+    n = structure.n_params + structure.n_x0
+    sample = 8 * n * structure.nz  # bytes
+    chunk = chunk_length(structure.nz, n)
     assert chunk * sample <= 1.2e6 < (chunk + 1) * sample
-    assert chunk_length(state_space(50, 3, 30)) == 32  # a loop over less is slow
+    assert chunk_length(30, 1_000) == 32  # a loop over less is slow
 
 
 def test_unstable_but_short_simulation_is_not_divergence():
@@ -151,7 +146,7 @@ def test_sensitivities_do_the_same_compiled_and_plain(structure, run, monkeypatc
     theta, u, x0 = run
     results = []
     for kernel in (kernels.differentiate, kernels.differentiate.plain):
-        monkeypatch.setattr("alssnn.simulation.differentiate", kernel)
+        monkeypatch.setattr("alssnn.sensitivities.differentiate", kernel)
         blocks = sensitivities(structure, theta, x0, u, np.ones(structure.nz), 7)
         results.append(np.concatenate([J.copy() for *_, J in blocks]))
     np.testing.assert_allclose(*results, rtol=0, atol=1e-13)
@@ -185,10 +180,10 @@ def test_many_layers_are_differentiated_as_few(deep, rng, monkeypatch):
     ]
     results = []
     for most, size, back_propagate, differentiate in ways:
-        monkeypatch.setattr("alssnn.simulation.MANY_LAYERS", most)
-        monkeypatch.setattr("alssnn.simulation.GAINS_BYTES", size)
-        monkeypatch.setattr("alssnn.simulation.back_propagate", back_propagate)
-        monkeypatch.setattr("alssnn.simulation.differentiate", differentiate)
+        monkeypatch.setattr("alssnn.sensitivities.MANY_LAYERS", most)
+        monkeypatch.setattr("alssnn.sensitivities.GAINS_BYTES", size)
+        monkeypatch.setattr("alssnn.sensitivities.back_propagate", back_propagate)
+        monkeypatch.setattr("alssnn.sensitivities.differentiate", differentiate)
         blocks = sensitivities(deep, theta, x0, u, scale, 20)
         results.append(
             np.concatenate([np.dstack([Z[:, :, None], J]) for _, Z, J in blocks])
@@ -210,6 +205,42 @@ def test_derivatives_through_many_layers(deep, rng):
 
     J = [J.copy() for *_, J in sensitivities(deep, theta, x0, u, np.ones(deep.nz))]
     assert_jacobian(simulated, np.concatenate(J), np.concatenate([theta, x0]))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("kernel", ["compiled", "plain"])
+def test_derivatives_by_some_parameters(
+    structure, run, rng, share, kernel, monkeypatch
+):
+    theta, u, x0 = run
+    if kernel == "plain":
+        monkeypatch.setattr(
+            "alssnn.sensitivities.differentiate", kernels.differentiate.plain
+        )
+    free = rng.random(structure.n_params) < share
+    scale, ends = rng.uniform(0.5, 2.0, structure.nz), []
+    results = []
+    for wanted in (np.ones_like(free), free):
+        ends.append(np.empty((structure.nx, wanted.sum() + structure.n_x0)))
+        options = {"spare": 1, "end": ends[-1], "free": wanted}
+        blocks = sensitivities(structure, theta, x0, u, scale, 7, **options)
+        results.append(np.concatenate([J[:, :, :-1].copy() for *_, J in blocks]))
+    kept = np.append(free, np.ones(structure.n_x0, dtype=bool))
+    np.testing.assert_allclose(results[1], results[0][:, :, kept], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(ends[1], ends[0][:, kept], rtol=0, atol=1e-13)
+
+
+def test_derivatives_by_some_through_many_layers(deep, rng):
+    theta = 0.2 * rng.standard_normal(deep.n_params)
+    u, x0 = rng.standard_normal((19, deep.nu)), rng.standard_normal(deep.n_x0)
+    free = rng.random(deep.n_params) < 0.5
+    results = []
+    for wanted in (None, free):
+        blocks = sensitivities(deep, theta, x0, u, np.ones(deep.nz), free=wanted)
+        results.append(np.concatenate([J.copy() for *_, J in blocks]))
+    kept = np.append(free, np.ones(deep.n_x0, dtype=bool))
+    size = np.abs(results[0]).max(initial=1.0)
+    np.testing.assert_allclose(results[1], results[0][:, :, kept], atol=1e-13 * size)
 
 
 @pytest.mark.parametrize("L", [1, 8, 19])

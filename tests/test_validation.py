@@ -13,7 +13,8 @@ from alssnn.estimators import _plant
 from alssnn.linearizability import Region, judge, measure, percent, worst_error
 from alssnn.lure import Lure
 from alssnn.regression import lagged
-from alssnn.simulation import sensitivities, simulate
+from alssnn.sensitivities import sensitivities
+from alssnn.simulation import simulate
 from alssnn.validation import (
     ahead_fit,
     frequency_response,

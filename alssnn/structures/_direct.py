@@ -53,6 +53,35 @@ class Direct(NamedTuple):
             Phi = np.hstack([Phi, Phi @ self.signal_map[:, n:]])
         return WR, Phi
 
+    def by(self, free):
+        """Return the derivatives by some of the parameters alone.
+
+        Parameters
+        ----------
+        free : ndarray of bool of shape (n_params,)
+            Whether the derivative by a parameter is wanted.
+
+        Returns
+        -------
+        direct : Direct
+            The same with a column for each of these.
+        """
+        column, table = np.cumsum(free) - 1, []
+        for start, stop, c, a, b, g, s, kind in self.table:
+            wanted = free[c : c + a * b].reshape(a, b)
+            if wanted.all():
+                table.append((start, stop, column[c], a, b, g, s, kind))
+                continue
+            # row by row, as many products as there are runs of wanted entries
+            kind = VARYING if kind == FOUR else kind
+            for i, row in enumerate(wanted):
+                span = (start + i, start + i + 1) if kind == DIAGONAL else (start, stop)
+                edges = np.flatnonzero(np.diff(row, prepend=False, append=False))
+                for j, end in edges.reshape(-1, 2):
+                    place = column[c + i * b + j]
+                    table.append((*span, place, 1, end - j, g + i, s + j, kind))
+        return self._replace(table=np.array(table, dtype=np.int64).reshape(-1, 8))
+
 
 class Products:
     """Collect products, and make a `Direct` of them.

@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from ..plants import as_plant
-from ..simulation import channels, outputs, sensitivities, simulate
+from ..sensitivities import sensitivities
+from ..simulation import channels, outputs, simulate
 
 PERFECT = 1e-10  # residual over output that is rounding
 
