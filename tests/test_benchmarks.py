@@ -3,6 +3,7 @@
 import csv
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 
@@ -153,6 +154,21 @@ def test_the_mirror_is_fitted_to_realizations_of_every_level(rng):
     for i, (u, y) in enumerate(zip(us, ys, strict=True)):
         assert u is train[2 * i].u and y is train[2 * i].y
     assert len(us) == 3 and len(mirror.of_every_level(train, 2)[0]) == 6
+
+
+def test_the_modal_form_of_the_mirror_is_the_same_system(rng):
+    A = np.diag([0.9, 0.5, 0.2]) + np.triu(rng.standard_normal((3, 3)), 1)
+    A = np.block(
+        [[A, np.zeros((3, 2))], [np.ones((2, 3)), np.array([[0.6, 0.3], [-0.3, 0.6]])]]
+    )
+    B, C = rng.standard_normal((5, 2)), rng.standard_normal((3, 5))
+    system = control.ss(A, B, C, rng.standard_normal((3, 2)), 0.1)
+    found, bounds = mirror.modal(system)
+    z = np.exp(0.1j * np.linspace(0, 30, 7))
+    np.testing.assert_allclose(found(z), system(z), atol=1e-10)
+    low, high = bounds["A"]
+    assert np.isinf(high).sum() == np.isinf(low).sum() == 3 + 4
+    assert np.all((low <= found.A) & (found.A <= high)) and found.dt == 0.1
 
 
 def test_errors_of_the_mirror_are_means_over_outputs_and_records(rng):

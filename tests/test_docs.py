@@ -225,6 +225,21 @@ def test_the_study_of_optuna_runs(monkeypatch):
     assert not hasattr(names["model"], "A_")  # the template stays what it was
 
 
+def test_zeros_of_the_modal_form_are_held():
+    (code,) = [block for block in python_blocks("scaling") if "cdf2rdf" in block]
+    record = alssnn.datasets.make_wiener_hammerstein(1200, random_state=0)
+    names = {"record": record, "np": np} | {m.__name__: m for m in MODELS}
+    exec(code, names)
+    model = names["model"].set_params(n_f=3, alpha=1e-4, n_init=1, max_iter=5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(record.u, record.y)
+    is_zero = names["A"] == 0
+    assert is_zero.sum() >= 36 - 12 and not model.A_[is_zero].any()
+    assert np.all(model.A_[~is_zero] != names["A"][~is_zero])  # all others moved
+    assert model.score(record.u, record.y) > names["linear"].score(record.u, record.y)
+
+
 def test_every_page_is_in_the_contents():
     index = (ROOT / "doc" / "index.rst").read_text(encoding="utf-8")
     written = {"index", "sg_execution_times"}  # the latter by the gallery
