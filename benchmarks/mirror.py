@@ -1,19 +1,19 @@
 """AL-SSNN of the fine steering mirror: one model of 28 states for three levels.
 
-    python -m benchmarks.mirror [--realizations 1 6] [--minutes 8 40] [--jobs 2]
-                                [--save FILE] [--start FILE]
+    python -m benchmarks.mirror [--realizations 2 6 6] [--minutes 6 10 6]
+                                [--jobs 2] [--save FILE] [--start FILE]
 
 Defaults of the package search with three random starts and hidden samples, which takes
 days on a record of 18 periods of 8,192 samples, three inputs and outputs.  Options are
 set by hand: periodic initial states, one random start, alpha = 1e-6, no search.
 
 A linear model of all records comes first.  In modal form its A has 52 entries that are
-not zero.  The others are held, and take no time.  A first stage fits one realization of
-every level, and the next ones go on from there with more of them.  After every stage
-the error of each level is printed, in micrometres, as the mean over outputs,
-realizations and periods: of the tests, and behind a bar of all training records.  The
-first 100 samples estimate the initial state.  `--save` keeps the model behind every
-stage.  `--start` goes on from a kept one, whose errors are the first row.
+not zero.  The others are held, and take no time.  A first stage fits two realizations
+of every level, and the next ones go on from there with all six.  After every stage the
+error of each level is printed, in micrometres, as the mean over outputs, realizations
+and periods: of the tests, and behind a bar of all training records.  The first 100
+samples estimate the initial state.  `--save` keeps the model behind every stage.
+`--start` goes on from a kept one, whose errors are the first row.
 """
 
 import argparse
@@ -106,8 +106,8 @@ def stage(model, n, minutes, train):
 def main(argv=None):
     """Run the stages and print their errors."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--realizations", type=int, nargs="+", default=[1, 6])
-    parser.add_argument("--minutes", type=float, nargs="+", default=[8.0, 40.0])
+    parser.add_argument("--realizations", type=int, nargs="+", default=[2, 6, 6])
+    parser.add_argument("--minutes", type=float, nargs="+", default=[6.0, 10.0, 6.0])
     parser.add_argument("--save", help="where the model is kept")
     parser.add_argument("--start", help="a kept model")
     parser.add_argument("--jobs", type=int, help="threads of a pass")
