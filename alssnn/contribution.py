@@ -234,7 +234,8 @@ class Contribution:
         FloatingPointError
             If the simulation diverges, or its sensitivities do.
         """
-        n_free, n = self._n_columns
+        n_free = self.structure.n_params if self.free is None else np.sum(self.free)
+        n = n_free + self.structure.n_x0
         # of [J r]: J'J, J'r and |r|^2 are blocks of one sum
         sums = np.zeros((n + 1, n + 1))
         end = np.empty((self.structure.nx, n)) if self.periodic else None
@@ -252,25 +253,17 @@ class Contribution:
         head, head_r = JJ[:n_free, :n_free].copy(), JJ[:n_free, n].copy()
         return Arrow(head, head_r, float(JJ[n, n]), {i: border})
 
-    @property
-    def _n_columns(self):
-        """Return how many derivatives there are: by free parameters, and all."""
-        free = self.free
-        n_free = self.structure.n_params if free is None else int(np.sum(free))
-        return n_free, n_free + self.structure.n_x0
-
     def _jacobian(self, theta, x0, u, y, end):
         """Yield [J r] in chunks; if pipelined, a chunk outlives the next one."""
-        n = self._n_columns[1]
         options = {"spare": 1, "buffers": 1 + self.pipelined, "end": end}
         options["free"] = self.free
         for part, Z, J in sensitivities(
             self.structure, theta, x0, u, self.weight, self.chunk, **options
         ):
-            J[:, :, n], missing = self._subtract(Z, y[part])
+            J[:, :, -1], missing = self._subtract(Z, y[part])
             if missing is not None:
                 J[:, : missing.shape[1]][missing] = 0.0
-            yield J.reshape(-1, n + 1)
+            yield J.reshape(-1, J.shape[2])
 
 
 def _add_behind(blocks, sums):
@@ -287,9 +280,8 @@ def _add_behind(blocks, sums):
 
 def _check(sums):
     """Raise if the sums show diverging sensitivities."""
-    if (
-        not np.diag(sums)[:-1].max(initial=0.0) < SENSITIVITY_LIMIT
-    ):  # "not <": nan is beyond
+    largest = np.diag(sums)[:-1].max(initial=0.0)
+    if not largest < SENSITIVITY_LIMIT:  # "not <": nan is beyond
         raise FloatingPointError(
             "The simulation is finite at these parameters, but its sensitivities "
             "diverge."

@@ -80,9 +80,14 @@ class Limits:
         result : OptimizeResult
             Its outcome, with the whole free vector in ``x``.
         """
+        low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
         n_params = len(self.low)
-        criterion = criterion.holding(self.low == self.high)
-        problem, start = criterion, free
+        low[:n_params], high[:n_params] = self.low, self.high
+        if self.at_rest:
+            low[n_params:] = high[n_params:] = 0.0
+        held = low == high
+        problem = criterion = criterion.holding(held[:n_params])
+        start = free
         drifts = drift_of(self.structure) is not None
         if drifts:
             problem = criterion = Following(criterion)
@@ -92,11 +97,6 @@ class Limits:
         elif self.radius is not None or self.structure.sampling is not None:
             radius = np.inf if self.radius is None else self.radius
             problem = Schur(criterion, radius, self.n_integrators)
-        low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
-        low[:n_params], high[:n_params] = self.low, self.high
-        if self.at_rest:
-            low[n_params:] = high[n_params:] = 0.0
-        held = low == high
         part = Restricted(problem, start, ~held) if held.any() else None
         bounds = low[~held], high[~held]
 

@@ -8,7 +8,7 @@ days on a record of 18 periods of 8,192 samples, three inputs and outputs.  Opti
 set by hand: periodic initial states, one random start, alpha = 1e-6, no search.
 
 A linear model of all records comes first.  In modal form its A has 52 entries that are
-not zero.  The others are held, and take no time.  A first stage fits two realizations
+not zero.  The others are held, and cost nothing.  A first stage fits two realizations
 of every level, and the next ones go on from there with all six.  After every stage the
 error of each level is printed, in micrometres, as the mean over outputs, realizations
 and periods: of the tests, and behind a bar of all training records.  The first 100

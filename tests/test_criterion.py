@@ -357,9 +357,23 @@ def test_restricted_is_a_part_of_the_whole(criterion, free, rng):
     assert norm_p == norm == pytest.approx(part.fun(free[mask])[0], rel=1e-13)
 
 
+@pytest.fixture
+def columns(monkeypatch):
+    """The numbers of columns of all J that are made."""
+    seen = []
+
+    def watched(*args, **options):
+        for part, Z, J in sensitivities(*args, **options):
+            seen.append(J.shape[2])
+            yield part, Z, J
+
+    monkeypatch.setattr("alssnn.contribution.sensitivities", watched)
+    return seen
+
+
 @pytest.mark.parametrize("periodic", [False, True])
 def test_what_is_held_takes_no_derivatives(
-    structure, experiments, rng, periodic, monkeypatch
+    structure, experiments, rng, periodic, columns
 ):
     options = {"weights": weights(structure), "alpha": 0.01, "periodic": periodic}
     criterion = Criterion(structure, experiments, **options)
@@ -370,14 +384,7 @@ def test_what_is_held_takes_no_derivatives(
     for name in names[:1]:  # a whole network parameter, too
         held[structure.slices[name]] = True
     JJ, Jr, norm = criterion.normal_equations(free)
-    columns = []
-
-    def watched(*args, **options):
-        for part, Z, J in sensitivities(*args, **options):
-            columns.append(J.shape[2])
-            yield part, Z, J
-
-    monkeypatch.setattr("alssnn.contribution.sensitivities", watched)
+    columns.clear()
     found = criterion.holding(held)
     assert criterion.one.free is None  # it is another one
     JJ_h, Jr_h, norm_h = found.normal_equations(free)
@@ -392,20 +399,12 @@ def test_what_is_held_takes_no_derivatives(
     assert criterion.holding(np.zeros_like(held)) is criterion
 
 
-def test_a_search_differentiates_by_what_is_free(monkeypatch, rng):
+def test_a_search_differentiates_by_what_is_free(columns, rng):
     structure = state_space(3, 1, 1)
     A = np.diag([0.9, 0.5, -0.3])
     theta = structure.join({"A": A, "B": np.ones((3, 1)), "C": np.ones((1, 3))})
     u = rng.standard_normal((60, 1))
     y = outputs(structure.lure(theta), u, np.zeros(3))
-    columns = []
-
-    def watched(*args, **options):
-        for part, Z, J in sensitivities(*args, **options):
-            columns.append(J.shape[2])
-            yield part, Z, J
-
-    monkeypatch.setattr("alssnn.contribution.sensitivities", watched)
     diagonal = np.where(np.eye(3, dtype=bool), np.inf, 0.0)
     limits = Limits(structure, bounds={"A": (-diagonal, diagonal)}, at_rest=True)
     criterion = Criterion(structure, [(u, y)])

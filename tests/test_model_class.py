@@ -765,7 +765,7 @@ def test_bounds_of_D_need_no_basis(data):
                 "linear_start": START[:3],
                 "stability": "contractive",
             },
-            "with stability=None",
+            "no stability=",
         ),
     ],
 )

@@ -211,7 +211,7 @@ def check_bounds(bounds, structure, units, *, own_basis, contractive):
         if name not in ("D", "H") and (not own_basis or contractive):
             raise ValueError(
                 f"`bounds` for {name!r} need a basis of the states that stays what it "
-                "is: give `linear_start`, with stability=None."
+                "is: give `linear_start`, and no stability='contractive'."
             )
         low, high = _pair(name, pair, structure.shapes[name])
         checked[name] = tuple(
