@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .adjoint import curvature
 from .experiments import chunks
 from .kernels import add_square
 from .sensitivities import sensitivities
@@ -70,6 +71,36 @@ class Arrow(NamedTuple):
             self.square + other.square,
             {**self.borders, **other.borders},
         )
+
+
+class Pulled(NamedTuple):
+    """Hold J'c over some experiments, for a vector c as long as the residual.
+
+    Parameters
+    ----------
+    by_theta : ndarray of shape (n_params,)
+        Part by the parameters; nan if a simulation diverges.
+    by_x0 : dict of int to ndarray
+        Parts by the initial states, of shape (n_x0,), by number of the experiment.
+    """
+
+    by_theta: np.ndarray
+    by_x0: dict
+
+    def merge(self, other):
+        """Return the sums over the experiments of both.
+
+        Parameters
+        ----------
+        other : Pulled
+            Sums over other experiments.
+
+        Returns
+        -------
+        pulled : Pulled
+            Sums over all.
+        """
+        return Pulled(self.by_theta + other.by_theta, {**self.by_x0, **other.by_x0})
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +283,37 @@ class Contribution:
         border = JJ[n_free:n, :n].copy(), JJ[n_free:n, n].copy()
         head, head_r = JJ[:n_free, :n_free].copy(), JJ[:n_free, n].copy()
         return Arrow(head, head_r, float(JJ[n, n]), {i: border})
+
+    def curvature(self, thetas, i, x0s, u, y):
+        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points.
+
+        Parameters
+        ----------
+        thetas : sequence of three ndarray of shape (n_params,)
+            Parameters; J belongs to the second ones.
+        i : int
+            Number of the experiment.
+        x0s : ndarray of shape (3, n_x0)
+            Initial states.
+        u : array of shape (N, nu)
+            Inputs.
+        y : array of shape (N, ny)
+            Outputs; only what was not measured counts.
+
+        Returns
+        -------
+        pulled : Pulled
+            The sum over this experiment.
+        """
+
+        def missing(part):
+            return np.isnan(y[part])
+
+        points = zip(thetas, x0s, strict=True)
+        x0s = [self.initial(theta, x0, u) for theta, x0 in points]
+        how = u, self.weight, missing, self.periodic
+        by_theta, by_x0 = curvature(self.structure, thetas, x0s, *how)
+        return Pulled(by_theta, {i: by_x0})
 
     def _jacobian(self, theta, x0, u, y, end):
         """Yield [J r] in chunks; if pipelined, a chunk outlives the next one."""

@@ -33,7 +33,7 @@ from operator import add
 import numpy as np
 
 from .compression import compress
-from .contribution import Arrow, Contribution
+from .contribution import Arrow, Contribution, Pulled
 from .mapping import Held
 
 DIVERGED_NORM = 1e100  # |r| of a diverged trial: finite, so that lm and trf reject it
@@ -79,6 +79,14 @@ class LeastSquares(ABC):
     def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
         """Return errors of outputs, (ny,), all of weight one; zero if unknown."""
         return 0.0
+
+    def curvature(self, before, at, after):  # numpydoc ignore=PR01
+        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points, (n,).
+
+        J belongs to the second point. None says that it is not known, nan that a
+        simulation diverges.
+        """
+        return None
 
     def fun(self, free):
         """Return the compressed residual [|r|, 0, ..., 0] (eq. compress).
@@ -339,6 +347,36 @@ class Criterion(LeastSquares):
             Jr[own] += rows_r
         return JJ, Jr, float(np.sqrt(square + arrow.square))
 
+    def curvature(self, before, at, after):
+        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points.
+
+        Parameters
+        ----------
+        before, at, after : ndarray of shape (n,)
+            Free vectors; J belongs to the second one.
+
+        Returns
+        -------
+        pulled : ndarray of shape (n,)
+            The product; nan if a simulation diverges.
+        """
+        points = [self.split(free) for free in (before, at, after)]
+        thetas, x0 = zip(*points, strict=True)
+        found = self.experiments.reduce(
+            partial(self.one.curvature, thetas),
+            Pulled.merge,
+            range(len(self.experiments)),
+            np.stack(x0, axis=1),
+        )
+        pulled = self.decay**2 * (before - 2 * at + after)
+        by_theta, by_x0 = self.split(pulled)  # views
+        by_theta += found.by_theta
+        for i, part in found.by_x0.items():
+            by_x0[i] += part
+        if self.one.free is not None:
+            by_theta[~self.one.free] = 0.0
+        return pulled
+
 
 def _by_channel(structure, weights):
     """Return the weight of every entry of z."""
@@ -379,6 +417,21 @@ class Mapped(LeastSquares):
             Free vector of the criterion.
         """
 
+    @abstractmethod
+    def pullback(self, free):
+        """Return the transposed derivative of `to_free`.
+
+        Parameters
+        ----------
+        free : ndarray of shape (n,)
+            Free vector of this one.
+
+        Returns
+        -------
+        pull : callable
+            Maps ndarray of shape (n_whole, ...), which it may change, to (n, ...).
+        """
+
     def norm(self, free):  # numpydoc ignore=PR01,RT01
         """Return |r|."""
         return self.criterion.norm(self.to_free(free))
@@ -386,6 +439,17 @@ class Mapped(LeastSquares):
     def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
         """Return errors of outputs, (ny,), all of weight one."""
         return self.criterion.mean_squares(self.to_free(free))
+
+    def normal_equations(self, free):  # numpydoc ignore=PR01,RT01
+        """Return J'J, J'r and |r|."""
+        JJ, Jr, norm = self.criterion.normal_equations(self.to_free(free))
+        pull = self.pullback(free)
+        return pull(pull(JJ).T).T, pull(Jr), norm
+
+    def curvature(self, before, at, after):  # numpydoc ignore=PR01,RT01
+        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points."""
+        found = self.criterion.curvature(*map(self.to_free, (before, at, after)))
+        return None if found is None else self.pullback(at)(found)
 
 
 class Restricted(Mapped):
@@ -423,22 +487,6 @@ class Restricted(Mapped):
         free[self.mask] = part
         return free
 
-    def normal_equations(self, part):
-        """Return J'J, J'r and |r| of the free entries.
-
-        Parameters
-        ----------
-        part : ndarray of shape (n_free,)
-            Entries that are free.
-
-        Returns
-        -------
-        JJ : ndarray of shape (n_free, n_free)
-            Gauss-Newton matrix.
-        Jr : ndarray of shape (n_free,)
-            Half the gradient.
-        norm : float
-            Norm of the residual.
-        """
-        JJ, Jr, norm = self.criterion.normal_equations(self.to_free(part))
-        return JJ[np.ix_(self.mask, self.mask)], Jr[self.mask], norm
+    def pullback(self, _):  # numpydoc ignore=PR01,RT01
+        """Return what takes the free entries alone."""
+        return lambda sums: sums[self.mask]

@@ -99,26 +99,12 @@ class Following(Mapped):
         theta, share = following(self.structure, free[:n])
         return np.concatenate([theta, free[n:]]), share
 
-    def normal_equations(self, free):
-        """Return J'J, J'r and |r|.
+    def pullback(self, free):  # numpydoc ignore=PR01,RT01
+        """Return what gives the gain the share that is left of it."""
+        _, share = self._shrunk(free)
 
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            Free vector.
+        def pull(sums):
+            sums[self.where] *= share
+            return sums
 
-        Returns
-        -------
-        JJ : ndarray of shape (n, n)
-            Gauss-Newton matrix.
-        Jr : ndarray of shape (n,)
-            Half the gradient of |r|^2.
-        norm : float
-            Norm of the residual.
-        """
-        free, share = self._shrunk(free)
-        JJ, Jr, norm = self.criterion.normal_equations(free)
-        JJ[self.where] *= share
-        JJ[:, self.where] *= share
-        Jr[self.where] *= share
-        return JJ, Jr, norm
+        return pull

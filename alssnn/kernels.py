@@ -247,6 +247,38 @@ def differentiate(FH, table, constants, gains, signals, S, J):
     J[:, :, :n] = T[:, nx:]
 
 
+def _retrace_loop(FH, carried, rows):
+    L, n_rows, nx = FH.shape
+    for k in range(L - 1, -1, -1):
+        for i in range(nx):
+            rows[k, i] = carried[i]
+            carried[i] = 0.0
+        for r in range(n_rows):
+            value = rows[k, r]
+            for i in range(nx):
+                carried[i] += FH[k, r, i] * value
+
+
+@_compiled(_retrace_loop)
+def retrace(FH, carried, rows):
+    """Run the adjoint backwards through L samples (eq. adjoint).
+
+    Parameters
+    ----------
+    FH : ndarray of shape (L, nx + nz, nx)
+        Derivatives of [x+; z] by x.
+    carried : ndarray of shape (nx,)
+        Adjoint of the state after the last sample; overwritten with that of the state
+        at the first one.
+    rows : ndarray of shape (L, nx + nz)
+        Adjoint of [x+; z]: that of z is given, that of x+ is written.
+    """
+    nx = FH.shape[2]
+    for FH_k, row in zip(FH[::-1], rows[::-1], strict=True):
+        row[:nx] = carried
+        carried[:] = row @ FH_k
+
+
 def _back_propagate_loop(initial, slope, layers, first, onto, weight, out):
     n_rows, n_columns = initial.shape
     L, nw = slope.shape

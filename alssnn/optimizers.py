@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from threadpoolctl import ThreadpoolController
 
+from .acceleration import Accelerated
 from .criterion import DIVERGED_NORM
 from .watch import AT_FLOOR, INTERRUPTED, NO_PROGRESS, Stop
 
@@ -71,6 +72,7 @@ def minimize(
     to_point=None,
     label="",
     faint=0.0,
+    bends=False,
 ):
     """Minimize a least-squares criterion from a given start.
 
@@ -102,6 +104,8 @@ def minimize(
     faint : float, default=0.0
         Share of the median of the derivatives at the start. Parameters with a smaller
         one go no further than those with a share of `LEAST_SHARE`.
+    bends : bool, default=False
+        Whether steps of "lm" bend along the valleys of the cost (`acceleration`).
 
     Returns
     -------
@@ -119,7 +123,13 @@ def minimize(
             "The model diverges from its initial parameters. Scale `u` and `y`, "
             "shorten the records, or give a stable `linear_start`."
         )
-    search = _Search(criterion, free, watch, patience, to_point, label, faint)
+    bent = Accelerated(criterion, free) if bends and method == "lm" else None
+    points = [*([bent.to_free] if bent else []), *([to_point] if to_point else [])]
+
+    def place(x):
+        return functools.reduce(lambda x, to_point: to_point(x), points, x)
+
+    search = _Search(bent or criterion, free, watch, patience, place, label, faint)
     options = {
         "method": method,
         "bounds": (-np.inf, np.inf) if bounds is None else bounds,
@@ -137,11 +147,12 @@ def minimize(
             raise
         watch.stop(INTERRUPTED, interrupt)
         status, message = STOPPED, INTERRUPTED
-    cost = criterion.norm(search.best) ** 2
+    best = bent.to_free(search.best) if bent else search.best
+    cost = criterion.norm(best) ** 2
     if watch is not None:
         watch.end(label, search.n_accepted, cost)
     return OptimizeResult(
-        x=search.best,
+        x=best,
         cost=cost,
         nfev=search.nfev,
         status=status,
@@ -159,7 +170,7 @@ class _Search:
         self.criterion = criterion
         self.watch = watch
         self.patience = patience
-        self.to_point = to_point or (lambda x: x)
+        self.to_point = to_point
         self.label = label
         self.faint = faint
         self.last = None  # accepted point

@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 
 from .kernels import back_propagate, differentiate
 from .simulation import neuron_gains, regressors, trajectory, weight_lists
+from .structures import direct
 
 SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
 MANY_LAYERS = 8  # beyond: their weights as a list, most of them being zero
@@ -113,12 +114,12 @@ def sensitivities(
     M_x, W = lure.M[:, :nx] * scale[:, None], lure.W * scale[:, None]
     V_x = lure.V[:, :nx]
     Theta_z = (lure.Theta[nx : nx + nz] * scale[nx:, None]).T
-    direct = structure.direct(p, scale)
+    products = direct(structure, p, scale)
     if free is not None:
-        direct = direct.by(free)
+        products = products.by(free)
     deep = None
     if len(lure.layers) > MANY_LAYERS and not lure.implicit:
-        deep = _Deep(lure, W, M_x, direct)
+        deep = _Deep(lure, W, M_x, products)
     ring = cycle([np.zeros((chunk, nz, n + spare)) for _ in range(buffers)])
     S = np.zeros((nx, n))
     S[: structure.n_x0, n_free:] = np.eye(structure.n_x0)
@@ -134,7 +135,7 @@ def sensitivities(
         WR = neuron_gains(lure, W, Phi)  # (L, nx + nz, nw)
         FH = (WR.reshape(L * (nx + nz), lure.nw) @ V_x).reshape(L, nx + nz, nx) + M_x
         differentiate(
-            FH, direct.table, direct.constants, *direct.factors(Phi, WR), S, J
+            FH, products.table, products.constants, *products.factors(Phi, WR), S, J
         )
         yield part, Phi @ Theta_z, J
     if end is not None:

@@ -37,7 +37,7 @@ from scipy.linalg import (
 from scipy.optimize import OptimizeResult
 
 from .continuous import can_be_stepped
-from .criterion import DIVERGED_NORM, LeastSquares, Mapped
+from .criterion import DIVERGED_NORM, Mapped
 from .innovations import state_matrix
 from .linear_model import decorrelate, simulation_error, stabilize
 from .subspace import fit_input
@@ -317,38 +317,21 @@ class Contractive(Mapped):
             return 0.0
         return (free[self.K].reshape(self.C.T.shape) @ self.C).ravel()
 
-    def normal_equations(self, free):
-        """Return J'J, J'r and |r|.
+    def pullback(self, free):  # numpydoc ignore=PR01,RT01
+        """Return the transposed derivative of A by Q, and by K (eq. contract)."""
+        T = self.scale * contraction_derivative(free[self.where].reshape(self.shape))
+        by_K = None if self.C is None else np.kron(np.eye(self.shape[0]), self.C)
 
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            Free vector with Q.
+        def pull(sums):
+            if by_K is not None:  # A follows K
+                sums[self.K] += by_K @ sums[self.where]
+            sums[self.where] = T.T @ sums[self.where]
+            return sums
 
-        Returns
-        -------
-        JJ : ndarray of shape (n, n)
-            Gauss-Newton matrix.
-        Jr : ndarray of shape (n,)
-            Half the gradient of |r|^2.
-        norm : float
-            Norm of the residual.
-        """
-        JJ, Jr, norm = self.criterion.normal_equations(self.to_free(free))
-        Q = free[self.where].reshape(self.shape)
-        if self.C is not None:  # A follows K
-            by_K = np.kron(np.eye(len(Q)), self.C)
-            Jr[self.K] += by_K @ Jr[self.where]
-            JJ[self.K] += by_K @ JJ[self.where]
-            JJ[:, self.K] += JJ[:, self.where] @ by_K.T
-        T = self.scale * contraction_derivative(Q)
-        JJ[self.where] = T.T @ JJ[self.where]
-        JJ[:, self.where] = JJ[:, self.where] @ T
-        Jr[self.where] = T.T @ Jr[self.where]
-        return JJ, Jr, norm
+        return pull
 
 
-class Schur(LeastSquares):
+class Schur(Mapped):
     """Reject what has a pole outside a circle, in whatever basis.
 
     In continuous time the circle is that of exp(pole), and poles with which steps of
@@ -395,25 +378,10 @@ class Schur(LeastSquares):
             return DIVERGED_NORM
         return self.criterion.norm(free)
 
-    def mean_squares(self, free):  # numpydoc ignore=PR01,RT01
-        """Return errors of outputs, (ny,), all of weight one."""
-        return self.criterion.mean_squares(free)
+    def to_free(self, free):  # numpydoc ignore=PR01,RT01
+        """Return the free vector itself."""
+        return free
 
-    def normal_equations(self, free):
-        """Return J'J, J'r and |r|.
-
-        Parameters
-        ----------
-        free : ndarray of shape (n,)
-            Free vector.
-
-        Returns
-        -------
-        JJ : ndarray of shape (n, n)
-            Gauss-Newton matrix.
-        Jr : ndarray of shape (n,)
-            Half the gradient of |r|^2.
-        norm : float
-            Norm of the residual.
-        """
-        return self.criterion.normal_equations(free)
+    def pullback(self, _):  # numpydoc ignore=PR01,RT01
+        """Return the identity."""
+        return lambda sums: sums

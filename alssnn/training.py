@@ -299,7 +299,7 @@ def _stage(
             free = start()
         patience = validation and validation.patience(criterion)
         result = limits.minimize(
-            criterion, free, watch=watch, patience=patience, **options
+            criterion, free, watch=watch, patience=patience, bends=True, **options
         )
     theta, x0 = criterion.split(result.x)
     x0 = criterion.initial_states(theta, x0)

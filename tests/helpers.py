@@ -15,6 +15,7 @@ from alssnn.scaling import Scaling
 from alssnn.sensitivities import sensitivities
 from alssnn.simulation import neuron_gains, regressors
 from alssnn.steady import follows
+from alssnn.structures import direct
 from alssnn.watch import Silent
 
 STEP = 1e-30  # complex step: no subtraction, hence no rounding
@@ -62,15 +63,15 @@ def assert_direct(structure, theta, rng):
     lure = structure.lure(theta)
     Phi = regressors(lure, X, u)
     WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
-    direct = structure.direct(structure.split(theta), scale)
-    gains, signals = direct.factors(Phi, WR)
+    products = direct(structure, structure.split(theta), scale)
+    gains, signals = products.factors(Phi, WR)
     for kernel in (differentiate, differentiate.plain):
         out = np.zeros((L, n_rows, structure.n_params))
         for k in range(L):  # one step each, from S = 0
             FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
             S, J = np.split(out[k].copy(), [structure.nx])
-            factors = direct.constants, gains[one], signals[one]
-            kernel(FH, direct.table, *factors, S, J[None])
+            factors = products.constants, gains[one], signals[one]
+            kernel(FH, products.table, *factors, S, J[None])
             out[k] = np.vstack([S, J])
         assert_jacobian(step, out, theta)
 

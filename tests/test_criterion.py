@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, least_squares
 
-from alssnn import compression
+from alssnn import adjoint, compression
 from alssnn.compression import EIGENVALUE_FLOOR, compress
 from alssnn.criterion import DIVERGED_NORM, Criterion, Restricted
 from alssnn.limits import Limits
@@ -80,6 +80,19 @@ def test_normal_equations_equal_the_dense_ones(criterion, free):
     np.testing.assert_allclose(JJ, J.T @ J, atol=1e-13)
     np.testing.assert_allclose(Jr, J.T @ r, atol=1e-13)
     np.testing.assert_allclose(norm, np.linalg.norm(r))
+
+
+@pytest.mark.parametrize("span", [None, 11])
+def test_curvature_equals_the_dense_one(criterion, free, rng, monkeypatch, span):
+    if span is not None:  # shorter than a record, whose states are then repeated
+        monkeypatch.setattr(adjoint, "SPAN", span)
+        monkeypatch.setattr(adjoint, "GAINS_BYTES", 1)
+    step = 0.05 * rng.standard_normal(len(free))
+    points = free - step, free, free + step**2
+    r = [dense_residuals(criterion, point) for point in points]
+    expected = dense_jacobian(criterion, free).T @ (r[0] - 2 * r[1] + r[2])
+    got = criterion.curvature(*points)
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_compression_is_exact(criterion, free):

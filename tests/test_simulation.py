@@ -10,6 +10,7 @@ from alssnn.continuous import flow, sampled
 from alssnn.models import state_space
 from alssnn.sensitivities import chunk_length, sensitivities
 from alssnn.simulation import SIMULATION_CHUNK, channels, simulate, weight_lists
+from alssnn.structures import direct
 from helpers import assert_jacobian, random_theta, simulate_linear
 
 
@@ -194,6 +195,24 @@ def test_many_layers_are_differentiated_as_few(deep, rng, monkeypatch):
         np.testing.assert_allclose(result, results[0], rtol=0, atol=1e-13 * size)
 
 
+@pytest.mark.parametrize("n_rows", [3, 5])
+def test_the_adjoint_is_the_transposed_derivative(rng, n_rows):
+    nx, L = 3, 17
+    FH = 0.5 * rng.standard_normal((L, n_rows, nx))
+    c, end = rng.standard_normal((L, n_rows - nx)), rng.standard_normal(nx)
+    moved, expected = np.eye(nx), np.zeros(nx)  # of each state, by the first
+    for FH_k, c_k in zip(FH, c, strict=True):
+        both = FH_k @ moved
+        moved = both[:nx]
+        expected += both[nx:].T @ c_k
+    expected += moved.T @ end
+    for kernel in (kernels.retrace, kernels.retrace.plain):
+        carried, rows = end.copy(), np.hstack([np.empty((L, nx)), c])
+        kernel(FH, carried, rows)
+        np.testing.assert_allclose(carried, expected)
+        np.testing.assert_array_equal(rows[-1, :nx], end)
+
+
 def test_derivatives_through_many_layers(deep, rng):
     theta = 0.2 * rng.standard_normal(deep.n_params)
     u, x0 = rng.standard_normal((19, deep.nu)), rng.standard_normal(deep.n_x0)
@@ -270,7 +289,7 @@ def test_products_of_the_same_parameters_stand_in_fours():
     one = sampled(state_space(2, 1, 1, n_g=2, C=np.eye(1, 2)), substeps=2)
     rng = np.random.default_rng(0)
     p = one.split(rng.standard_normal(one.n_params))
-    table = one.direct(p, np.ones(one.nx + one.nz)).table
+    table = direct(one, p, np.ones(one.nx + one.nz)).table
     lead = np.flatnonzero(table[:, -1] == kernels.FOUR)
     assert 4 * len(lead) == len(table)
     for i in range(1, 4):

@@ -20,14 +20,16 @@ Acting on the regressor phi of one sample (see `simulation`), a term contributes
     P F_i S phi[cols],        P = F_1 ... F_(i-1),   S = F_(i+1) ... F_m
 
 so that the derivative by F_i[a, b] is  P[:, a] (S phi[cols])[b]  (eq. sens).
-`Structure.direct` tabulates these gains and signals once for all samples; nothing ever
-forms d Theta / d theta as a dense array.  A parameter may stand in any number of terms:
+`direct` tabulates these gains and signals once for all samples, and `pull` goes the
+other way, from a gradient by Theta to one by theta; nothing ever forms
+d Theta / d theta as a dense array.  A parameter may stand in any number of terms:
 their derivatives add up.
 
 Which signals are channels is a matter of the view: `Structure.observe` takes others,
 and `Structure.law` makes the static map (s, u) -> v of the virtual input.
 """
 
+from ._direct import direct, pull
 from ._signals import ONE, AtRest, Diagonal, Factor, Matrix, Signal, Term, diagonal
 from ._structure import Structure
 
@@ -41,4 +43,6 @@ __all__ = [
     "Structure",
     "Term",
     "diagonal",
+    "direct",
+    "pull",
 ]

@@ -83,6 +83,79 @@ class Direct(NamedTuple):
         return self._replace(table=np.array(table, dtype=np.int64).reshape(-1, 8))
 
 
+def direct(structure, p, scale):
+    """Return the direct derivative of [x+; z] (eq. sens) as products.
+
+    Direct means: at fixed states, so without the path through earlier samples.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    p : dict of str to ndarray
+        Its parameters.
+    scale : ndarray of shape (nx + nz,)
+        Weight of every row.
+
+    Returns
+    -------
+    direct : Direct
+        What holds at all samples; the kernel makes the rest.
+    """
+    n_phi = structure.nx + structure.nu + structure.nw + 1
+    products = Products(scale, structure.nw, n_phi)
+    for rows, cols, column, before, after in _pieces(structure, p):
+        products.add(rows, column, before, products.signal(cols, after))
+    return products.direct()
+
+
+def pull(structure, theta, by_Theta):
+    """Return the gradient by theta of what has a gradient by Theta.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of a model.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    by_Theta : ndarray of shape (nx + nz + nw, nx + nu + nw + 1)
+        Gradient by the entries of Theta.
+
+    Returns
+    -------
+    gradient : ndarray of shape (n_params,)
+        Gradient by the parameters.
+    """
+    gradient = np.zeros(structure.n_params)
+    pieces = _pieces(structure, structure.split(theta))
+    for rows, cols, column, before, after in pieces:
+        block = product([None if before is None else before.T, by_Theta[rows, cols]])
+        block = product([block, None if after is None else after.T])
+        gradient[column : column + block.size] += block.ravel()
+    return gradient
+
+
+def _pieces(structure, p):
+    """Yield the derivative of Theta: rows, columns, place in theta, before and after.
+
+    The entries of theta from that place on, in rows i and columns j, move the block of
+    Theta by ``before[:, i]`` times ``after[j]``; None is the identity.
+    """
+    known = {**structure.constants, **p}
+    for axis, term in structure.terms:
+        rows, cols = structure.rows[axis], structure.cols[term.cols]
+        values = [factor.value(known) for factor in term.factors]
+        for i, factor in enumerate(term.factors):
+            before, after = product(values[:i]), product(values[i + 1 :])
+            if term.gain != 1.0:
+                identity = np.eye(cols.stop - cols.start)
+                after = term.gain * (identity if after is None else after)
+            for name, first, left, right in factor.pieces(p):
+                place = structure.slices[name].start + first
+                pair = product([before, left]), product([right, after])
+                yield rows, cols, place, *pair
+
+
 class Products:
     """Collect products, and make a `Direct` of them.
 

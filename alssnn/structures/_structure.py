@@ -10,7 +10,7 @@ import numpy as np
 from ..activations import ACTIVATIONS
 from ..lure import Lure
 from ..shown import short_repr
-from ._direct import Products, product
+from ._direct import product
 from ._signals import ONE, Factor
 
 
@@ -452,42 +452,6 @@ class Structure:
             value = product(factor.value(p) for factor in term.factors)
             block += term.gain * (np.eye(len(block)) if value is None else value)
         return Lure(Theta, self.nx, self.nu, self.nw, self.sigma)
-
-    def direct(self, p, scale):
-        """Return the direct derivative of [x+; z] (eq. sens) as products.
-
-        Direct means: at fixed states, so without the path through earlier samples.
-
-        Parameters
-        ----------
-        p : dict of str to ndarray
-            Parameters by name.
-        scale : ndarray of shape (nx + nz,)
-            Weight of every row.
-
-        Returns
-        -------
-        direct : Direct
-            What holds at all samples; the kernel makes the rest.
-        """
-        products = Products(scale, self.nw, self.nx + self.nu + self.nw + 1)
-        known = {**self.constants, **p}
-        for axis, term in self.terms:
-            rows, cols = self.rows[axis], self.cols[term.cols]
-            values = [factor.value(known) for factor in term.factors]
-            identity = np.eye(self._size(term.cols))
-            for i, factor in enumerate(term.factors):
-                before, after = product(values[:i]), product(values[i + 1 :])
-                if term.gain != 1.0:
-                    after = term.gain * (identity if after is None else after)
-                for name, first, left, right in factor.pieces(p):
-                    products.add(
-                        rows,
-                        self.slices[name].start + first,
-                        product([before, left]),
-                        products.signal(cols, product([right, after])),
-                    )
-        return products.direct()
 
 
 def _slices(names, lengths):
