@@ -322,7 +322,7 @@ def search(
     descents = [d.times(_scale(orders, is_predictor, d)) for d in descents]
     usual = descents[0]
     # of a single fold, the fit that follows goes on, without a break
-    is_long = len(folds) == 1
+    options["bends"] = is_long = len(folds) == 1
     more = 0 if is_long else max_iter // usual.steps(max_iter)
     common = {
         "weight": output_weight,
@@ -404,16 +404,17 @@ def _walked(paths, watch, tally, n_jobs):
     # of a long record, those that come near the best go on where a path may end
     paths = descended(paths, watch, tally, n_jobs, only_first=True)
     least = [path.least(len(path.descent.first)) for path in paths]
-    near = [
-        i
-        for i, path in enumerate(paths)
-        if least[i] <= path.descent.contends**2 * min(least)
-    ]
-    for i in near:  # also where it may end
-        paths[i].has_ended = False
+    near = []
+    for i, path in enumerate(paths):
+        if least[i] <= path.descent.contends**2 * min(least):
+            path.has_ended = False  # also where it may end
+            near.append(i)
     walked = descended([paths[i] for i in near], watch, tally, n_jobs)
     for i, path in zip(near, walked, strict=True):
         paths[i] = path
+    # one that went on while orders were compared may be lower than those by now
+    while (path := min(paths, key=Path.least)).left():
+        [paths[paths.index(path)]] = descended([path], watch, tally)
     return paths
 
 

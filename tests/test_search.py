@@ -475,6 +475,7 @@ def told(monkeypatch, table, seeds, fold=0, zero=None, further=None):
                 [(theta + i, x0) for theta, x0 in self.points]
                 for i in range(len(self.row))
             ]
+            self.has_ended = True
             walked.append(self)
             return self
 
@@ -706,32 +707,72 @@ def test_a_fit_says_that_it_searches_a_predictor(short, monkeypatch):
             make("fl", noise=noise).fit(*short)
 
 
-@pytest.mark.parametrize(("contends", "n"), [(1.0, 1), (1.5, 2), (1.7, 3)])
-def test_of_a_long_record_starts_near_the_best_go_all_the_way(monkeypatch, contends, n):
+def long_search(monkeypatch, scores, least, contends=1.0):
+    """Search on one fold; return the choice, and what was walked, with its options."""
     orders = compared(1)
     one = {1: orders.models[1][:1]}, {1: orders.errors[1][:1]}
     orders = Orders(orders.folds[:1], *one)  # a long record has one fold
-    went, scores = [], iter([1.6**2, 1.4**2, 1.0])
+    went, scores = [], iter(scores)
     descend = searching.Path.descend
 
     def recorded(self, alphas, *rest, **options):
         went.append((self, list(alphas)))
         return descend(self, alphas, *rest, **options)
 
-    def least(self, n_stages=None):
-        return np.inf if n_stages is None else next(scores)
+    def told(self, n_stages=None):
+        return least(self, went) if n_stages is None else next(scores)
 
     monkeypatch.setattr(searching.Path, "descend", recorded)
-    monkeypatch.setattr(searching.Path, "least", least)
+    monkeypatch.setattr(searching.Path, "least", told)
     descents = [Descent(contends=contends)]
     found = search(recipe(), orders, [1], [1, 2, 3], descents=descents, max_iter=50)
+    return found, went
+
+
+FIRST, REST = list(ALPHAS[:6]), list(ALPHAS[6:])
+
+
+@pytest.mark.parametrize(("contends", "n"), [(1.0, 1), (1.5, 2), (1.7, 3)])
+def test_of_a_long_record_starts_near_the_best_go_all_the_way(monkeypatch, contends, n):
+    scores = 1.6**2, 1.4**2, 1.0
+    end = len(ALPHAS)
+    found, went = long_search(
+        monkeypatch, scores, lambda path, _: end - len(path.alphas), contends
+    )
     paths = [path for path, _ in went]
-    first, rest = list(ALPHAS[:6]), list(ALPHAS[6:])
-    assert [alphas for _, alphas in went] == [first] * 3 + [rest] * n
+    assert [alphas for _, alphas in went] == [FIRST] * 3 + [REST] * n
     assert ALPHAS[5] == pytest.approx(USUAL.enough)
     assert [id(path) for path in paths[3:]] == [id(path) for path in paths[3 - n : 3]]
     # the fit to all samples goes on from there, with all its steps
     assert found.refit_iter == 50
+
+
+def test_of_a_long_record_the_lowest_start_goes_all_the_way(monkeypatch):
+    """Also one that was not near where all were compared, but is lower by now."""
+
+    def least(path, went):
+        return 0.5 if path is went[0][0] else 1.0
+
+    _, went = long_search(monkeypatch, (4.0, 3.0, 1.0), least)
+    paths = [path for path, _ in went]
+    assert [alphas for _, alphas in went] == [FIRST] * 3 + [REST] * 2
+    assert paths[3] is paths[2] and paths[4] is paths[0]
+
+
+@pytest.mark.parametrize("n_folds", [1, 3])
+def test_steps_are_bent_on_long_records(monkeypatch, n_folds):
+    orders, asked = compared(1), []
+    parts = {1: orders.models[1][:n_folds]}, {1: orders.errors[1][:n_folds]}
+    orders = Orders(orders.folds[:n_folds], *parts)
+    minimize = Limits.minimize
+
+    def recorded(self, *args, bends, **options):
+        asked.append(bends)
+        return minimize(self, *args, bends=bends, **options)
+
+    monkeypatch.setattr(Limits, "minimize", recorded)
+    search(recipe(), orders, [1], [11], max_iter=50)
+    assert set(asked) == {n_folds == 1}
 
 
 def test_a_path_goes_on_as_long_as_hidden_samples_gain():
