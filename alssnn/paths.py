@@ -395,6 +395,32 @@ def descended(paths, watch, tally, n_jobs=None, only_first=False, alphas=None):
     return [walked[i] for i in range(len(calls))]
 
 
+def expected_stages(n_ways, seeds, descents, tried):
+    """Return how many stages lead to the choice of a path, at most.
+
+    Those of orders that go on, and along the further descents, come on top.
+
+    Parameters
+    ----------
+    n_ways : int
+        Number of linear models to start from.
+    seeds : sequence of int
+        Random starts.
+    descents : sequence of Descent
+        Descents.
+    tried : int
+        Number of starts by which linear models are compared, at most.
+
+    Returns
+    -------
+    n_stages : int
+        Stages of comparisons and of all paths.
+    """
+    screened = sum(map(len, descents[0].screened))
+    compared = n_ways * min(len(seeds), tried) * screened if n_ways > 1 else 0
+    return len(seeds) * sum(len(d.alphas) for d in descents) + compared
+
+
 def lowest(paths, nearly, n=1, within=np.inf):
     """Return the paths that come lowest, and of each the stage from which it goes on.
 

@@ -31,7 +31,7 @@ import numpy as np
 from .descent import USUAL
 from .excursions import Excursion
 from .holdout import SHARE, Fold, certainty
-from .paths import Path, Tally, descended, lowest
+from .paths import Path, Tally, descended, expected_stages, lowest
 from .training import LEAST_MOVE
 from .watch import Watch
 
@@ -99,6 +99,9 @@ class Found:
     refit_iter : int
         Trial steps that a fit to all samples may take: of a short record, many more
         than what was judged would be another, less regular model.
+    bends : bool
+        Whether these may bend, as those of the search did: of a short record, they
+        would lead as much further.
     fold : Fold
         The fold whose parameters fit all samples best.
     x0 : ndarray of shape (n_experiments, n_x0)
@@ -122,6 +125,7 @@ class Found:
     center: np.ndarray
     alpha: float
     refit_iter: int
+    bends: bool
     fold: Fold
     x0: np.ndarray
     errors: np.ndarray
@@ -335,7 +339,7 @@ def search(
         return Path(recipe, folds, linears, seed, descent, **common)
 
     ways = [linears for nx in candidates for linears in orders.starts(nx)]
-    n_stages = _expected(len(ways), len(seeds), descents)
+    n_stages = expected_stages(len(ways), seeds, descents, TRIED)
     tally = Tally(watch, orders.errors[orders.nx], n_stages + more)
     curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
@@ -360,6 +364,7 @@ def search(
         walk.centers[i],
         float(alpha),
         max_iter if is_long else REFIT * walk.descent.steps(max_iter),
+        is_long,
         folds[i],
         x0,
         judged,
@@ -369,16 +374,6 @@ def search(
         curve,
         gain,
     )
-
-
-def _expected(n_ways, n_seeds, descents):
-    """Return how many stages lead to the choice of a path, at most.
-
-    Those of orders that go on, and along the further descents, come on top.
-    """
-    screen = sum(map(len, descents[0].screened))
-    tried = min(n_seeds, TRIED) * screen if n_ways > 1 else 0
-    return n_seeds * sum(len(d.alphas) for d in descents) + n_ways * tried
 
 
 def _begun(begin, linears, seeds, descents, tried):

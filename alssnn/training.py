@@ -118,7 +118,7 @@ def train(
         Initial states at the starts, if the first stage is on all samples; None
         estimates them.
     **options : dict
-        ``method``, ``max_iter`` and ``tol`` of `optimizers.minimize`.
+        ``method``, ``max_iter``, ``tol`` and ``bends`` of `optimizers.minimize`.
 
     Returns
     -------
@@ -299,7 +299,7 @@ def _stage(
             free = start()
         patience = validation and validation.patience(criterion)
         result = limits.minimize(
-            criterion, free, watch=watch, patience=patience, bends=True, **options
+            criterion, free, watch=watch, patience=patience, **options
         )
     theta, x0 = criterion.split(result.x)
     x0 = criterion.initial_states(theta, x0)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from alssnn import acceleration
+from alssnn import GrSsnn, acceleration
 from alssnn.acceleration import Accelerated
 from alssnn.criterion import Criterion, LeastSquares, Restricted
 from alssnn.innovations import predictor
@@ -192,3 +192,27 @@ def test_a_fit_with_held_parameters_bends_the_others(rng):
     ]
     assert costs[1].cost < costs[0].cost
     np.testing.assert_array_equal(structure.split(costs[1].x[:-2])["A"][0], A[0])
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize(
+    ("alpha", "n_samples", "expected"),
+    [(1e-4, 300, True), ("auto", 300, False), ("auto", 4100, True)],
+)
+def test_which_fits_have_bent_steps(alpha, n_samples, expected, monkeypatch, rng):
+    """All but those of a short record whose decay was chosen with straight steps."""
+    asked, minimize = [], Limits.minimize
+
+    def recorded(self, criterion, free, bends=False, **options):
+        asked.append((options["label"], bends))
+        return minimize(self, criterion, free, bends=bends, **options)
+
+    monkeypatch.setattr(Limits, "minimize", recorded)
+    u = rng.standard_normal((n_samples, 1))
+    y = np.tanh(2 * simulate_linear([[0.8]], [[0.5]], [[1.0]], u))
+    model = GrSsnn(nx=1, n_f=3, alpha=alpha, max_iter=50, n_init=1, random_state=0)
+    model.fit(u, y + 0.01 * rng.standard_normal(y.shape))
+    labels, bends = zip(*asked, strict=True)
+    assert set(bends) == {expected}
+    assert ("search" in labels) == (alpha == "auto")
+    assert model.score(u, y) > 0.9

@@ -771,8 +771,9 @@ def test_steps_are_bent_on_long_records(monkeypatch, n_folds):
         return minimize(self, *args, bends=bends, **options)
 
     monkeypatch.setattr(Limits, "minimize", recorded)
-    search(recipe(), orders, [1], [11], max_iter=50)
+    found = search(recipe(), orders, [1], [11], max_iter=50)
     assert set(asked) == {n_folds == 1}
+    assert found.bends == (n_folds == 1)  # the fit to all samples, too
 
 
 def test_a_path_goes_on_as_long_as_hidden_samples_gain():
@@ -823,7 +824,9 @@ def test_a_fold_has_all_samples(short):
 )
 def test_what_counts_as_help(errors, linear, helps):
     errors, linear = np.array(errors), np.array(linear)
-    found = Found(None, None, None, 1e-3, 24, None, None, errors, linear, 2.0, 0.5, {})
+    found = Found(
+        *[None] * 3, 1e-3, 24, False, None, None, errors, linear, 2.0, 0.5, {}
+    )
     assert found.helps is helps
     # by chance, or one output at the cost of another
     assert not replace(found, certainty=0.9).helps

@@ -287,6 +287,7 @@ class Ssnn(StateSpaceModel):
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
         max_iter, is_auto = self.max_iter, self.alpha == "auto"
+        bends = not is_auto  # and where a long record was searched
         chosen, continues = self._decay or {"alpha": 0.0}, goes_on(self, previous)
         held: dict = {}
         fallback = self._decay = None
@@ -311,6 +312,7 @@ class Ssnn(StateSpaceModel):
                     self, own, found, linear, near, seeds[0], watch
                 )
                 starts, max_iter = [theta], min(max_iter, found.refit_iter)
+                bends = found.bends
                 fallback = fallback if plain.sizes["x"] == len(linear.A) else None
             else:
                 starts = [self._start(plain, linear, near, seed) for seed in seeds]
@@ -323,6 +325,7 @@ class Ssnn(StateSpaceModel):
             self._x_scale = np.ones(plain.sizes["x"])
         options = {**self._training(plain, held), "weights": weights, **stages(self)}
         options |= {"validation": held_out, "max_iter": max_iter, "watch": watch}
+        options["bends"] = bends
         if not is_auto:
             options |= {"continuation": self.continuation, "rises": not continues}
 
