@@ -6,8 +6,8 @@ n + 1 residuals (`criterion`), so that their linear algebra does not grow with t
 record.  A trial step whose simulation diverges has a huge but finite residual; both
 methods then reject the step, shrink the region and go on.
 
-The default is "lm": on measured records the penalized models, whose valleys are long,
-fall faster with it, while "trf" is a little ahead on unpenalized ones
+The default is "lm".  Where its steps bend, it searches in other coordinates
+(`acceleration`), and costs fall faster than with straight ones or with "trf"
 (`benchmarks.methods`).
 
 Nothing here knows what is being fitted: `minimize` takes any
@@ -123,13 +123,17 @@ def minimize(
             "The model diverges from its initial parameters. Scale `u` and `y`, "
             "shorten the records, or give a stable `linear_start`."
         )
-    bent = Accelerated(criterion, free) if bends and method == "lm" else None
-    points = [*([bent.to_free] if bent else []), *([to_point] if to_point else [])]
+    problem = criterion
+    if bends and method == "lm":
+        problem = Accelerated(criterion, free)
+
+    def parameters(x):
+        return x if problem is criterion else problem.to_free(x)
 
     def place(x):
-        return functools.reduce(lambda x, to_point: to_point(x), points, x)
+        return parameters(x) if to_point is None else to_point(parameters(x))
 
-    search = _Search(bent or criterion, free, watch, patience, place, label, faint)
+    search = _Search(problem, free, watch, patience, place, label, faint)
     options = {
         "method": method,
         "bounds": (-np.inf, np.inf) if bounds is None else bounds,
@@ -147,7 +151,7 @@ def minimize(
             raise
         watch.stop(INTERRUPTED, interrupt)
         status, message = STOPPED, INTERRUPTED
-    best = bent.to_free(search.best) if bent else search.best
+    best = parameters(search.best)
     cost = criterion.norm(best) ** 2
     if watch is not None:
         watch.end(label, search.n_accepted, cost)
