@@ -37,9 +37,10 @@ class Accelerated(LeastSquares):
 
     def __init__(self, criterion, start):
         self.criterion = criterion
-        self._points = {start.tobytes(): np.array(start)}
+        self._points = {(start + 0.0).tobytes(): np.array(start)}
         self._derived: tuple = ()  # last point with derivatives
         # largest squared derivatives by every parameter so far, as MINPACK has them
+        # unless some are faint (`optimizers`)
         self._square = np.zeros(len(start))
 
     def to_free(self, x):
@@ -56,7 +57,7 @@ class Accelerated(LeastSquares):
         free : ndarray of shape (n,)
             The free vector.
         """
-        key = x.tobytes()
+        key = (x + 0.0).tobytes()  # no negative zero
         if key not in self._points:
             self._points[key] = self._bent(x)
         return self._points[key]
@@ -81,13 +82,15 @@ class Accelerated(LeastSquares):
         """Return where a step leads (eq. geodesic), straight on if that is unknown."""
         origin, free, JJ, Jr = self._derived
         step = x - origin
+        square = np.where(self._square > 0, self._square, 1.0)  # D^2
+        length = step @ (square * step)
+        if not length > 0:  # too short to be squared
+            return free + step
         points = free - REACH * step, free, free + REACH * step
         pulled = self.criterion.curvature(*points)
         if pulled is None or not np.isfinite(pulled).all():
             return free + step
-        square = np.where(self._square > 0, self._square, 1.0)  # D^2
         # MINPACK does not tell mu, but (J'J + mu D^2) s = -J'r
-        length = step @ (square * step)
         damping = max(-(Jr + JJ @ step) @ step / length, LEAST_DAMPING)
         try:
             factor = cho_factor(JJ + np.diag(damping * square))

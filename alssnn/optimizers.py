@@ -7,8 +7,8 @@ record.  A trial step whose simulation diverges has a huge but finite residual; 
 methods then reject the step, shrink the region and go on.
 
 The default is "lm".  Where its steps bend, it searches in other coordinates
-(`acceleration`), and costs fall faster than with straight ones or with "trf"
-(`benchmarks.methods`).
+(`acceleration`).  On the record of the benchmarks costs then fall faster than with
+straight steps or with "trf" (`benchmarks.methods`).
 
 Nothing here knows what is being fitted: `minimize` takes any
 `criterion.LeastSquares`.
@@ -79,7 +79,8 @@ def minimize(
     Parameters
     ----------
     criterion : Criterion
-        Object with ``norm(free)``, ``fun(free)`` and ``jac(free)``.
+        Object with ``norm(free)``, ``fun(free)`` and ``jac(free)``; where steps bend,
+        also with ``normal_equations(free)`` and ``curvature``.
     free : ndarray of shape (n,)
         Start.
     method : {"lm", "trf"}, default="lm"

@@ -100,8 +100,8 @@ class Found:
         Trial steps that a fit to all samples may take: of a short record, many more
         than what was judged would be another, less regular model.
     bends : bool
-        Whether these may bend, as those of the search did: of a short record, they
-        would lead as much further.
+        Whether these may bend, as those of the search did. Of a short record, they
+        would lead further than what was judged, too.
     fold : Fold
         The fold whose parameters fit all samples best.
     x0 : ndarray of shape (n_experiments, n_x0)

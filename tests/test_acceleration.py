@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -108,6 +110,32 @@ def test_a_point_that_was_asked_for_is_the_same_again():
     np.testing.assert_array_equal(problem.to_free(START), START)
 
 
+@pytest.mark.parametrize("step", [0.0, 1e-200])
+def test_a_step_of_no_length_stays_straight(step):
+    start = np.array([-0.0, 1.0])
+    problem = Accelerated(Valley(), start)
+    problem.normal_equations(start)
+    x = np.array([step, 1.0])
+    np.testing.assert_array_equal(problem.to_free(x), x)
+
+
+def test_states_of_a_long_record_are_not_all_kept(monkeypatch, rng):
+    structure = state_space(10, 1, 1, n_g=2, C=np.eye(1, 10))
+    theta, x0 = 0.1 * random_theta(structure, rng), np.zeros((1, 10))
+    monkeypatch.setattr("alssnn.adjoint.KEPT_BYTES", 480_000)  # of 2,000 samples
+    peaks = []
+    for n_samples in (8_000, 32_000):
+        pair = rng.standard_normal((2, n_samples, 1))
+        criterion = Criterion(structure, [tuple(pair)])
+        free = criterion.join(theta, x0)
+        criterion.curvature(free, free, free)
+        tracemalloc.start()
+        criterion.curvature(free - 1e-3, free, free + 1e-3)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0]
+
+
 def test_what_watches_a_search_sees_its_parameters_not_its_coordinates():
     points, valley = [], Valley()
 
@@ -210,9 +238,13 @@ def test_which_fits_have_bent_steps(alpha, n_samples, expected, monkeypatch, rng
     monkeypatch.setattr(Limits, "minimize", recorded)
     u = rng.standard_normal((n_samples, 1))
     y = np.tanh(2 * simulate_linear([[0.8]], [[0.5]], [[1.0]], u))
-    model = GrSsnn(nx=1, n_f=3, alpha=alpha, max_iter=50, n_init=1, random_state=0)
-    model.fit(u, y + 0.01 * rng.standard_normal(y.shape))
+    y += 0.01 * rng.standard_normal(y.shape)
+    options = {"max_iter": 50, "n_init": 1, "random_state": 0, "warm_start": True}
+    model = GrSsnn(nx=1, n_f=3, alpha=alpha, **options).fit(u, y)
     labels, bends = zip(*asked, strict=True)
     assert set(bends) == {expected}
     assert ("search" in labels) == (alpha == "auto")
     assert model.score(u, y) > 0.9
+    asked.clear()
+    model.fit(u, y)  # goes on as it began
+    assert {bends for _, bends in asked} == {expected}

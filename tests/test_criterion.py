@@ -85,7 +85,8 @@ def test_normal_equations_equal_the_dense_ones(criterion, free):
 @pytest.mark.parametrize("span", [None, 11])
 def test_curvature_equals_the_dense_one(criterion, free, rng, monkeypatch, span):
     if span is not None:  # shorter than a record, whose states are then repeated
-        monkeypatch.setattr(adjoint, "SPAN", span)
+        kept = span * 24 * criterion.structure.nx
+        monkeypatch.setattr(adjoint, "KEPT_BYTES", kept)
         monkeypatch.setattr(adjoint, "GAINS_BYTES", 1)
     step = 0.05 * rng.standard_normal(len(free))
     points = free - step, free, free + step**2

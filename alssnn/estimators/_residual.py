@@ -74,7 +74,7 @@ def completed(model, own, found, linear, experiments, seed, watch):
     held : dict of str to tuple of ndarray
         Bounds that hold g at zero, unless there is a map and hidden samples need g.
     """
-    known, alpha = found.structure, {"alpha": found.alpha}
+    known, alpha = found.structure, {"alpha": found.alpha, "bends": found.bends}
     if own is model:
         return known, found.theta, alpha | {"center": found.center}, {}
     C, p = known.constants["C"], known.split(found.theta)

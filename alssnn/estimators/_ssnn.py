@@ -113,7 +113,8 @@ class Ssnn(StateSpaceModel):
         Largest number of trial steps on all samples after the coarse stages, of which
         a long record has a second one, on three times the samples.
     method : {"lm", "trf"}, default="lm"
-        Method of `scipy.optimize.least_squares`.
+        Method of `scipy.optimize.least_squares`. Steps of "lm" are bent (eq. geodesic),
+        except on short records with ``alpha="auto"``.
     warm_start : bool, default=False
         Whether a repeated `fit` continues from the last parameters and scaling, if
         they still fit the signals and the other options.
@@ -287,7 +288,6 @@ class Ssnn(StateSpaceModel):
     def _train(self, experiments, previous, watch, held_out):
         check_inputs(self)
         max_iter, is_auto = self.max_iter, self.alpha == "auto"
-        bends = not is_auto  # and where a long record was searched
         chosen, continues = self._decay or {"alpha": 0.0}, goes_on(self, previous)
         held: dict = {}
         fallback = self._decay = None
@@ -312,11 +312,10 @@ class Ssnn(StateSpaceModel):
                     self, own, found, linear, near, seeds[0], watch
                 )
                 starts, max_iter = [theta], min(max_iter, found.refit_iter)
-                bends = found.bends
                 fallback = fallback if plain.sizes["x"] == len(linear.A) else None
             else:
                 starts = [self._start(plain, linear, near, seed) for seed in seeds]
-                decay = {"alpha": 0.0 if is_auto else self.alpha}
+                decay = {"alpha": 0.0 if is_auto else self.alpha, "bends": not is_auto}
         self._decay = decay if is_auto else None
         penalized, weights = self._criterion_terms(plain)
         if watch.observe is not None:
@@ -325,7 +324,6 @@ class Ssnn(StateSpaceModel):
             self._x_scale = np.ones(plain.sizes["x"])
         options = {**self._training(plain, held), "weights": weights, **stages(self)}
         options |= {"validation": held_out, "max_iter": max_iter, "watch": watch}
-        options["bends"] = bends
         if not is_auto:
             options |= {"continuation": self.continuation, "rises": not continues}
 
@@ -351,7 +349,7 @@ class Ssnn(StateSpaceModel):
         """Return structure, start, decay and held weights of a fit that goes on."""
         plain, theta = previous[0], previous[1]
         if self.alpha != "auto":
-            return plain, [theta], {"alpha": self.alpha}, {}
+            return plain, [theta], {"alpha": self.alpha, "bends": True}, {}
         # with what the fit that is continued has chosen
         return plain, [theta], chosen, idle_g(plain, theta)
 

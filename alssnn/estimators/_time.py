@@ -335,6 +335,7 @@ def _trained(estimator, experiments, structure, theta, x0, watch, held_out):
     if x0 is not None and not np.isfinite(_misses(structure, theta, x0, experiments)):
         x0 = None
     decay = dict(getattr(estimator, "_decay", None) or {})
+    decay.pop("bends", None)  # through all layers of a sample they cost too much
     if not np.isfinite(decay.get("alpha", 0.0)):  # the networks did not help
         decay = {}
     elif not decay:
