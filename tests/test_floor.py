@@ -78,7 +78,7 @@ def test_noise_of_one_output_pays_for_no_error_of_another(cls):
     fit = cls(nx=2, noise_floor=noise, **options).fit(u, y)
     free = cls(nx=2, **options).fit(u, y)
     # the sum of both is that of the noise long before the first output is
-    assert error_of(free, u, y)[0] > 2 * noise[0]
+    assert error_of(free, u, y)[0] > 1.9 * noise[0]
     assert fit.message_ == free.message_ != AT_FLOOR
     np.testing.assert_array_equal(fit.A_, free.A_)
     if bend:  # weighted, both come down to the noise
