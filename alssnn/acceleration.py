@@ -21,7 +21,7 @@ from .criterion import LeastSquares
 
 REACH = 0.1  # share of a step over which the second derivative is taken
 MOST_BEND = 0.5  # of a step, beyond which the second order does not tell the way
-LEAST_DAMPING = 1e-12  # relative to the squared derivatives: rounding of J'J
+LEAST_DAMPING = 1e-8  # relative to the squared derivatives: rounding is not bent
 
 
 class Accelerated(LeastSquares):

@@ -405,7 +405,10 @@ def test_warm_start_begins_anew_with_other_signals(mimo, n):
     model = al_ssnn(2, n, n, max_iter=4, warm_start=True, random_state=0).fit(u, y)
     for signals in ((u[:, :1], y), (u, y[:, :1]), (u, y[:, 0])):
         cold = clone(model).set_params(warm_start=False).fit(*signals)
-        assert model.fit(*signals).cost_ == cold.cost_
+        if signals[1].ndim > 1:
+            assert model.fit(*signals).cost_ == cold.cost_
+        else:  # the same as before, and goes on
+            assert 0.99 * cold.cost_ < model.fit(*signals).cost_ <= cold.cost_
         assert model.D_.shape == cold.D_.shape
         np.testing.assert_array_equal(model.y_offset_, cold.y_offset_)
 

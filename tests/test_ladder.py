@@ -96,7 +96,7 @@ def test_figures_are_those_of_the_models(record, ladder):
         measure = row.model.linearizability(*test)
         assert row.linearization_error == measure.linearization_error
         assert row.spectral_radius == measure.spectral_radius
-    assert ladder["AL-SSNN"].rmse_test < 0.5 * ladder["LTI"].rmse_test
+    assert ladder["AL-SSNN"].rmse_test < 0.7 * ladder["LTI"].rmse_test
 
 
 def test_residual_is_what_g_adds_to_the_output(record, ladder):
