@@ -17,14 +17,14 @@ The derivative there is the one by theta, as a is of second order in s.
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from .criterion import LeastSquares
+from .criterion import Mapped
 
 REACH = 0.1  # share of a step over which the second derivative is taken
 MOST_BEND = 0.5  # of a step, beyond which the second order does not tell the way
 LEAST_DAMPING = 1e-8  # relative to the squared derivatives: rounding is not bent
 
 
-class Accelerated(LeastSquares):
+class Accelerated(Mapped):
     """Evaluate a criterion in coordinates that follow its valleys.
 
     Parameters
@@ -62,20 +62,11 @@ class Accelerated(LeastSquares):
             self._points[key] = self._bent(x)
         return self._points[key]
 
-    def norm(self, x):  # numpydoc ignore=PR01,RT01
-        """Return |r|."""
-        return self.criterion.norm(self.to_free(x))
-
-    def mean_squares(self, x):  # numpydoc ignore=PR01,RT01
-        """Return errors of outputs, (ny,), all of weight one."""
-        return self.criterion.mean_squares(self.to_free(x))
-
     def normal_equations(self, x):  # numpydoc ignore=PR01,RT01
         """Return J'J, J'r and |r|."""
-        free = self.to_free(x)
-        JJ, Jr, norm = self.criterion.normal_equations(free)
+        JJ, Jr, norm = super().normal_equations(x)
         self._square = np.maximum(np.diag(JJ), self._square)
-        self._derived = x.copy(), free, JJ, Jr
+        self._derived = x.copy(), self.to_free(x), JJ, Jr
         return JJ, Jr, norm
 
     def _bent(self, x):

@@ -14,12 +14,14 @@ whatever the number of parameters.
 
 `curvature` takes c from three simulations next to each other: the second difference of
 the residual along a step (eq. geodesic).  Where the initial state is that of a period,
-J' v of it, v = dc'r / dx_0, comes from an adjoint that begins behind the last sample
-(eq. steady).  All of it takes as long as three to six simulations.
+it follows theta: the adjoint behind the last sample is then not zero, but the one that
+comes back after a period (eq. steady).  All of it takes as long as three to six
+simulations.
 """
 
 import numpy as np
 
+from .experiments import chunks
 from .kernels import retrace
 from .simulation import neuron_gains, regressors, simulate
 from .structures import pull
@@ -60,7 +62,7 @@ def curvature(structure, thetas, x0s, u, weight, missing, periodic=False):
     lures = [structure.lure(theta) for theta in thetas]
     x = [structure.initial_state(x0) for x0 in x0s]
     length = max(1, KEPT_BYTES // (8 * len(lures) * max(structure.nx, 1)))
-    spans, starts, X = _spans(len(u), length), [], x
+    spans, starts, X = chunks(len(u), length=length), [], x
     for span in spans:
         starts.append(x)
         X = [simulate(lure, u[span], at) for lure, at in zip(lures, x, strict=True)]
@@ -88,10 +90,6 @@ def curvature(structure, thetas, x0s, u, weight, missing, periodic=False):
     return pull(structure, thetas[1], found.by_Theta), by_x0
 
 
-def _spans(stop, length):
-    return [slice(i, min(i + length, stop)) for i in range(0, stop, length)]
-
-
 class _Backwards:
     """Carry the adjoint backwards, and sum the gradient by Theta.
 
@@ -110,7 +108,7 @@ class _Backwards:
 
     def __call__(self, u, X, missing):
         """Go back through the samples of a span."""
-        for part in reversed(_spans(len(u), self.length)):
+        for part in reversed(chunks(len(u), length=self.length)):
             Phi = [
                 regressors(lure, states[part], u[part])
                 for lure, states in zip(self.lures, X, strict=True)

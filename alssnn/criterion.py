@@ -417,9 +417,8 @@ class Mapped(LeastSquares):
             Free vector of the criterion.
         """
 
-    @abstractmethod
     def pullback(self, free):
-        """Return the transposed derivative of `to_free`.
+        """Return the transposed derivative of `to_free`, by default the identity.
 
         Parameters
         ----------
@@ -431,6 +430,7 @@ class Mapped(LeastSquares):
         pull : callable
             Maps ndarray of shape (n_whole, ...), which it may change, to (n, ...).
         """
+        return lambda sums: sums
 
     def norm(self, free):  # numpydoc ignore=PR01,RT01
         """Return |r|."""

@@ -22,7 +22,7 @@ WINDOW_GRID = 32  # candidate places of a stretch in every experiment
 CHUNK = 100_000  # samples treated at a time
 
 
-def chunks(stop, start=0):
+def chunks(stop, start=0, length=CHUNK):
     """Return samples in pieces that fit into memory.
 
     Parameters
@@ -31,13 +31,15 @@ def chunks(stop, start=0):
         Sample behind the last one.
     start : int, default=0
         First sample.
+    length : int, default=`CHUNK`
+        Samples of a piece, at most.
 
     Returns
     -------
     parts : list of slice
         Samples of every piece.
     """
-    return [slice(i, min(i + CHUNK, stop)) for i in range(start, stop, CHUNK)]
+    return [slice(i, min(i + length, stop)) for i in range(start, stop, length)]
 
 
 def check_inputs(u):

@@ -381,7 +381,3 @@ class Schur(Mapped):
     def to_free(self, free):  # numpydoc ignore=PR01,RT01
         """Return the free vector itself."""
         return free
-
-    def pullback(self, _):  # numpydoc ignore=PR01,RT01
-        """Return the identity."""
-        return lambda sums: sums
