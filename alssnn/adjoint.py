@@ -23,7 +23,7 @@ import numpy as np
 
 from .experiments import chunks
 from .kernels import retrace
-from .simulation import neuron_gains, regressors, simulate
+from .simulation import linearized, regressors, simulate
 from .structures import pull
 
 KEPT_BYTES = 48_000_000  # states that are kept; those of longer records are repeated
@@ -123,15 +123,15 @@ class _Backwards:
     def _back(self, Phi, c):
         """Go back through some samples (eq. adjoint)."""
         lure, n_rows = self.lures[1], self.n_rows
-        nx, nw = lure.nx, lure.nw
-        WR = neuron_gains(lure, lure.W, Phi)  # (L, nx + nz, nw)
-        L = len(c)
-        FH = (WR.reshape(L * n_rows, nw) @ lure.V[:, :nx]).reshape(L, n_rows, nx)
-        FH += lure.M[:, :nx]
-        rows = np.hstack([np.empty((L, nx)), c])
+        rows = np.hstack([np.empty((len(c), lure.nx)), c])
+        apart = not lure.E.any()
+        gains, FH = linearized(lure, lure.W, lure.M, Phi, apart)
         retrace(FH, self.carried, rows)
         for row in self.through:
-            retrace(FH, row, np.zeros((L, n_rows)))
-        inside = np.einsum("kr,krn->kn", rows, WR)
+            retrace(FH, row, np.zeros((len(c), n_rows)))
+        if apart:
+            inside = (rows @ lure.W) * gains[:, 0]
+        else:
+            inside = np.einsum("kr,krn->kn", rows, gains)
         self.by_Theta[:n_rows] += rows.T @ Phi
         self.by_Theta[n_rows:] += inside.T @ Phi

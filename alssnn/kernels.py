@@ -17,8 +17,7 @@ from scipy.sparse import csr_array
 
 from .activations import IDENTITY, RELU, SIGMOID, TANH
 
-# Kinds of products in `differentiate`; the last: with the three rows that follow
-DIAGONAL, CONSTANT, VARYING, FOUR = range(4)
+FEW = 500  # weights below which the twin of `advance` does without BLAS
 SIDE_BY_SIDE = 8  # samples that the twin of `back_propagate` treats in one loop
 
 
@@ -71,9 +70,18 @@ def _advance_loop(base, P, E, layers, codes, W, x, X):
     first, seen, weight = E
     q = np.empty(P.shape[0], dtype=P.dtype)
     w = np.empty(nw, dtype=P.dtype)
+    few = P.size + W.size < FEW  # a call of BLAS would cost more than these products
+    P_t, W_t = P.T.copy(), W.T.copy()
     for k in range(base.shape[0]):
-        np.dot(P, x, q)
-        q += base[k]
+        if few:
+            q[:] = base[k]
+            for j in range(len(x)):
+                row, v = P_t[j], x[j]
+                for i in range(len(q)):
+                    q[i] += row[i] * v
+        else:
+            np.dot(P, x, q)
+            q += base[k]
         for i in range(codes.shape[0]):
             a, b, code = layers[i, 0], layers[i, 1], codes[i]
             for j in range(a, b):  # scalars: a view costs more than a short loop
@@ -91,8 +99,15 @@ def _advance_loop(base, P, E, layers, codes, W, x, X):
                 else:
                     w[j] = np.sin(v)
         x = X[k]
-        np.dot(W, w, x)
-        x += q[nw:]
+        if few:
+            x[:] = q[nw:]
+            for j in range(nw):
+                row, v = W_t[j], w[j]
+                for i in range(len(x)):
+                    x[i] += row[i] * v
+        else:
+            np.dot(W, w, x)
+            x += q[nw:]
 
 
 @_compiled(_advance_loop)
@@ -134,86 +149,58 @@ def advance(base, P, E, layers, sigma, W, x, X):
         x += q[nw:]
 
 
-def _differentiate_loop(FH, table, constants, gains, signals, S, J):
+def _differentiate_loop(FH, table, weights, gain_of, signal_of, gains, signals, S, J):
     L, n_rows, nx = FH.shape
     n = S.shape[1]
-    S_next = np.empty_like(S)
+    now, T = np.empty((n_rows, n)), np.empty((n_rows, n))
+    now[:nx] = S
+    factors = np.empty(n)
     for k in range(L):
-        for r in range(n_rows):
-            out = S_next[r] if r < nx else J[k, r - nx]
-            j = nx % 3
-            for p in range(n):
-                out[p] = 0.0
-                for i in range(j):
-                    out[p] += FH[k, r, i] * S[i, p]
-            while j < nx:  # three at a time: a third of the loads and stores
-                f0, f1, f2 = FH[k, r, j], FH[k, r, j + 1], FH[k, r, j + 2]
-                for p in range(n):
-                    out[p] += f0 * S[j, p] + f1 * S[j + 1, p] + f2 * S[j + 2, p]
-                j += 3
-            o = -1
-            while o + 1 < table.shape[0]:
-                o += 1
-                start, stop, c, a, b, g, s, kind = table[o]
-                if r < start or r >= stop:
-                    continue
-                if kind == FOUR:  # the same entries four times: a quarter of the stores
-                    row = gains[k, r]
-                    g1, g2, g3 = table[o + 1, 5], table[o + 2, 5], table[o + 3, 5]
-                    s1, s2, s3 = table[o + 1, 6], table[o + 2, 6], table[o + 3, 6]
-                    o += 3
-                    for i in range(a):
-                        f0, f1, f2, f3 = (
-                            row[g + i],
-                            row[g1 + i],
-                            row[g2 + i],
-                            row[g3 + i],
-                        )
-                        for j in range(b):
-                            out[c + i * b + j] += (
-                                f0 * signals[k, s + j]
-                                + f1 * signals[k, s1 + j]
-                                + f2 * signals[k, s2 + j]
-                                + f3 * signals[k, s3 + j]
-                            )
-                    continue
-                if kind == DIAGONAL:
-                    c += (r - start) * b
-                    value = constants[r, 0]
-                    for j in range(b):
-                        out[c + j] += value * signals[k, s + j]
-                    continue
-                row = constants[r] if kind == CONSTANT else gains[k, r]
-                if b == 1:  # biases: one long loop instead of many of length one
-                    value = signals[k, s]
-                    for i in range(a):
-                        out[c + i] += row[g + i] * value
-                else:
-                    for i in range(a):
-                        value = row[g + i]
-                        for j in range(b):
-                            out[c + i * b + j] += value * signals[k, s + j]
-        S[:] = S_next
+        np.dot(FH[k], now[:nx], T)
+        for start, stop, first, end, at, varies in table:
+            factor, until = factors[first:end], at + end - first
+            gain, signal = gain_of[at:until], signal_of[at:until]
+            seen = signals[k]
+            if varies:
+                for p in range(len(factor)):
+                    factor[p] = seen[signal[p]]
+                for r in range(start, stop):
+                    out, row = T[r, first:end], gains[k, r]
+                    for p in range(len(factor)):
+                        out[p] += row[gain[p]] * factor[p]
+                continue
+            row = gains[k, 0]
+            for p in range(len(factor)):
+                factor[p] = row[gain[p]] * seen[signal[p]]
+            for r in range(start, stop):
+                out, weight = T[r, first:end], weights[r, at:until]
+                for p in range(len(factor)):
+                    out[p] += weight[p] * factor[p]
+        J[k, :, :n] = T[nx:]
+        now, T = T, now
+    S[:] = now[:nx]
 
 
 @_compiled(_differentiate_loop)
-def differentiate(FH, table, constants, gains, signals, S, J):
+def differentiate(FH, table, weights, gain_of, signal_of, gains, signals, S, J):
     """Run S+ = F S + G, J = H S + D (eq. sens) through L samples.
 
     Parameters
     ----------
     FH : ndarray of shape (L, nx + nz, nx)
         Derivatives of [x+; z] by x.
-    table : ndarray of int of shape (n_products, 8)
-        Direct derivatives G and D as products: first and last row (exclusive), first
-        column, a, b, places of gain and signal, kind. Parameter (i, j) of a products
-        (a, b) adds ``gain[i] * signal[j]`` to its column in every row; if `DIAGONAL`,
-        to row i alone, with the gain ``constants[row, 0]``. `FOUR` is `VARYING`, and
-        the three rows that follow have the same parameters, and that kind.
-    constants : ndarray of shape (nx + nz, n_constants)
-        Gains of kind `CONSTANT`.
-    gains : ndarray of shape (L, nx + nz, >= n_gains)
-        Gains of kinds `VARYING` and `FOUR`.
+    table : ndarray of int of shape (n_sheets, 6)
+        Direct derivatives G and D as sheets: first and last row (exclusive), first and
+        last column, place of the first column in the arrays that follow, and whether
+        the sheet varies. Entry (r, p) of a sheet is ``weights[r, p] * gains[0, g] *
+        signals[s]`` for the gain g and the signal s of p; if it varies, it is
+        ``gains[r, g] * signals[s]``.
+    weights : ndarray of shape (nx + nz, n_entries)
+        Constant factors.
+    gain_of, signal_of : ndarray of unsigned int of shape (n_entries,)
+        Numbers of the gains and of the signals.
+    gains : ndarray of shape (L, nx + nz or 1, n_gains)
+        Left factors; one row is enough where no sheet varies.
     signals : ndarray of shape (L, n_signals)
         Right factors.
     S : ndarray of shape (nx, n)
@@ -225,18 +212,12 @@ def differentiate(FH, table, constants, gains, signals, S, J):
     L, n_rows, nx = FH.shape
     n = S.shape[1]
     T = np.zeros((L, n_rows, n))  # [G; D], then [S+; J]
-    for start, stop, c, a, b, g, s, kind in table:
-        out = T[:, start:stop, c : c + a * b]
-        signal = signals[:, s : s + b]
-        if kind == DIAGONAL:
-            diagonal = np.einsum("kiij->kij", out.reshape(L, a, a, b))  # a view
-            diagonal += signal[:, None, :] * constants[start:stop, :1]
-            continue
-        gain = constants[None] if kind == CONSTANT else gains
-        gain = gain[:, start:stop, g : g + a]
-        # repeat and tile keep the long axis innermost: four times faster than a
-        # broadcast product over the short axes
-        out += np.repeat(gain, b, axis=2) * np.tile(signal, (1, a))[:, None, :]
+    for start, stop, first, end, at, varies in table:
+        rows, entries = slice(start, stop), slice(at, at + end - first)
+        gain = gains[:, rows if varies else slice(1), gain_of[entries]]
+        weight = 1.0 if varies else weights[rows, entries]
+        sheet = gain * signals[:, None, signal_of[entries]] * weight
+        T[:, rows, first:end] += sheet
     # BLAS adds the product to T[k] itself (beta = 1): one call per sample. The
     # transposes make the C-ordered arrays Fortran-ordered without a copy.
     S_t = S.T

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from .kernels import back_propagate, differentiate
-from .simulation import neuron_gains, regressors, trajectory, weight_lists
+from .simulation import linearized, regressors, trajectory, weight_lists
 from .structures import direct
 
 SENSITIVITY_BYTES = 1_200_000  # J of one chunk: about the caches
@@ -111,15 +111,15 @@ def sensitivities(
     chunk = min(chunk or chunk_length(nz, n), len(u))
     p, lure = structure.split(theta), structure.lure(theta)
     scale = np.concatenate([np.ones(nx), scale])
-    M_x, W = lure.M[:, :nx] * scale[:, None], lure.W * scale[:, None]
-    V_x = lure.V[:, :nx]
+    M, W = lure.M * scale[:, None], lure.W * scale[:, None]
     Theta_z = (lure.Theta[nx : nx + nz] * scale[nx:, None]).T
-    products = direct(structure, p, scale)
+    derivatives = direct(structure, p, scale, None if lure.E.any() else W)
+    by_slopes = not derivatives.varies
     if free is not None:
-        products = products.by(free)
+        derivatives = derivatives.by(free)
     deep = None
     if len(lure.layers) > MANY_LAYERS and not lure.implicit:
-        deep = _Deep(lure, W, M_x, products)
+        deep = _Deep(lure, W, M[:, :nx], derivatives)
     ring = cycle([np.zeros((chunk, nz, n + spare)) for _ in range(buffers)])
     S = np.zeros((nx, n))
     S[: structure.n_x0, n_free:] = np.eye(structure.n_x0)
@@ -132,11 +132,8 @@ def sensitivities(
             yield part, deep(X[:-1], u_part, S, J) @ Theta_z, J
             continue
         Phi = regressors(lure, X[:-1], u_part)
-        WR = neuron_gains(lure, W, Phi)  # (L, nx + nz, nw)
-        FH = (WR.reshape(L * (nx + nz), lure.nw) @ V_x).reshape(L, nx + nz, nx) + M_x
-        differentiate(
-            FH, products.table, products.constants, *products.factors(Phi, WR), S, J
-        )
+        gains, FH = linearized(lure, W, M, Phi, by_slopes)
+        differentiate(FH, *derivatives.sheets, *derivatives.factors(Phi, gains), S, J)
         yield part, Phi @ Theta_z, J
     if end is not None:
         end[:] = S
@@ -166,8 +163,10 @@ class _Deep:
         nx, nw = lure.nx, lure.nw
         self.lure, self.direct = lure, direct
         own = direct.gain_map[:, nw:]
-        self.initial = np.hstack([W, np.zeros((len(W), own.shape[1])), M_x])
-        self.n_gains = direct.gain_map.shape[1]  # behind them: H of all rows
+        one = np.hstack([np.zeros((len(W), own.shape[1])), np.ones((len(W), 1))])
+        self.initial = np.hstack([W, one, M_x])
+        self.n_gains = direct.gain_map.shape[1] + 1  # behind them: H of all rows
+        own = np.hstack([own, np.zeros((nw, 1))])  # no neuron sees the one
         self.lists = weight_lists(np.hstack([lure.E, own, lure.V[:, :nx]]))
         self.layers = np.array([(a.start, a.stop) for a in lure.layers])
         self.signal_map = csr_array(direct.signal_map[:, nx + lure.nu + nw + 1 :].T)
@@ -184,8 +183,7 @@ class _Deep:
             gains = self.gains[: len(slope[some])]
             back_propagate(self.initial, slope[some], self.layers, *self.lists, gains)
             FH = np.ascontiguousarray(gains[:, :, self.n_gains :])
-            factors = direct.constants, gains, signals[some]
-            differentiate(FH, direct.table, *factors, S, J[some])
+            differentiate(FH, *direct.sheets, gains, signals[some], S, J[some])
         return Phi.T
 
     def _evaluate(self, X, u):

@@ -258,6 +258,30 @@ def outputs(lure, u, x0):
     return Z
 
 
+def neuron_slopes(lure, Phi):
+    """Return sigma', the derivative of every neuron by its own input v.
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    Phi : ndarray of shape (L, nx + nu + nw + 1)
+        Regressors.
+
+    Returns
+    -------
+    slopes : ndarray of shape (L, nw)
+        Slopes.
+    """
+    w = Phi[:, lure.nx + lure.nu : -1]
+    v = Phi @ lure.Theta[lure.nx + lure.nz :].T
+    slopes = np.empty_like(v)
+    for layer in lure.layers:
+        derivative = lure.sigma[layer.start].derivative
+        slopes[:, layer] = derivative(v[:, layer], w[:, layer])
+    return slopes
+
+
 def neuron_gains(lure, W, Phi):
     """Return W R, the derivative of outputs W w by the neurons' own inputs v.
 
@@ -275,16 +299,11 @@ def neuron_gains(lure, W, Phi):
     WR : ndarray of shape (L, n_rows, nw)
         Gains; back-propagation through the layers (eq. sens).
     """
-    w = Phi[:, lure.nx + lure.nu : -1]
-    v = Phi @ lure.Theta[lure.nx + lure.nz :].T
-    slope = np.empty_like(v)
-    for layer in lure.layers:
-        derivative = lure.sigma[layer.start].derivative
-        slope[:, layer] = derivative(v[:, layer], w[:, layer])
+    slope = neuron_slopes(lure, Phi)
     slope = slope[:, None, :]
     if not lure.E.any():
         return W * slope
-    WR = np.repeat(W[None], len(w), axis=0)
+    WR = np.repeat(W[None], len(Phi), axis=0)
     for layer, before in reversed(list(zip(lure.layers, lure.seen, strict=True))):
         if layer.start in lure.implicit:  # W (I - diag(sigma') E)^-1
             bent = np.swapaxes(slope[:, :, layer], 1, 2) * lure.E[layer, layer]
@@ -294,6 +313,40 @@ def neuron_gains(lure, W, Phi):
         WR[:, :, layer] *= slope[:, :, layer]
         WR[:, :, before] += WR[:, :, layer] @ lure.E[layer, before]
     return WR
+
+
+def linearized(lure, W, M, Phi, by_slopes=True):
+    """Return the derivatives of [x+; z] by the neurons and by the states (eq. sens).
+
+    Parameters
+    ----------
+    lure : Lure
+        Model.
+    W : ndarray of shape (nx + nz, nw)
+        Output weights of the neurons, scaled like the rows.
+    M : ndarray of shape (nx + nz, nx + nu)
+        Linear part, scaled likewise.
+    Phi : ndarray of shape (L, nx + nu + nw + 1)
+        Regressors.
+    by_slopes : bool, default=True
+        Whether slopes are enough where neurons do not see each other: W R is then
+        W diag(sigma').
+
+    Returns
+    -------
+    gains : ndarray of shape (L, 1, nw) or (L, nx + nz, nw)
+        The slopes sigma' or W R.
+    FH : ndarray of shape (L, nx + nz, nx)
+        [F; H] (eq. sens).
+    """
+    V_x, (n_rows, nw), nx = lure.V[:, : lure.nx], W.shape, lure.nx
+    if by_slopes and not lure.E.any():
+        gains = neuron_slopes(lure, Phi)[:, None]
+        FH = gains[:, 0] @ (W.T[:, :, None] * V_x[:, None]).reshape(nw, n_rows * nx)
+    else:
+        gains = neuron_gains(lure, W, Phi)
+        FH = gains.reshape(len(Phi) * n_rows, nw) @ V_x
+    return gains, FH.reshape(len(Phi), n_rows, nx) + M[:, :nx]
 
 
 def channels(lure, X, u):

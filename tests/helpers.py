@@ -13,7 +13,7 @@ from alssnn.plant import Plant
 from alssnn.records import PreparedRecord
 from alssnn.scaling import Scaling
 from alssnn.sensitivities import sensitivities
-from alssnn.simulation import neuron_gains, regressors
+from alssnn.simulation import neuron_gains, neuron_slopes, regressors
 from alssnn.steady import follows
 from alssnn.structures import direct
 from alssnn.watch import Silent
@@ -60,20 +60,23 @@ def assert_direct(structure, theta, rng):
         lure = structure.lure(theta)
         return regressors(lure, X, u) @ lure.Theta[:n_rows].T * scale
 
-    lure = structure.lure(theta)
-    Phi = regressors(lure, X, u)
-    WR = neuron_gains(lure, lure.W * scale[:, None], Phi)
-    products = direct(structure, structure.split(theta), scale)
-    gains, signals = products.factors(Phi, WR)
-    for kernel in (differentiate, differentiate.plain):
-        out = np.zeros((L, n_rows, structure.n_params))
-        for k in range(L):  # one step each, from S = 0
-            FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
-            S, J = np.split(out[k].copy(), [structure.nx])
-            factors = products.constants, gains[one], signals[one]
-            kernel(FH, products.table, *factors, S, J[None])
-            out[k] = np.vstack([S, J])
-        assert_jacobian(step, out, theta)
+    lure, p = structure.lure(theta), structure.split(theta)
+    Phi, W = regressors(lure, X, u), lure.W * scale[:, None]
+    ways = [(direct(structure, p, scale), neuron_gains(lure, W, Phi))]
+    if not lure.E.any():  # the gains of all rows follow from the slopes
+        apart = direct(structure, p, scale, W)
+        gains = neuron_slopes(lure, Phi)[:, None]
+        ways.append((apart, ways[0][1] if apart.varies else gains))
+    for sheets, gains in ways:
+        gains, signals = sheets.factors(Phi, gains)
+        for kernel in (differentiate, differentiate.plain):
+            out = np.zeros((L, n_rows, structure.n_params))
+            for k in range(L):  # one step each, from S = 0
+                FH, one = np.zeros((1, n_rows, structure.nx)), slice(k, k + 1)
+                S, J = np.split(out[k].copy(), [structure.nx])
+                kernel(FH, *sheets.sheets, gains[one], signals[one], S, J[None])
+                out[k] = np.vstack([S, J])
+            assert_jacobian(step, out, theta)
 
 
 def random_theta(structure, rng, radius=0.7):

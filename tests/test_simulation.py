@@ -285,16 +285,17 @@ def test_gains_go_back_through_the_neurons_that_see_them(rng, L):
         np.testing.assert_allclose(out, expected, atol=1e-10)
 
 
-def test_products_of_the_same_parameters_stand_in_fours():
-    one = sampled(state_space(2, 1, 1, n_g=2, C=np.eye(1, 2)), substeps=2)
+def test_a_parameter_before_a_sum_has_one_product():
+    one = state_space(2, 1, 1, n_h=3, C=np.eye(1, 2))
     rng = np.random.default_rng(0)
     p = one.split(rng.standard_normal(one.n_params))
-    table = direct(one, p, np.ones(one.nx + one.nz)).table
-    lead = np.flatnonzero(table[:, -1] == kernels.FOUR)
-    assert 4 * len(lead) == len(table)
-    for i in range(1, 4):
-        np.testing.assert_array_equal(table[lead, :5], table[lead + i, :5])
-        np.testing.assert_array_equal(table[lead + i, -1], kernels.VARYING)
+    for W in (None, rng.standard_normal((3, 3))):
+        sheets = direct(one, p, np.ones(3), W)
+        covered = np.zeros((3, one.n_params), dtype=int)
+        for start, stop, first, end, *_ in sheets.table:
+            covered[start:stop, first:end] += 1
+        assert covered.max() == 1  # B u + B h: of B, not one for each
+        assert sheets.varies == (W is None)
 
 
 # -- compiled kernels ------------------------------------------------------------------

@@ -1,57 +1,75 @@
-"""The direct derivative of [x+; z] as a table of products of gains and signals."""
+"""The direct derivative of [x+; z] as sheets of products of gains and signals."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels import CONSTANT, DIAGONAL, FOUR, VARYING
-
 
 class Direct(NamedTuple):
-    """Hold G and D of (eq. sens) as products, for `kernels.differentiate`.
+    """Hold G and D of (eq. sens) as sheets, for `kernels.differentiate`.
+
+    The derivative of a row of [x+; z] by a parameter is a sum of products of a
+    constant, a gain and a signal. A sheet holds one product for each of some columns
+    that follow each other.
 
     Parameters
     ----------
-    table : ndarray of int of shape (n_products, 8)
-        What the kernel is told of every product.
-    constants : ndarray of shape (nx + nz, n_constants)
-        Gains of parameters outside the neurons; the first column scales the rows.
-    gain_map : ndarray of shape (nw, n_gains)
+    table : ndarray of int of shape (n_sheets, 6)
+        What the kernel is told of every sheet.
+    weights : ndarray of shape (nx + nz, n_entries)
+        Constants by row, where the gains are the same for all rows.
+    gain_of : ndarray of unsigned int of shape (n_entries,)
+        Number of the gain; the last one is 1, for parameters outside the neurons.
+    signal_of : ndarray of unsigned int of shape (n_entries,)
+        Number of the signal.
+    gain_map : ndarray of shape (nw, n_gains - 1)
         Gains of parameters inside the neurons, by the gains of the neurons.
     signal_map : ndarray of shape (nx + nu + nw + 1, n_signals)
         Signals, by the regressors.
     """
 
     table: np.ndarray
-    constants: np.ndarray
+    weights: np.ndarray
+    gain_of: np.ndarray
+    signal_of: np.ndarray
     gain_map: np.ndarray
     signal_map: np.ndarray
 
-    def factors(self, Phi, WR):
+    @property
+    def sheets(self):
+        """Return what the kernel is told, the same for all samples."""
+        return self.table, self.weights, self.gain_of, self.signal_of
+
+    @property
+    def varies(self):
+        """Return whether the gains of a sheet differ from row to row."""
+        return bool(self.table[:, -1].any())
+
+    def factors(self, Phi, gains):
         """Return the gains and signals of some samples.
 
         Parameters
         ----------
         Phi : ndarray of shape (L, nx + nu + nw + 1)
             Regressors.
-        WR : ndarray of shape (L, nx + nz, nw)
-            Derivative of [x+; z] by the neurons' inputs v, scaled like the rows.
+        gains : ndarray of shape (L, nx + nz, nw) or (L, 1, nw)
+            Derivative of [x+; z] by the neurons' inputs v, scaled like the rows; where
+            no sheet varies, the slopes of the neurons.
 
         Returns
         -------
-        gains : ndarray of shape (L, nx + nz, n_gains)
+        gains : ndarray of shape (L, nx + nz or 1, n_gains)
             Left factors.
         signals : ndarray of shape (L, n_signals)
             Right factors.
         """
-        L, n_rows, nw = WR.shape
-        if self.gain_map.shape[1] > nw:  # else they are those of the neurons
-            own = (WR.reshape(-1, nw) @ self.gain_map[:, nw:]).reshape(L, n_rows, -1)
-            WR = np.concatenate([WR, own], axis=2)
+        L, n_rows, nw = gains.shape
+        own = self.gain_map[:, nw:]  # else they are those of the neurons
+        own = (gains.reshape(L * n_rows, nw) @ own).reshape(L, n_rows, own.shape[1])
         n = Phi.shape[1]
         if self.signal_map.shape[1] > n:
             Phi = np.hstack([Phi, Phi @ self.signal_map[:, n:]])
-        return WR, Phi
+        return np.concatenate([gains, own, np.ones((L, n_rows, 1))], axis=2), Phi
 
     def by(self, free):
         """Return the derivatives by some of the parameters alone.
@@ -66,25 +84,17 @@ class Direct(NamedTuple):
         direct : Direct
             The same with a column for each of these.
         """
-        column, table = np.cumsum(free) - 1, []
-        for start, stop, c, a, b, g, s, kind in self.table:
-            wanted = free[c : c + a * b].reshape(a, b)
-            if wanted.all():
-                table.append((start, stop, column[c], a, b, g, s, kind))
-                continue
-            # row by row, as many products as there are runs of wanted entries
-            kind = VARYING if kind == FOUR else kind
-            for i, row in enumerate(wanted):
-                span = (start + i, start + i + 1) if kind == DIAGONAL else (start, stop)
-                edges = np.flatnonzero(np.diff(row, prepend=False, append=False))
-                for j, end in edges.reshape(-1, 2):
-                    place = column[c + i * b + j]
-                    table.append((*span, place, 1, end - j, g + i, s + j, kind))
-        return self._replace(table=np.array(table, dtype=np.int64).reshape(-1, 8))
+        wanted = [free[first:end] for _, _, first, end, *_ in self.table]
+        kept = np.concatenate([np.zeros(0, dtype=bool), *wanted])
+        column, place = (np.append(0, np.cumsum(which)) for which in (free, kept))
+        table = self.table.copy()
+        table[:, 2:4], table[:, 4] = column[table[:, 2:4]], place[table[:, 4]]
+        entries = self.weights[:, kept], self.gain_of[kept], self.signal_of[kept]
+        return Direct(table, *entries, self.gain_map, self.signal_map)
 
 
-def direct(structure, p, scale):
-    """Return the direct derivative of [x+; z] (eq. sens) as products.
+def direct(structure, p, scale, W=None):
+    """Return the direct derivative of [x+; z] (eq. sens) as sheets.
 
     Direct means: at fixed states, so without the path through earlier samples.
 
@@ -96,6 +106,9 @@ def direct(structure, p, scale):
         Its parameters.
     scale : ndarray of shape (nx + nz,)
         Weight of every row.
+    W : ndarray of shape (nx + nz, nw) or None, default=None
+        Output weights of neurons that do not see each other, scaled like the rows: the
+        gains of all rows are then multiples of the slopes. None if they do.
 
     Returns
     -------
@@ -105,8 +118,8 @@ def direct(structure, p, scale):
     n_phi = structure.nx + structure.nu + structure.nw + 1
     products = Products(scale, structure.nw, n_phi)
     for rows, cols, column, before, after in _pieces(structure, p):
-        products.add(rows, column, before, products.signal(cols, after))
-    return products.direct()
+        products.add(rows, cols, column, before, after)
+    return products.direct(W)
 
 
 def pull(structure, theta, by_Theta):
@@ -156,6 +169,58 @@ def _pieces(structure, p):
                 yield rows, cols, place, *pair
 
 
+class Product(NamedTuple):
+    """Hold the direct derivatives by parameters (i, j) from a place in theta on.
+
+    Parameters
+    ----------
+    rows : slice
+        Rows of [x+; z] that they move.
+    column : int
+        That place.
+    shape : tuple of int
+        Numbers a and b of values of i and j.
+    weights : ndarray of shape (n_rows, a) or None
+        Constants of the parameters i; None inside the neurons.
+    gain : int or None
+        Number of the gain of i = 0; None outside the neurons.
+    cols : slice
+        Regressors that are seen.
+    after : ndarray of shape (b, n_cols) or None
+        Signals of the parameters j, by these; None for themselves.
+    """
+
+    rows: slice
+    column: int
+    shape: tuple
+    weights: np.ndarray | None
+    gain: int | None
+    cols: slice
+    after: np.ndarray | None
+
+    def signal(self, n_phi):
+        """Return the signals by all regressors.
+
+        Parameters
+        ----------
+        n_phi : int
+            Number of regressors.
+
+        Returns
+        -------
+        signal : ndarray of shape (n_phi, b)
+            One column for each.
+        """
+        whole = np.zeros((n_phi, self.shape[1]))
+        whole[self.cols] = np.eye(self.shape[1]) if self.after is None else self.after.T
+        return whole
+
+    @property
+    def end(self):
+        """Return the place behind them."""
+        return self.column + self.shape[0] * self.shape[1]
+
+
 class Products:
     """Collect products, and make a `Direct` of them.
 
@@ -170,71 +235,107 @@ class Products:
     """
 
     def __init__(self, scale, nw, n_phi):
-        self.scale = scale
-        self.table = []
-        self.constants = [scale[:, None]]
-        self.gains, self.signals = [np.eye(nw)], [np.eye(n_phi)]
+        self.scale, self.nw, self.n_phi = scale, nw, n_phi
+        self.products: dict[tuple, Product] = {}
+        self.gains = [np.eye(nw)]
 
-    def signal(self, cols, after):
-        """Return place and length of a signal.
-
-        Parameters
-        ----------
-        cols : slice
-            Regressors that it sees.
-        after : ndarray of shape (b, n_cols) or None
-            What stands behind the parameter; None for the regressors themselves.
-
-        Returns
-        -------
-        signal : tuple of int
-            Place and length.
-        """
-        if after is None:
-            return cols.start, cols.stop - cols.start
-        return _append(self.signals, cols, after.T), len(after)
-
-    def add(self, rows, column, before, signal):
+    def add(self, rows, cols, column, before, after):
         """Add a parameter, or some of its entries.
 
         Parameters
         ----------
-        rows : slice
-            Rows of Theta that its term adds to.
+        rows, cols : slice
+            Rows and columns of Theta that its term adds to.
         column : int
             Place of the first entry in theta.
         before : ndarray of shape (n_rows, a) or None
             What stands before it; None for nothing.
-        signal : tuple of int
-            Place and length of its signal.
+        after : ndarray of shape (b, n_cols) or None
+            What stands behind it; None for nothing.
         """
-        n_rows, n = len(self.scale), rows.stop - rows.start
-        a, span = n if before is None else before.shape[1], (rows.start, rows.stop)
+        n_rows, gain, weights = len(self.scale), None, None
+        a = rows.stop - rows.start if before is None else before.shape[1]
+        b = cols.stop - cols.start if after is None else len(after)
         if rows.start >= n_rows:  # inside a neuron: moves every row
-            neurons, span = slice(rows.start - n_rows, rows.stop - n_rows), (0, n_rows)
-            kind, place = VARYING, neurons.start
+            neurons = slice(rows.start - n_rows, rows.stop - n_rows)
+            rows, gain = slice(0, n_rows), neurons.start
             if before is not None:
-                place = _append(self.gains, neurons, before)
-        elif before is not None:
-            kind = CONSTANT
-            place = _append(self.constants, rows, self.scale[rows, None] * before)
-        else:  # the parameter [a, b] moves row a alone
-            kind, place = DIAGONAL, 0
-        s, b = signal
-        self.table.append((*span, column, a, b, place, s, kind))
+                gain = _append(self.gains, neurons, before)
+        else:
+            scale = self.scale[rows]
+            weights = np.diag(scale) if before is None else scale[:, None] * before
+        # a parameter may stand before a sum, in several terms: B (u + h)
+        known = None if weights is None else weights.tobytes()
+        key = rows.start, rows.stop, column, a, b, gain, known
+        of = rows, column, (a, b), weights, gain
+        new, old = Product(*of, cols, after), self.products.get(key)
+        if old is not None:
+            both = new.signal(self.n_phi) + old.signal(self.n_phi)
+            new = Product(*of, slice(self.n_phi), both.T)
+        self.products[key] = new
 
-    def direct(self):
+    def direct(self, W):
         """Return all products.
+
+        Parameters
+        ----------
+        W : ndarray of shape (nx + nz, nw) or None
+            Output weights of neurons that do not see each other; None if they do.
 
         Returns
         -------
         direct : Direct
             For the kernel.
         """
-        table = np.array(_in_fours(self.table), dtype=np.int64).reshape(-1, 8)
-        return Direct(
-            table, *map(np.hstack, (self.constants, self.gains, self.signals))
-        )
+        gain_map, signals = np.hstack(self.gains), [np.eye(self.n_phi)]
+        n_gains, n_signals = gain_map.shape[1], self.n_phi
+        if n_gains > self.nw:  # sums of the gains of neurons
+            W = None
+        products = list(self.products.values())
+        n = sum(product.end - product.column for product in products)
+        weights = np.zeros((len(self.scale), n))
+        # unsigned: compiled loops need not ask whether they count from the end
+        gain_of, signal_of = np.empty((2, n), dtype=np.uintp)
+        told, at = [], 0
+        for sheet in _sheets(products):
+            rows, first, gain = sheet[0].rows, sheet[0].column, sheet[0].gain
+            varies, start = W is None and gain is not None, at
+            for product in sheet:
+                (a, b), gain, place = product.shape, product.gain, product.cols
+                part = slice(at, at + a * b)
+                at = part.stop
+                if product.after is not None:
+                    signals.append(product.signal(self.n_phi))
+                    place = slice(n_signals, n_signals + b)
+                    n_signals += b
+                signal_of[part].reshape(a, b)[:] = np.arange(place.start, place.stop)
+                if gain is None:
+                    gain_of[part], own = n_gains, product.weights
+                else:
+                    gains = np.arange(gain, gain + a)
+                    gain_of[part] = gains.repeat(b)
+                    own = None if varies else W[:, gains]
+                if own is not None:
+                    weights[rows, part] = own.repeat(b, axis=1)
+            span = first, first + at - start
+            told.append((rows.start, rows.stop, *span, start, varies))
+        table = np.array(told, dtype=np.int64).reshape(-1, 6)
+        signal_map = np.hstack(signals)
+        return Direct(table, weights, gain_of, signal_of, gain_map, signal_map)
+
+
+def _sheets(products):
+    """Return lists of products of the same rows and kind, column behind column."""
+    sheets: list[list[Product]] = []
+    ends: dict[tuple, list[Product]] = {}
+    for product in sorted(products, key=lambda product: product.column):
+        kind = product.rows.start, product.rows.stop, product.gain is None
+        sheet = ends.pop((kind, product.column), None)
+        if sheet is None:
+            sheets.append(sheet := [])
+        sheet.append(product)
+        ends[kind, product.end] = sheet  # another one that ends here ends for good
+    return sheets
 
 
 def product(matrices):
@@ -255,22 +356,6 @@ def product(matrices):
         if matrix is not None:
             value = matrix if value is None else value @ matrix
     return value
-
-
-def _in_fours(table):
-    """Return a table whose products of the same entries stand in fours, if so many."""
-    same: dict[tuple, list] = {}
-    for product in table:
-        *_, kind = product
-        same.setdefault((*product[:5], kind), []).append(product)
-    ordered = []
-    for (*_, kind), products in same.items():
-        if kind == VARYING:
-            for i in range(0, len(products) - 3, 4):
-                products[i] = (*products[i][:-1], FOUR)
-        ordered += products
-    is_any = any(product[-1] == FOUR for product in ordered)
-    return ordered if is_any else table  # else in the order of the terms
 
 
 def _append(blocks, rows, block):
