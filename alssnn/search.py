@@ -236,12 +236,13 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
 
     Each way to begin is tried from all seeds, by few stages, and those that come near
     the best of them go on. Beyond the candidates, orders go on as long as each is
-    clearly better than those before; their starts are compared among each other, for
-    others have gone through all stages by then.
+    clearly better than those before, of a long record also behind one that is not;
+    their starts are compared among each other, for others have gone through all stages
+    by then.
     """
     first, rest = descents[0].screened
     ways: list[_Way] = []
-    pending = list(candidates)
+    waited, pending = 0, list(candidates)
     while pending:
         begun = [
             _Way(nx, seed, begin(linears, seed), linears)
@@ -258,8 +259,9 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
         ways += fresh
         curve = walk.curve
         smaller = min((curve[n] for n in curve if n < nx), default=np.inf)
-        is_best = curve[nx] * CLEARLY < smaller
-        if is_best and nx < largest and walk.watch.reason is None:
+        waited = 0 if curve[nx] * CLEARLY < smaller else waited + 1
+        is_over = waited > (len(orders.folds) == 1) or walk.watch.reason is not None
+        if nx < largest and not is_over:
             pending.append(nx + 1)
     return ways
 

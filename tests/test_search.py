@@ -565,6 +565,23 @@ class Noted(searching.Path):
         return stage
 
 
+def told_by_order(monkeypatch, orders, table):
+    """Let paths reach a table of errors; return a list for what is walked."""
+    walked = []
+
+    class Path(Noted):
+        def __init__(self, recipe, folds, linears, *of, **common):
+            super().__init__(recipe, folds, linears, *of, **common)
+            n = len(linears[0].A)
+            is_idle = n > orders.nx and not linears[0].C[:, orders.nx :].any()
+            key = -n if is_idle else n
+            self.note(walked, key, table.get(key, (0.99, 0.99)))
+
+    monkeypatch.setattr(searching, "Path", Path)
+    monkeypatch.setattr(Orders, "nx", 2)
+    return walked
+
+
 @pytest.mark.parametrize(
     ("table", "largest", "nx"),
     [
@@ -590,23 +607,32 @@ class Noted(searching.Path):
 def test_the_smallest_order_that_does_nearly_as_well(monkeypatch, table, largest, nx):
     """A table of errors after few stages and after all, negative orders are idle."""
     orders = compared(2, 3, 4)
-    walked = []
-
-    class Path(Noted):
-        def __init__(self, recipe, folds, linears, *of, **common):
-            super().__init__(recipe, folds, linears, *of, **common)
-            n = len(linears[0].A)
-            is_idle = n > orders.nx and not linears[0].C[:, orders.nx :].any()
-            key = -n if is_idle else n
-            self.note(walked, key, table.get(key, (0.99, 0.99)))
-
-    monkeypatch.setattr(searching, "Path", Path)
-    monkeypatch.setattr(Orders, "nx", 2)
+    walked = told_by_order(monkeypatch, orders, table)
     found = search(recipe(), orders, [2, 3], [0], largest=largest, max_iter=10)
     assert found.structure.sizes["x"] == nx
     assert {2, 3, -3} <= {key for key, _ in walked}
     assert ((4, 3) in walked) == ((-4, 3) in walked) == (largest > 3 and nx > 2)
     assert ((-5, 3) in walked) == (-5 in table)
+
+
+@pytest.mark.parametrize(
+    ("n_samples", "table", "nx"),
+    [
+        (None, {2: (0.3, 0.3), -4: (0.1, 0.1)}, 2),
+        # of a long record, the next one is tried behind one that brings nothing
+        (4100, {2: (0.3, 0.3), -4: (0.1, 0.1)}, 4),
+        (4100, {2: (0.3, 0.3), 3: (0.2, 0.2), -5: (0.1, 0.1)}, 5),
+        # and no further one
+        (4100, {2: (0.3, 0.3), -5: (0.1, 0.1)}, 2),
+    ],
+)
+def test_a_long_record_waits_for_an_order(monkeypatch, n_samples, table, nx):
+    record = soft(0) if n_samples is None else soft(0, n_samples)
+    orders = compare_orders(scaled(*record), (2, 3, 4, 5))
+    assert (len(orders.folds) == 1) == (n_samples is not None)
+    told_by_order(monkeypatch, orders, table)
+    found = search(recipe(), orders, [2, 3], [0], largest=9, max_iter=10)
+    assert found.structure.sizes["x"] == nx
 
 
 @pytest.mark.parametrize(
