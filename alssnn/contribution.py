@@ -12,7 +12,9 @@ experiment, so that J'J over all of them is an arrow,
 whose head is one sum of size n_params^2 whatever the number of experiments.
 """
 
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,6 +31,9 @@ from .structures import Structure
 # Mean square derivative by a parameter beyond which the rounding of the simulation
 # alone moves it by its own size: its derivatives lead nowhere.
 SENSITIVITY_LIMIT = 1e32
+BUFFERS = 4  # chunks of J, of which one is made while a second thread squares others
+MAKING = 4.0  # time of a multiplication that makes J, over that of one that squares it
+LATE = 0.9  # time to make a chunk over that to square it, beyond which none is left
 
 
 class Arrow(NamedTuple):
@@ -267,16 +272,10 @@ class Contribution:
         """
         n_free = self.structure.n_params if self.free is None else np.sum(self.free)
         n = n_free + self.structure.n_x0
-        # of [J r]: J'J, J'r and |r|^2 are blocks of one sum
-        sums = np.zeros((n + 1, n + 1))
         end = np.empty((self.structure.nx, n)) if self.periodic else None
         blocks = self._jacobian(theta, self.initial(theta, x0, u), u, y, end)
-        if self.pipelined:
-            _add_behind(blocks, sums)
-        else:
-            for block in blocks:
-                add_square(block, sums)
-                _check(sums)
+        # of [J r]: J'J, J'r and |r|^2 are blocks of one sum
+        sums = _squares(blocks, n + 1, self._own_squares(n), self.pipelined)
         JJ = np.tril(sums) + np.tril(sums, -1).T
         if self.periodic:
             JJ = eliminated(JJ, end, n_free)
@@ -315,9 +314,22 @@ class Contribution:
         by_theta, by_x0 = curvature(self.structure, thetas, x0s, *how)
         return Pulled(by_theta, {i: by_x0})
 
+    def _own_squares(self, n):
+        """Return of how many chunks one is squared by the thread that makes them.
+
+        Both threads are busy to the end if that one squares (1 - m) / 2 of them, where
+        m is the time to make a chunk over that to square it. It is 3 or more; 0 stands
+        for none.
+        """
+        nx, nz = self.structure.nx, self.structure.nz
+        # multiplications, those of the simulation with them
+        m = MAKING * (nx + nz) * (nx + 6) / (nz * n)
+        return int(np.ceil(2 / (1 - m))) if m < LATE else 0
+
     def _jacobian(self, theta, x0, u, y, end):
-        """Yield [J r] in chunks; if pipelined, a chunk outlives the next one."""
-        options = {"spare": 1, "buffers": 1 + self.pipelined, "end": end}
+        """Yield [J r] in chunks; if pipelined, a chunk outlives the next ones."""
+        buffers = BUFFERS if self.pipelined else 1
+        options = {"spare": 1, "buffers": buffers, "end": end}
         options["free"] = self.free
         for part, Z, J in sensitivities(
             self.structure, theta, x0, u, self.weight, self.chunk, **options
@@ -328,21 +340,34 @@ class Contribution:
             yield J.reshape(-1, J.shape[2])
 
 
-def _add_behind(blocks, sums):
-    """Add the squares of blocks in a second thread, while the next one is made."""
-    with ThreadPoolExecutor(1) as thread:
-        added = thread.submit(_check, sums)
-        for block in blocks:
-            added.result()
+def _squares(blocks, n, every, pipelined):
+    """Return the sum of the squares of blocks, the lower triangle.
+
+    If pipelined, a second thread adds most of them while the next ones are made. Both
+    threads have sums of their own, and blocks of their own, so that the result is the
+    same with one.
+    """
+    sums = np.zeros((2, n, n))
+    waiting: deque = deque()
+    with ThreadPoolExecutor(1) if pipelined else nullcontext() as thread:
+        for i, block in enumerate(blocks):
+            is_own = every > 0 and i % every == every - 1
+            if thread is None or is_own:
+                add_square(block, sums[int(is_own)])
+            else:
+                waiting.append(thread.submit(add_square, block, sums[0]))
+            while len(waiting) > BUFFERS - 2:  # else the next one would overwrite it
+                waiting.popleft().result()
             _check(sums)
-            added = thread.submit(add_square, block, sums)
-        added.result()
+        for added in waiting:
+            added.result()
     _check(sums)
+    return sums[0] + sums[1]
 
 
 def _check(sums):
     """Raise if the sums show diverging sensitivities."""
-    largest = np.diag(sums)[:-1].max(initial=0.0)
+    largest = np.diagonal(sums, axis1=1, axis2=2)[:, :-1].max(initial=0.0)
     if not largest < SENSITIVITY_LIMIT:  # "not <": nan is beyond
         raise FloatingPointError(
             "The simulation is finite at these parameters, but its sensitivities "

@@ -242,7 +242,11 @@ def test_chunk_size_changes_nothing(structure, experiments, free):
         np.testing.assert_allclose(whole, chunked, rtol=1e-12, atol=1e-13)
 
 
-def test_a_second_thread_changes_no_digit(structure, experiments, rng):
+@pytest.mark.parametrize("making", [0.1, 100.0])  # some squares are its own, or none
+def test_a_second_thread_changes_no_digit(
+    structure, experiments, rng, monkeypatch, making
+):
+    monkeypatch.setattr("alssnn.contribution.MAKING", making)
     theta, x0 = random_theta(structure, rng), np.zeros((1, structure.n_x0))
     one, two = (
         Criterion(
