@@ -33,7 +33,9 @@ from .structures import Structure
 SENSITIVITY_LIMIT = 1e32
 BUFFERS = 4  # chunks of J, of which one is made while a second thread squares others
 MAKING = 4.0  # time of a multiplication that makes J, over that of one that squares it
-LATE = 0.9  # time to make a chunk over that to square it, beyond which none is left
+# Time to make a chunk over that to square it, as follows from `MAKING`, from which on
+# the thread that makes them has no time to square any.
+LATE = 0.9
 
 
 class Arrow(NamedTuple):
@@ -121,7 +123,7 @@ class Contribution:
     chunk : int or None
         Samples per chunk of the sensitivities; None fits the cache.
     pipelined : bool, default=False
-        Whether a second thread sums the chunks. The result does not depend on it.
+        Whether a second thread squares most chunks. The result does not depend on it.
     periodic : bool, default=False
         Whether the experiment is one period of what repeats itself: the initial state
         is the periodic one (eq. steady), whatever x0 is.
@@ -315,16 +317,16 @@ class Contribution:
         return Pulled(by_theta, {i: by_x0})
 
     def _own_squares(self, n):
-        """Return of how many chunks one is squared by the thread that makes them.
+        """Return k if every k-th chunk is squared by the thread that makes them.
 
         Both threads are busy to the end if that one squares (1 - m) / 2 of them, where
-        m is the time to make a chunk over that to square it. It is 3 or more; 0 stands
-        for none.
+        m is the time to make a chunk over that to square it. Zero stands for none. Else
+        k is 3 or more, so that of two chunks that wait none is in the next buffer.
         """
         nx, nz = self.structure.nx, self.structure.nz
-        # multiplications, those of the simulation with them
-        m = MAKING * (nx + nz) * (nx + 6) / (nz * n)
-        return int(np.ceil(2 / (1 - m))) if m < LATE else 0
+        # of multiplications, those of the simulation with them
+        made, squared = MAKING * (nx + nz) * (nx + 6), nz * n
+        return int(np.ceil(2 / (1 - made / squared))) if made < LATE * squared else 0
 
     def _jacobian(self, theta, x0, u, y, end):
         """Yield [J r] in chunks; if pipelined, a chunk outlives the next ones."""

@@ -144,7 +144,7 @@ class Criterion(LeastSquares):
         Samples per chunk of the sensitivities; None fits the cache.
     n_jobs : int or None, default=None
         Experiments of a sequence summed in parallel threads, as in joblib; one
-        experiment alone takes two threads, one for its derivatives and one for their
+        experiment alone takes two threads, one for its derivatives and both for their
         squares. The result does not depend on it.
     periodic : bool, default=False
         Whether every experiment is one period of what repeats itself: its initial state

@@ -294,7 +294,8 @@ def search(
     seeds : sequence of int
         One per random start.
     largest : int, default=0
-        Up to this order, further ones follow the candidates as long as they gain.
+        Up to this order, further ones follow the candidates as long as they gain; of a
+        long record, until two in a row do not.
     max_iter : int
         Trial steps of a whole fit; a stage of a path takes a share of it.
     descents : sequence of Descent, default=(`USUAL`,)

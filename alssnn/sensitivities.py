@@ -113,13 +113,12 @@ def sensitivities(
     scale = np.concatenate([np.ones(nx), scale])
     M, W = lure.M * scale[:, None], lure.W * scale[:, None]
     Theta_z = (lure.Theta[nx : nx + nz] * scale[nx:, None]).T
-    derivatives = direct(structure, p, scale, None if lure.E.any() else W)
-    by_slopes = not derivatives.varies
+    is_deep = len(lure.layers) > MANY_LAYERS and not lure.implicit
+    apart = not (is_deep or lure.E.any())  # neurons do not see each other
+    derivatives = direct(structure, p, scale, W if apart else None)
     if free is not None:
         derivatives = derivatives.by(free)
-    deep = None
-    if len(lure.layers) > MANY_LAYERS and not lure.implicit:
-        deep = _Deep(lure, W, M[:, :nx], derivatives)
+    deep = _Deep(lure, W, M[:, :nx], derivatives) if is_deep else None
     ring = cycle([np.zeros((chunk, nz, n + spare)) for _ in range(buffers)])
     S = np.zeros((nx, n))
     S[: structure.n_x0, n_free:] = np.eye(structure.n_x0)
@@ -132,7 +131,7 @@ def sensitivities(
             yield part, deep(X[:-1], u_part, S, J) @ Theta_z, J
             continue
         Phi = regressors(lure, X[:-1], u_part)
-        gains, FH = linearized(lure, W, M, Phi, by_slopes)
+        gains, FH = linearized(lure, W, M, Phi, not derivatives.varies)
         differentiate(FH, *derivatives.sheets, *derivatives.factors(Phi, gains), S, J)
         yield part, Phi @ Theta_z, J
     if end is not None:

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -415,6 +416,18 @@ def test_what_is_held_takes_no_derivatives(
     np.testing.assert_allclose(Jr_h, expected, atol=1e-12 * size)
     assert norm_h == pytest.approx(norm, rel=1e-13)
     assert criterion.holding(np.zeros_like(held)) is criterion
+
+
+@pytest.mark.filterwarnings("error")
+def test_all_is_held(structure, experiments, rng):
+    """With a given initial state, nothing is differentiated then."""
+    known = replace(structure, free_starts=0)
+    criterion = Criterion(known, experiments, weights=weights(known))
+    held = np.ones(known.n_params, dtype=bool)
+    free = criterion.join(random_theta(known, rng), np.zeros((len(experiments), 0)))
+    JJ, Jr, norm = criterion.holding(held).normal_equations(free)
+    assert not JJ.any() and not Jr.any()
+    assert norm == pytest.approx(criterion.norm(free))
 
 
 def test_a_search_differentiates_by_what_is_free(columns, rng):

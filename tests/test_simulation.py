@@ -7,6 +7,7 @@ import pytest
 from alssnn import kernels
 from alssnn.activations import ACTIVATIONS
 from alssnn.continuous import flow, sampled
+from alssnn.equations import Equations
 from alssnn.models import state_space
 from alssnn.sensitivities import chunk_length, sensitivities
 from alssnn.simulation import SIMULATION_CHUNK, channels, simulate, weight_lists
@@ -223,6 +224,29 @@ def test_derivatives_through_many_layers(deep, rng):
         return channels(lure, X, u)
 
     J = [J.copy() for *_, J in sensitivities(deep, theta, x0, u, np.ones(deep.nz))]
+    assert_jacobian(simulated, np.concatenate(J), np.concatenate([theta, x0]))
+
+
+def test_derivatives_of_many_networks_side_by_side(rng):
+    e = Equations(x=2, u=1, y=1)
+    x, u = e.state("x"), e.input("u")
+    following = e.parameter("A", "x", "x") @ x + e.parameter("B", "x", "u") @ u
+    for i in range(9):  # every change of the activation begins another layer
+        names = {f"W{i}": x, f"U{i}": u}
+        activation = ACTIVATIONS[("tanh", "sigmoid")[i % 2]]
+        options = {"bias": f"b{i}", "biases": "free", "activation": activation}
+        following = following + e.mlp(f"n{i}", "x", 2, names, **options)
+    C = e.constant("C", np.array([[1.0, 0.5]]), "y", "x")
+    many = e.structure({"x": following}, {"y": C @ x})
+    theta, x0 = 0.2 * rng.standard_normal(many.n_params), np.zeros(2)
+    u, lure = rng.standard_normal((19, 1)), many.lure(theta)
+    assert len(lure.layers) == 9 and not lure.E.any()
+
+    def simulated(v):
+        lure = many.lure(v[: many.n_params])
+        return channels(lure, simulate(lure, u, v[many.n_params :]), u)
+
+    J = [J.copy() for *_, J in sensitivities(many, theta, x0, u, np.ones(1))]
     assert_jacobian(simulated, np.concatenate(J), np.concatenate([theta, x0]))
 
 

@@ -64,7 +64,7 @@ class Direct(NamedTuple):
             Right factors.
         """
         L, n_rows, nw = gains.shape
-        own = self.gain_map[:, nw:]  # else they are those of the neurons
+        own = self.gain_map[:, nw:]  # sums of those of the neurons
         own = (gains.reshape(L * n_rows, nw) @ own).reshape(L, n_rows, own.shape[1])
         n = Phi.shape[1]
         if self.signal_map.shape[1] > n:
@@ -334,7 +334,7 @@ def _sheets(products):
         if sheet is None:
             sheets.append(sheet := [])
         sheet.append(product)
-        ends[kind, product.end] = sheet  # another one that ends here ends for good
+        ends[kind, product.end] = sheet  # one that ended here before does not go on
     return sheets
 
 
