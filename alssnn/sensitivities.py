@@ -118,6 +118,7 @@ def sensitivities(
     derivatives = direct(structure, p, scale, W if apart else None)
     if free is not None:
         derivatives = derivatives.by(free)
+    by_slopes = apart and not derivatives.varies
     deep = _Deep(lure, W, M[:, :nx], derivatives) if is_deep else None
     ring = cycle([np.zeros((chunk, nz, n + spare)) for _ in range(buffers)])
     S = np.zeros((nx, n))
@@ -131,7 +132,7 @@ def sensitivities(
             yield part, deep(X[:-1], u_part, S, J) @ Theta_z, J
             continue
         Phi = regressors(lure, X[:-1], u_part)
-        gains, FH = linearized(lure, W, M, Phi, not derivatives.varies)
+        gains, FH = linearized(lure, W, M, Phi, by_slopes)
         differentiate(FH, *derivatives.sheets, *derivatives.factors(Phi, gains), S, J)
         yield part, Phi @ Theta_z, J
     if end is not None:

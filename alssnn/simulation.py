@@ -315,7 +315,7 @@ def neuron_gains(lure, W, Phi):
     return WR
 
 
-def linearized(lure, W, M, Phi, by_slopes=True):
+def linearized(lure, W, M, Phi, by_slopes):
     """Return the derivatives of [x+; z] by the neurons and by the states (eq. sens).
 
     Parameters
@@ -328,8 +328,8 @@ def linearized(lure, W, M, Phi, by_slopes=True):
         Linear part, scaled likewise.
     Phi : ndarray of shape (L, nx + nu + nw + 1)
         Regressors.
-    by_slopes : bool, default=True
-        Whether slopes are enough where neurons do not see each other: W R is then
+    by_slopes : bool
+        Whether slopes are enough. Neurons must not see each other then: W R is
         W diag(sigma').
 
     Returns
@@ -340,7 +340,7 @@ def linearized(lure, W, M, Phi, by_slopes=True):
         [F; H] (eq. sens).
     """
     V_x, (n_rows, nw), nx = lure.V[:, : lure.nx], W.shape, lure.nx
-    if by_slopes and not lure.E.any():
+    if by_slopes:
         gains = neuron_slopes(lure, Phi)[:, None]
         FH = gains[:, 0] @ (W.T[:, :, None] * V_x[:, None]).reshape(nw, n_rows * nx)
     else:
