@@ -260,6 +260,7 @@ def test_a_second_thread_changes_no_digit(
         for n_jobs in (None, 2)
     )
     assert two.one.pipelined
+    assert (two.one._own_squares(two.n) > 2) == (making < 1)
     free = one.join(theta, x0)
     for a, b in zip(
         one.normal_equations(free), two.normal_equations(free), strict=True

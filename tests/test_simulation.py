@@ -122,13 +122,14 @@ def test_unstable_but_short_simulation_is_not_divergence():
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS.values(), ids=str)
-@pytest.mark.parametrize("n_neurons", [0, 3])
+@pytest.mark.parametrize("n_neurons", [0, 3, 80])  # the last with calls of BLAS
 def test_kernels_do_the_same_compiled_and_plain(rng, n_neurons, activation):
     L, nx = 6, 4
     base = rng.standard_normal((L, n_neurons + nx))
     P = 0.3 * rng.standard_normal((n_neurons + nx, nx))
-    W = rng.standard_normal((nx, n_neurons))
-    E = np.tril(rng.standard_normal((n_neurons, n_neurons)), -1)
+    W = rng.standard_normal((nx, n_neurons)) / max(n_neurons, 1)
+    E = np.tril(0.5 * rng.standard_normal((n_neurons, n_neurons)), -1)
+    assert (P.size + W.size > kernels.FEW) == (n_neurons == 80)
     k = np.arange(n_neurons)  # each a layer; the last ones see the one before alone
     first = np.where(k > 2, k - 1, 0)
     layers = np.stack([k, k + 1, first], axis=1)
