@@ -67,7 +67,7 @@ for name, (design, true, _) in responses.items():
     print(f"{name:14s} RMS distance from its design {missed[name]:7.2f} mrad")
 
 # sphinx_gallery_start_ignore
-assert missed["with the law"] < 0.02 * missed["linear model"]
+assert missed["with the law"] < 0.05 * missed["linear model"]
 # sphinx_gallery_end_ignore
 
 # %%
