@@ -1,6 +1,8 @@
 import os
 import subprocess
 import sys
+import sysconfig
+from importlib.metadata import distributions
 
 import pytest
 
@@ -61,3 +63,18 @@ def test_import_is_fast_and_lean():
     runs = (float(subprocess.run(command, **options).stdout) for _ in range(6))
     # the first that is: others share the machine
     assert any(share < 0.35 for share in runs)
+
+
+def test_what_an_earlier_install_left_does_not_hide_an_editable_one():
+    """Caches of compiled loops stay behind in a folder alssnn of site-packages.
+
+    Without an __init__ it counts as a package where no entry of the path has one, and
+    packages of a finder come behind all entries.
+    """
+    # the repository, which may be on the path, has metadata without these files
+    installed = distributions(name="alssnn", path=[sysconfig.get_path("purelib")])
+    files = [file.name for each in installed for file in each.files]
+    if not any(name.startswith("__editable__") for name in files):
+        pytest.skip("alssnn is not installed in editable mode")
+    assert not any("finder" in name for name in files)
+    assert any(name.endswith(".pth") for name in files)
