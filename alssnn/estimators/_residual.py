@@ -3,7 +3,8 @@
 Beside a monotone input map, g explains the curve of an actuator sooner than phi does,
 and then stays: the search leaves g out, and the fit that follows adds it, if hidden
 samples say so.  Without a map, g may spoil what h alone would find, for it is free:
-where networks with g do not help, h alone is searched for, and g is held at zero.
+h alone is searched for, too, and where hidden samples do not need g it is held at zero
+(eq. enough).
 """
 
 from copy import copy
@@ -22,8 +23,11 @@ TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
 NEEDED = 0.5
 
 
+H_ALONE = "g is zero, for h alone does as well on hidden samples"
+
+
 def searched(model):
-    """Return the models that a search trains, in order, until one helps.
+    """Return the models that searches train, in order.
 
     Parameters
     ----------
@@ -41,6 +45,30 @@ def searched(model):
     plain = copy(model)
     plain.n_g = 0
     return [model, plain] if options["input_map"] == "identity" else [plain]
+
+
+def is_enough(alone, found, is_predictor):
+    """Tell whether h alone is to be taken (eq. enough).
+
+    Parameters
+    ----------
+    alone : Found
+        Outcome of the search without g.
+    found : Found
+        That with g, on the same hidden samples.
+    is_predictor : bool
+        Whether errors are those one sample ahead, nearly white.
+
+    Returns
+    -------
+    is_enough : bool
+        Whether h alone helps, and g does not make the error on hidden samples less; of
+        a predictor, not by more than chance does. True if networks with g do not help.
+    """
+    if not (alone.helps and found.helps):
+        return alone.helps
+    by_chance = found.gain if is_predictor else 1.0
+    return bool(by_chance * alone.errors.sum() <= found.errors.sum())
 
 
 def completed(model, own, found, linear, experiments, seed, watch):

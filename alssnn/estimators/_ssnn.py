@@ -36,7 +36,7 @@ from ._networks import DECLARED
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
-from ._residual import completed, idle_g, searched
+from ._residual import H_ALONE, completed, idle_g, is_enough, searched
 from ._safe import safely_trained
 from ._time import stages
 from ._warm_start import forms, goes_on
@@ -90,7 +90,8 @@ class Ssnn(StateSpaceModel):
         (eq. holdout). It pulls the networks back to their start, so that a large weight
         leaves the linear model. (Those of `GrSsnn` are pulled to zero.) If no networks
         beat the linear model on the hidden quarters, the fit returns it, with a
-        ConvergenceWarning; `AlSsnn` tries h alone before, and then holds g at zero.
+        ConvergenceWarning. `AlSsnn` tries h alone, too, and holds g at zero where that
+        does as well (eq. enough); `message_` says so.
         Training on all samples may make the simulation worse than that of the linear
         model, or take it far from the record (eq. escape, latch). It is then repeated
         with up to 30 times the weight; if none is better than the model of the search,
@@ -342,6 +343,8 @@ class Ssnn(StateSpaceModel):
             )
             if result is None:
                 return left_linear(self, linear, near, experiments, watch, refused=True)
+        if held and self.input_map == "identity":
+            result.message += f"; {H_ALONE}"
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
 
@@ -396,11 +399,19 @@ class Ssnn(StateSpaceModel):
         return (USUAL,)
 
     def _found(self, experiments, linear, seeds, watch):
-        """Return the model whose networks help, else the last tried, and its search."""
-        for own in searched(self):
-            found = self._search(own, experiments, linear, seeds, watch)
-            if found is None or found.helps or watch.reason is not None:
+        """Return the model to train, this one or the same without g, and its search."""
+        own, *others = searched(self)
+        found = self._search(own, experiments, linear, seeds, watch)
+        for other in others:
+            if found is None or watch.reason is not None:
                 break
+            alone = self._search(other, experiments, linear, seeds, watch)
+            # one that was ended may be better than it looks
+            ended = alone is None or (found.helps and watch.reason is not None)
+            if not ended and is_enough(alone, found, is_predicting(self)):
+                own, found = other, alone
+        if found is not None:
+            self._curve = found.curve
         return own, found
 
     def _search(self, own, experiments, linear, seeds, watch):
@@ -458,7 +469,6 @@ class Ssnn(StateSpaceModel):
         except KeyboardInterrupt as interrupt:  # between two stages, or in a worker
             watch.stop(INTERRUPTED, interrupt)
             return None
-        self._curve = found.curve
         return found
 
     def _criterion_terms(self, plain):

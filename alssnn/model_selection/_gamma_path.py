@@ -208,7 +208,8 @@ def gamma_path(
     Notes
     -----
     The first weight takes `max_iter` and `polish_iter` trial steps; the others share
-    as many, so that the path costs about two fits.
+    as many, so that the path costs about two fits. With ``alpha="auto"``, a fit that
+    holds g at zero (eq. enough) is no start: the next weight then costs a whole fit.
 
     Examples
     --------
@@ -237,16 +238,16 @@ def gamma_path(
             "`test` must be a tuple (u, y) or (u, y, experiment), got one of length "
             f"{len(test)}."
         )
-    model = clone(estimator).set_params(warm_start=True)
-    budget = model.get_params()
+    model = clone(estimator)
+    steps = {name: model.get_params()[name] for name in ("max_iter", "polish_iter")}
+    whole = {**steps, "continuation": model.continuation}
+    share = {name: max(1, n // max(1, len(gammas) - 1)) for name, n in steps.items()}
+    share["continuation"] = 0
     models, seconds = [], []
     for i, gamma in enumerate(gammas):
-        if i == 1:  # share one more fit among the others
-            share = {
-                name: max(1, budget[name] // (len(gammas) - 1))
-                for name in ("max_iter", "polish_iter")
-            }
-            model.set_params(**share, continuation=0)
+        # share one more fit among the others; one that held g at zero asks again
+        goes_on = i > 0 and np.any(model.params_.get("W_g", 1.0))
+        model.set_params(**share if goes_on else whole, warm_start=bool(goes_on))
         start = time.perf_counter()
         with warnings.catch_warnings():
             # the path goes on from wherever a fit stops
