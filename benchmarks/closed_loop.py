@@ -1,14 +1,16 @@
 """True plants in closed loop: is the designed linear response the one that comes out?
 
     python -m benchmarks.closed_loop [--plant ...] [--seeds 10] [--quick] [--all]
+    python -m benchmarks.closed_loop --defaults [--plant ...] [--seeds 10] [--quick]
 
 From a noisy record of every plant a model is identified, a linear-quadratic regulator
 with integrators is designed on (A, B, C), and the true plant is run with it, with law
 and observer.  The distance is the root mean square of the true output minus that of the
 designed linear loop, for a staircase of references and without measurement noise.  The
 competitor is the same design, with the same weights, on a linear model of the same
-record.  Prints both distances and their ratio for every seed, and the medians; --all
-adds other models.  Without --quick it writes the table and the figure to
+record.  Prints both distances and their ratio for every seed, and the medians.  Models
+are set by hand; --all adds others, --defaults takes the defaults of all instead.
+Without --quick it writes the table, and of models by hand the figure, to
 doc/benchmarks.  Exits with 1 if the median ratio of pendulum or Duffing exceeds 1/8.
 """
 
@@ -17,7 +19,7 @@ import os
 import sys
 import time
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -88,6 +90,17 @@ def populations():
         "AL-SSNN, h(x)": by_hand(AlSsnn, feedback="state", **residual, **net),
     }
     return {"models": models, "linear": LinearStateSpace(**common)}
+
+
+def defaults(setting):
+    """Return a setting with models of default options, in place of its own."""
+    common = {"dt": setting.linear.dt}
+    models = {
+        f"{cls.__name__[:2].upper()}-SSNN, defaults": cls(**common, random_state=0)
+        for cls in (AlSsnn, FlSsnn)
+    }
+    linear = LinearStateSpace(**common)
+    return replace(setting, models=models, linear=linear, target=np.inf)
 
 
 def feed(seed):
@@ -298,13 +311,14 @@ def compare(name, setting, seeds, with_all):
 def write_table(rows, load):
     """Write all runs as CSV, beside those of other plants, and medians as Markdown."""
     note = machine(load, alssnn, np, control)
-    table = replace_runs(OUT / "closed_loop.csv", COLUMNS, rows, note)
+    table = replace_runs(OUT / "closed_loop.csv", COLUMNS, rows, note, n_first=2)
     text = [
         "# True plants in closed loop",
         "",
-        "By `python -m benchmarks.closed_loop --all`. Distance: root mean square of",
-        "the true output minus that of the designed linear loop; LTI: that of the same",
-        "design on a linear model of the same record; ratio: of the two, per seed.",
+        "By `python -m benchmarks.closed_loop --all`, and with `--defaults` in place",
+        "of `--all`. Distance: root mean square of the true output minus that of the",
+        "designed linear loop; LTI: that of the same design on a linear model of the",
+        "same record; ratio: of the two, per seed.",
         "",
         "| plant | model | seeds | median distance | LTI | median ratio | worst ratio "
         "| unstable A |",
@@ -358,14 +372,18 @@ def main():
     parser.add_argument("--plant", choices=SETTINGS, nargs="+", default=list(SETTINGS))
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--quick", action="store_true", help="two seeds, no files")
-    parser.add_argument("--all", action="store_true", help="other models, too")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--all", action="store_true", help="other models, too")
+    which.add_argument("--defaults", action="store_true", help="default options")
     options = parser.parse_args()
     warnings.simplefilter("ignore", ConvergenceWarning)
     load, start = os.getloadavg()[0], time.perf_counter()
     rows, shown, missed = [], {}, False
     for name in options.plant:
         setting, seeds = SETTINGS[name], range(2 if options.quick else options.seeds)
-        more, example, ratio = compare(name, setting, seeds, options.all)
+        setting = defaults(setting) if options.defaults else setting
+        with_all = options.all or options.defaults
+        more, example, ratio = compare(name, setting, seeds, with_all)
         rows += more
         missed |= ratio > setting.target
         if np.isfinite(setting.target):

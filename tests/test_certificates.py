@@ -288,6 +288,21 @@ def test_a_certificate_says_where_its_bounds_come_from(eps, said, rng):
     assert ("conditional" in text) == (eps != "global")
 
 
+def test_an_exact_law_needs_no_condition(rng):
+    """Where g is zero, nothing may be left elsewhere."""
+    structure = state_space(2, 1, 1, n_h=2, n_g=2, C=np.ones((1, 2)))
+    p = dict(structure.split(random_theta(structure, rng, radius=0.5)))
+    for name in ("W_g", "b_x"):
+        p[name] = 0 * p[name]
+    plant = plant_of_structure(structure, structure.join(p), rng)
+    u = rng.standard_normal((50, 1))
+    records = as_records([(u, np.zeros((50, 1)), np.zeros(2))])
+    certificate = certify_iss(plant, records)
+    assert certificate.holds and certificate.output_bound == 0
+    assert "for all states and inputs" in repr(certificate)
+    assert "conditional" not in repr(certificate)
+
+
 @pytest.mark.parametrize(
     "args, kwargs, match",
     [

@@ -46,7 +46,8 @@ def certify_iss(model, records=None, *, K=None, eps="data", **options):
         State feedback v = r - K x, see `full_gain`.
     eps : {"data", "global"} or float, default="data"
         Bound on ``|omega|``: that of `data_bound` or of `global_bound`, or a number;
-        with a number eta has its global bound.
+        with a number eta has its global bound. Where the global bounds are zero, the
+        law is exact, and they are taken for "data", too.
     **options : dict
         Options of `iss_certificate`.
 
@@ -73,8 +74,11 @@ def certify_iss(model, records=None, *, K=None, eps="data", **options):
             "`u` and `y` must be given for eps='data', got None. Pass records, or "
             "eps='global'."
         )
-    is_seen = source == "data"
-    omega, eta = data_bound(plant, records, K) if is_seen else global_bound(plant)
+    omega, eta = global_bound(plant)
+    if source == "data" and not (omega or eta.any()):
+        source = "global"  # an exact law leaves nothing, on records and elsewhere
+    elif source == "data":
+        omega, eta = data_bound(plant, records, K)
     omega = eps if source == "given" else omega
     nx = plant.nx
     A, C = loop.M[:nx, :nx], loop.M[nx : nx + plant.ny, :nx]

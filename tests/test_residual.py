@@ -1,0 +1,145 @@
+"""Whether AlSsnn keeps g, or holds it at zero because h alone does as well."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import alssnn
+from alssnn.datasets import make_pendulum
+from alssnn.estimators import _residual
+from alssnn.estimators._residual import is_enough
+from alssnn.model_selection import gamma_path
+from alssnn.watch import Watch
+
+
+def outcome(errors, helps=True, gain=0.96):
+    """Return what `is_enough` asks of the outcome of a search."""
+    return SimpleNamespace(errors=np.array(errors), helps=helps, gain=gain, curve={})
+
+
+@pytest.mark.parametrize(
+    ("errors", "is_predictor", "enough"),
+    [
+        ([1.0, 3.0], False, True),
+        ([2.0, 2.0], False, True),  # folds may differ, their sum counts
+        ([1.0, 3.001], False, False),
+        ([1.0, 3.001], True, True),  # by chance
+        ([1.0, 3.1], True, False),
+    ],
+)
+def test_h_alone_is_enough_if_its_hidden_error_is_not_larger(
+    errors, is_predictor, enough
+):
+    found = outcome([1.0, 3.0], gain=0.99)
+    alone = outcome(errors, gain=0.99)
+    assert is_enough(alone, found, is_predictor) == enough
+
+
+@pytest.mark.parametrize(
+    ("with_g", "alone", "enough"), [(False, True, True), (True, False, False)]
+)
+def test_what_does_not_help_is_not_taken(with_g, alone, enough):
+    """However small its error is: a fold, or an output, may be worse."""
+    errors = [1.0] if with_g else [0.5]
+    found, other = outcome([1.0], helps=with_g), outcome(errors, helps=alone)
+    assert is_enough(other, found, False) == enough
+
+
+def told(monkeypatch, outcomes, watch, *, ends_at=None):
+    """Let searches have these outcomes; return the sizes of g that they had."""
+    sizes = []
+
+    def search(self, own, experiments, linear, seeds, watch):
+        sizes.append(own.n_g)
+        if len(sizes) == ends_at:
+            watch.stop("ended")
+        return outcomes[len(sizes) - 1]
+
+    monkeypatch.setattr(alssnn.AlSsnn, "_search", search)
+    return sizes
+
+
+@pytest.mark.parametrize(
+    ("helps", "ends_at", "chosen"),
+    [
+        (True, None, "alone"),
+        (True, 1, "with g"),
+        (True, 2, "with g"),  # one that was ended may be better than it looks
+        (False, None, "alone"),
+        (False, 2, "alone"),
+    ],
+)
+def test_a_search_that_is_ended_does_not_change_what_was_found(
+    monkeypatch, helps, ends_at, chosen
+):
+    watch, model = Watch(), alssnn.AlSsnn(n_g=2)
+    found, alone = outcome([1.0], helps=helps), outcome([0.5])
+    found.curve, alone.curve = {1: 1.0}, {2: 0.5}
+    sizes = told(monkeypatch, [found, alone], watch, ends_at=ends_at)
+    own, taken = model._found(None, None, None, watch)
+    assert sizes == ([2] if ends_at == 1 else [2, 0])
+    assert taken is (alone if chosen == "alone" else found)
+    assert own.n_g == (0 if chosen == "alone" else 2)
+    assert model._curve == taken.curve  # of the orders that were compared for it
+
+
+def test_an_interrupted_second_search_loses_nothing(monkeypatch):
+    watch, model, found = Watch(), alssnn.AlSsnn(n_g=2), outcome([1.0])
+    told(monkeypatch, [found, None], watch, ends_at=2)
+    assert model._found(None, None, None, watch) == (model, found)
+
+
+@pytest.mark.parametrize("options", [{"n_g": 0}, {"n_h": 0}, {"input_map": "monotone"}])
+def test_without_a_choice_one_search_is_enough(monkeypatch, options):
+    watch, found = Watch(), outcome([1.0])
+    sizes = told(monkeypatch, [found], watch)
+    alssnn.AlSsnn(**options)._found(None, None, None, watch)
+    assert len(sizes) == 1
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return make_pendulum(800, amplitude=4.0, noise=0.01, random_state=0)
+
+
+@pytest.fixture(scope="module")
+def small(swinging):
+    sizes = {"nx": 2, "n_h": 4, "n_g": 4, "n_init": 1, "max_iter": 100}
+    return alssnn.AlSsnn(**sizes, dt=swinging.dt, random_state=0)
+
+
+def test_a_plant_of_matched_nonlinearity_needs_no_g(swinging, small):
+    """The torque of a pendulum is all of h: its law is exact on the model."""
+    model = small.fit(swinging.u, swinging.y)
+    assert not np.any(model.params_["W_g"]) and np.any(model.params_["W_h"])
+    assert model.message_.endswith(_residual.H_ALONE)
+    assert model.linearizability(swinging.u, swinging.y).linearization_error == 0
+    assert set(model.orders_["networks"]) == {2}
+    again = model.set_params(warm_start=True, max_iter=5).fit(swinging.u, swinging.y)
+    assert not np.any(again.params_["W_g"])
+
+
+def test_a_fit_that_needs_g_says_nothing_of_it(monkeypatch, swinging, small):
+    from sklearn.base import clone
+
+    monkeypatch.setattr("alssnn.estimators._ssnn.is_enough", lambda *_: False)
+    model = clone(small).fit(swinging.u, swinging.y)
+    assert np.any(model.params_["W_g"])
+    assert _residual.H_ALONE not in model.message_
+
+
+def test_a_path_asks_again_whether_g_is_needed(monkeypatch, swinging, small):
+    """A large gamma may leave h alone, a smaller one need g."""
+    asked = []
+
+    def enough(alone, found, is_predictor):
+        asked.append(True)
+        return len(asked) == 1
+
+    monkeypatch.setattr("alssnn.estimators._ssnn.is_enough", enough)
+    path = gamma_path(small, swinging.u, swinging.y, gammas=[10.0, 0.1, 0.01])
+    has_g = [bool(np.any(model.params_["W_g"])) for model in path.models]
+    assert has_g == [False, True, True]
+    assert len(asked) == 2  # the third goes on from the second
+    assert [m.max_iter for m in path.models] == [100, 100, 50]
