@@ -38,6 +38,7 @@ from benchmarks._tables import OUT, machine, replace_runs
 TARGET = 1 / 8
 COLUMNS = ("plant", "model", "seed", "law", "lti", "ratio", "radius")
 SAMPLES = 4_000  # of a record
+SETTLE = 300  # samples, before the first step of a loop that does not start at rest
 
 FEED = (1.0, 7.0)  # feed rates of the preys, least and largest
 FEED_HOLD = (10, 100)  # samples
@@ -93,14 +94,17 @@ def populations():
 
 
 def defaults(setting):
-    """Return a setting with models of default options, in place of its own."""
+    """Return a setting with models of default options, in place of its own.
+
+    Their operating point is the mean of the record, where the plants do not start.
+    """
     common = {"dt": setting.linear.dt}
     models = {
         f"{cls.__name__[:2].upper()}-SSNN, defaults": cls(**common, random_state=0)
         for cls in (AlSsnn, FlSsnn)
     }
-    linear = LinearStateSpace(**common)
-    return replace(setting, models=models, linear=linear, target=np.inf)
+    own = {"models": models, "linear": LinearStateSpace(**common), "target": np.inf}
+    return replace(setting, **own, settle=max(setting.settle, SETTLE))
 
 
 def feed(seed):

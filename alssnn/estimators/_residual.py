@@ -11,6 +11,7 @@ from copy import copy
 
 import numpy as np
 
+from ..search import AGREE
 from ..training import train
 from ._noise import is_predicting
 
@@ -23,7 +24,7 @@ TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
 NEEDED = 0.5
 
 
-H_ALONE = "g is zero, for h alone does as well on hidden samples"
+H_ALONE = "g is zero, for h alone does nearly as well on hidden samples"
 
 
 def searched(model):
@@ -62,13 +63,14 @@ def is_enough(alone, found, is_predictor):
     Returns
     -------
     is_enough : bool
-        Whether h alone helps, and g does not make the error on hidden samples less; of
-        a predictor, not by more than chance does. True if networks with g do not help.
+        Whether h alone helps, and the root mean square error on hidden samples is not
+        larger by more than another random start may make it; of a predictor, by more
+        than chance does. True if networks with g do not help.
     """
     if not (alone.helps and found.helps):
         return alone.helps
-    by_chance = found.gain if is_predictor else 1.0
-    return bool(by_chance * alone.errors.sum() <= found.errors.sum())
+    nearly = 1 / found.gain if is_predictor else AGREE**2
+    return bool(alone.errors.sum() <= nearly * found.errors.sum())
 
 
 def completed(model, own, found, linear, experiments, seed, watch):

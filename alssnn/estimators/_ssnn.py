@@ -91,7 +91,7 @@ class Ssnn(StateSpaceModel):
         leaves the linear model. (Those of `GrSsnn` are pulled to zero.) If no networks
         beat the linear model on the hidden quarters, the fit returns it, with a
         ConvergenceWarning. `AlSsnn` tries h alone, too, and holds g at zero where that
-        does as well (eq. enough); `message_` says so.
+        does nearly as well (eq. enough); `message_` says so.
         Training on all samples may make the simulation worse than that of the linear
         model, or take it far from the record (eq. escape, latch). It is then repeated
         with up to 30 times the weight; if none is better than the model of the search,
