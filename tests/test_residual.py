@@ -1,9 +1,10 @@
-"""Whether AlSsnn keeps g, or holds it at zero because h alone does as well."""
+"""Whether AlSsnn keeps g, or holds it at zero because h alone does nearly as well."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sklearn.base import clone
 
 import alssnn
 from alssnn.datasets import make_pendulum
@@ -101,29 +102,27 @@ def test_without_a_choice_one_search_is_enough(monkeypatch, options):
 
 @pytest.fixture(scope="module")
 def swinging():
-    return make_pendulum(800, amplitude=4.0, noise=0.01, random_state=0)
+    return make_pendulum(500, amplitude=4.0, noise=0.01, random_state=0)
 
 
 @pytest.fixture(scope="module")
 def small(swinging):
-    sizes = {"nx": 2, "n_h": 4, "n_g": 4, "n_init": 1, "max_iter": 100}
+    sizes = {"nx": 2, "n_h": 4, "n_g": 4, "n_init": 1}
     return alssnn.AlSsnn(**sizes, dt=swinging.dt, random_state=0)
 
 
 def test_a_plant_of_matched_nonlinearity_needs_no_g(swinging, small):
     """The torque of a pendulum is all of h: its law is exact on the model."""
-    model = small.fit(swinging.u, swinging.y)
+    model = clone(small).fit(swinging.u, swinging.y)
     assert not np.any(model.params_["W_g"]) and np.any(model.params_["W_h"])
     assert model.message_.endswith(_residual.H_ALONE)
     assert model.linearizability(swinging.u, swinging.y).linearization_error == 0
     assert set(model.orders_["networks"]) == {2}
-    again = model.set_params(warm_start=True, max_iter=5).fit(swinging.u, swinging.y)
-    assert not np.any(again.params_["W_g"])
+    model.set_params(warm_start=True, tol=1e-2).fit(swinging.u, swinging.y)
+    assert not np.any(model.params_["W_g"])
 
 
 def test_a_fit_that_needs_g_says_nothing_of_it(monkeypatch, swinging, small):
-    from sklearn.base import clone
-
     monkeypatch.setattr("alssnn.estimators._ssnn.is_enough", lambda *_: False)
     model = clone(small).fit(swinging.u, swinging.y)
     assert np.any(model.params_["W_g"])
@@ -143,4 +142,4 @@ def test_a_path_asks_again_whether_g_is_needed(monkeypatch, swinging, small):
     has_g = [bool(np.any(model.params_["W_g"])) for model in path.models]
     assert has_g == [False, True, True]
     assert len(asked) == 2  # the third goes on from the second
-    assert [m.max_iter for m in path.models] == [100, 100, 50]
+    assert [m.max_iter for m in path.models] == [300, 300, 150]
