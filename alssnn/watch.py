@@ -236,6 +236,13 @@ class Watch:
         if self.observe is not None and self.observe(step, point):
             self.stop(BY_OBSERVER)
 
+    @property
+    def used(self):
+        """Return the share of `max_time` that is over; zero without a limit."""
+        if self.max_time is None:
+            return 0.0
+        return (time.time() - self.start) / max(self.max_time, 1e-9)
+
     def searched(self, done, of, share):
         """Tell how far the search for order, start and decay has come.
 

@@ -86,6 +86,27 @@ def test_a_search_that_is_ended_does_not_change_what_was_found(
     assert model._curve == taken.curve  # of the orders that were compared for it
 
 
+@pytest.mark.parametrize(
+    "options", [{"n_k": 2}, {"feedthrough": True}, {"time": "continuous"}]
+)
+@pytest.mark.parametrize("helps", [True, False])
+def test_h_alone_is_worth_a_search_if_its_law_leaves_nothing(
+    monkeypatch, options, helps
+):
+    sizes = told(monkeypatch, [outcome([1.0], helps=helps), outcome([0.5])], Watch())
+    alssnn.AlSsnn(n_g=2, **options)._found(None, None, None, Watch())
+    assert len(sizes) == (1 if helps else 2)
+
+
+@pytest.mark.parametrize(("over", "searches"), [(0.3, 2), (0.4, 1)])
+def test_time_is_left_for_the_training(monkeypatch, over, searches):
+    watch = Watch(max_time=1000.0)
+    watch.start -= 1000.0 * over
+    sizes = told(monkeypatch, [outcome([1.0]), outcome([0.5])], watch)
+    alssnn.AlSsnn(n_g=2)._found(None, None, None, watch)
+    assert len(sizes) == searches
+
+
 def test_an_interrupted_second_search_loses_nothing(monkeypatch):
     watch, model, found = Watch(), alssnn.AlSsnn(n_g=2), outcome([1.0])
     told(monkeypatch, [found, None], watch, ends_at=2)
@@ -120,6 +141,7 @@ def test_a_plant_of_matched_nonlinearity_needs_no_g(swinging, small):
     assert set(model.orders_["networks"]) == {2}
     model.set_params(warm_start=True, tol=1e-2).fit(swinging.u, swinging.y)
     assert not np.any(model.params_["W_g"])
+    assert _residual.H_ALONE not in model.message_  # it did not ask again
 
 
 def test_a_fit_that_needs_g_says_nothing_of_it(monkeypatch, swinging, small):

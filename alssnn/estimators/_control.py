@@ -126,7 +126,8 @@ def iss_certificate(
         Bound on ``|omega|``: the largest value along the records, in the open loop
         and in the closed one with the recorded input as r; the supremum over all
         states and inputs, which tanh bounds; or a number. eta is bounded in the
-        same way, with a number by its supremum.
+        same way, with a number by its supremum. Where these suprema are zero, the law
+        is exact, and "data" takes them, too.
     method : {"lyapunov", "sdp"}, default="lyapunov"
         How P is found for each phi.
 

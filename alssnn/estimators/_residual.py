@@ -15,6 +15,7 @@ from ..search import AGREE
 from ..training import train
 from ._noise import is_predicting
 
+SOON = 1 / 3  # of max_time, after which no second search begins
 TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
 # Mean square error with g over that without, on hidden samples, below which it is: no
 # law cancels what g takes over. Of 40 records of `benchmarks.true_loops`, six gained 4
@@ -46,6 +47,27 @@ def searched(model):
     plain = copy(model)
     plain.n_g = 0
     return [model, plain] if options["input_map"] == "identity" else [plain]
+
+
+def is_worthwhile(model, watch):
+    """Tell whether h alone is searched for where networks with g help.
+
+    Parameters
+    ----------
+    model : Ssnn
+        Model to be fitted.
+    watch : Watch
+        May end the fit.
+
+    Returns
+    -------
+    is_worthwhile : bool
+        Whether the law of h alone leaves nothing, so that neither k, D nor late inputs
+        are there, and time is left for a second search and the training behind it.
+    """
+    late = np.any(getattr(model, "input_delay_", 0))
+    leaves = np.any(getattr(model, "n_k", 0)) or model.feedthrough or late
+    return not leaves and watch.used <= SOON
 
 
 def is_enough(alone, found, is_predictor):

@@ -36,9 +36,16 @@ from ._networks import DECLARED
 from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
-from ._residual import H_ALONE, completed, idle_g, is_enough, searched
+from ._residual import (
+    H_ALONE,
+    completed,
+    idle_g,
+    is_enough,
+    is_worthwhile,
+    searched,
+)
 from ._safe import safely_trained
-from ._time import stages
+from ._time import is_continuous, stages
 from ._warm_start import forms, goes_on
 
 MORE_STATES = 1  # orders above that of the linear model, tried with networks
@@ -343,7 +350,7 @@ class Ssnn(StateSpaceModel):
             )
             if result is None:
                 return left_linear(self, linear, near, experiments, watch, refused=True)
-        if held and self.input_map == "identity":
+        if held and not continues and self.input_map == "identity":
             result.message += f"; {H_ALONE}"
         theta = as_large_as_u(self, plain, result.theta, result.x0, experiments)
         return plain, theta, result
@@ -402,8 +409,9 @@ class Ssnn(StateSpaceModel):
         """Return the model to train, this one or the same without g, and its search."""
         own, *others = searched(self)
         found = self._search(own, experiments, linear, seeds, watch)
+        exact = is_worthwhile(self, watch) and not is_continuous(self)
         for other in others:
-            if found is None or watch.reason is not None:
+            if found is None or watch.reason is not None or (found.helps and not exact):
                 break
             alone = self._search(other, experiments, linear, seeds, watch)
             # one that was ended may be better than it looks
