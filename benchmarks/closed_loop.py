@@ -11,7 +11,8 @@ competitor is the same design, with the same weights, on a linear model of the s
 record.  Prints both distances and their ratio for every seed, and the medians.  Models
 are set by hand; --all adds others, --defaults takes the defaults of all instead.
 Without --quick it writes the table, and of models by hand the figure, to
-doc/benchmarks.  Exits with 1 if the median ratio of pendulum or Duffing exceeds 1/8.
+doc/benchmarks.  Exits with 1 if the median ratio of pendulum or Duffing exceeds 1/8,
+of models by hand; there is no such target for the defaults.
 """
 
 import argparse

@@ -98,6 +98,14 @@ def test_h_alone_is_worth_a_search_if_its_law_leaves_nothing(
     assert len(sizes) == (1 if helps else 2)
 
 
+def test_late_inputs_leave_no_law_that_is_exact(monkeypatch):
+    sizes = told(monkeypatch, [outcome([1.0]), outcome([0.5])], Watch())
+    model = alssnn.AlSsnn(n_g=2)
+    model.input_delay_ = np.array([1])
+    model._found(None, None, None, Watch())
+    assert len(sizes) == 1
+
+
 @pytest.mark.parametrize(("over", "searches"), [(0.3, 2), (0.4, 1)])
 def test_time_is_left_for_the_training(monkeypatch, over, searches):
     watch = Watch(max_time=1000.0)

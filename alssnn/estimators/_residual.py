@@ -24,8 +24,7 @@ TRIAL = 60  # steps of the short fit that asks whether g is needed, at most
 # their standard is that of the search.
 NEEDED = 0.5
 
-
-H_ALONE = "g is zero, for h alone does nearly as well on hidden samples"
+H_ALONE = "g is held at zero, for h alone is enough on hidden samples"
 
 
 def searched(model):
@@ -50,7 +49,7 @@ def searched(model):
 
 
 def is_worthwhile(model, watch):
-    """Tell whether h alone is searched for where networks with g help.
+    """Tell whether h alone is searched for, in discrete time, where g helps.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ class Ssnn(StateSpaceModel):
         leaves the linear model. (Those of `GrSsnn` are pulled to zero.) If no networks
         beat the linear model on the hidden quarters, the fit returns it, with a
         ConvergenceWarning. `AlSsnn` tries h alone, too, and holds g at zero where that
-        does nearly as well (eq. enough); `message_` says so.
+        does nearly as well (eq. enough); in discrete time `message_` says so.
         Training on all samples may make the simulation worse than that of the linear
         model, or take it far from the record (eq. escape, latch). It is then repeated
         with up to 30 times the weight; if none is better than the model of the search,
@@ -409,9 +409,9 @@ class Ssnn(StateSpaceModel):
         """Return the model to train, this one or the same without g, and its search."""
         own, *others = searched(self)
         found = self._search(own, experiments, linear, seeds, watch)
-        exact = is_worthwhile(self, watch) and not is_continuous(self)
+        asks = is_worthwhile(self, watch) and not is_continuous(self)
         for other in others:
-            if found is None or watch.reason is not None or (found.helps and not exact):
+            if found is None or watch.reason is not None or (found.helps and not asks):
                 break
             alone = self._search(other, experiments, linear, seeds, watch)
             # one that was ended may be better than it looks

@@ -209,7 +209,8 @@ def gamma_path(
     -----
     The first weight takes `max_iter` and `polish_iter` trial steps; the others share
     as many, so that the path costs about two fits. With ``alpha="auto"``, a fit that
-    holds g at zero (eq. enough) is no start: the next weight then costs a whole fit.
+    holds g at zero, or returns the linear model, is no start: the next weight then
+    costs a whole fit.
 
     Examples
     --------
