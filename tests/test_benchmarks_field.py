@@ -376,6 +376,24 @@ def test_our_curve_ends_with_the_fitted_model():
     assert seconds == sorted(seconds)
 
 
+def test_curves_are_compared_by_their_ends_and_by_when_ours_passes():
+    head = ("wh", "official")
+    rows = [
+        (*head, "gr", 0, "2.0", "2.0", "4.0"),
+        (*head, "gr", 0, "5.0", "5.0", "0.9"),
+        (*head, "gr", 0, "9.0", "9.0", "0.25"),
+        (*head, "jax-sysid", 0, "100.0", "150.0", "1.0"),
+        (*head, "gr", 1, "3.0", "3.0", "2.0"),
+        (*head, "jax-sysid", 1, "100.0", "150.0", "1.0"),
+        (*head, "gr", 2, "3.0", "3.0", "2.0"),
+    ]
+    first, second = rivals.summary(rows).splitlines()[2:]  # the seed 2 has no pair
+    cells = [cell.strip() for cell in first.strip("|").split("|")]
+    theirs, ours = ["jax-sysid", "1", "100"], ["gr", "0.25", "9"]
+    assert cells == ["wh, official, 0", *theirs, *ours, "0.25", "5.0", "20"]
+    assert second.split("|")[-3].strip() == "never"
+
+
 @pytest.mark.slow
 def test_a_motor_does_not_stay_where_a_long_step_has_taken_it():
     """No FL-SSNN is this plant; one that fits its record keeps two places to rest."""

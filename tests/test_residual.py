@@ -1,5 +1,6 @@
 """Whether AlSsnn keeps g, or holds it at zero because h alone does nearly as well."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -150,6 +151,22 @@ def test_a_plant_of_matched_nonlinearity_needs_no_g(swinging, small):
     model.set_params(warm_start=True, tol=1e-2).fit(swinging.u, swinging.y)
     assert not np.any(model.params_["W_g"])
     assert _residual.H_ALONE not in model.message_  # it did not ask again
+
+
+def test_g_is_held_where_h_alone_has_ended_at_zero(monkeypatch, swinging, small):
+    """Then k or an integrator is what helps, and g would come back by itself."""
+    seen = {}
+
+    def without_h(model, own, found, *args):
+        p = found.structure.split(found.theta)
+        theta = found.structure.join({**p, "W_h": 0.0 * p["W_h"]})
+        other = replace(found, theta=theta)
+        seen["names"] = set(_residual.completed(model, own, other, *args)[3])
+        return _residual.completed(model, own, found, *args)
+
+    monkeypatch.setattr("alssnn.estimators._ssnn.completed", without_h)
+    clone(small).fit(swinging.u, swinging.y)
+    assert seen["names"] == {"W_g", "W_u", "W_x", "b_x"}  # all of g
 
 
 def test_a_fit_that_needs_g_says_nothing_of_it(monkeypatch, swinging, small):

@@ -142,7 +142,8 @@ def completed(model, own, found, linear, experiments, seed, watch):
     has_map = model.input_map != "identity"
     if has_map and _is_needed(model, found, structure, theta, decay, watch):
         return structure, theta, decay, {}
-    return structure, theta, decay, idle_g(structure, theta)
+    # also where h has ended at zero, and k or an integrator is what helps
+    return structure, theta, decay, _held_g(structure, theta)
 
 
 def idle_g(structure, theta):
@@ -163,12 +164,17 @@ def idle_g(structure, theta):
     p = structure.split(theta)
     if not np.any(p.get("W_h", 0.0)) or np.any(p.get("W_g", 1.0)):
         return {}
-    of_g = [
-        name
+    return _held_g(structure, theta)
+
+
+def _held_g(structure, theta):
+    """Return equal bounds of all parameters of g."""
+    p = structure.split(theta)
+    return {
+        name: (p[name], p[name])
         for name, axes in structure.parameters.items()
         if any(axis.startswith("w_g") for axis in axes)
-    ]
-    return {name: (p[name], p[name]) for name in of_g}
+    }
 
 
 def idle(structure, theta, alpha):

@@ -11,7 +11,8 @@ Study "mirror": freq-statespace with the settings of its authors' record, on all
 The environment is made in --venv, by default a temporary folder, by pip.  Every curve
 is a row per point: seconds of clock and processor since the start of the fit,
 compilation included, and the error.  Nothing of a test is simulated during a fit.  The
-packages run one after the other; leave the machine to them.
+packages run one after the other; leave the machine to them.  Behind the curves stand
+the last errors, and when ours passes that of theirs; --page writes them for the manual.
 """
 
 import argparse
@@ -28,8 +29,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+import alssnn
 from alssnn.datasets import fetch_wiener_hammerstein
 
+from .._tables import OUT, machine
 from .records import RECORDS
 from .runs import MODELS, score
 
@@ -175,8 +178,45 @@ def _stacked(signals):
 STUDIES = {"wh": circuit, "mirror": mirror}
 
 
+# -- what the curves say ---------------------------------------------------------------
+
+
+def summary(rows):
+    """Return a table in Markdown: last errors, and when ours passes that of theirs.
+
+    Rows are those of the curves.  A test and seed that only one side has is left out.
+    """
+    curves = {}
+    for study, test, method, seed, *point in rows:
+        methods = curves.setdefault((study, test, str(seed)), {})
+        methods.setdefault(method, []).append(tuple(map(float, point)))
+    lines = [
+        "| study, test, seed | theirs | error | wall, s | ours | error | wall, s "
+        "| ratio of errors | passes theirs after, s | ratio of times |",
+        "|---|---|--:|--:|---|--:|--:|--:|--:|--:|",
+    ]
+    for key, methods in curves.items():
+        for name in sorted(set(methods) - set(MODELS)):
+            for own in sorted(set(methods) & set(MODELS)):
+                cells = compared(methods[name], methods[own])
+                cells = [name, *cells[:2], own, *cells[2:]]
+                lines.append(f"| {', '.join(key)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def compared(theirs, ours):
+    """Return the cells of two curves, points (wall, cpu, rmse)."""
+    (end, _, error), (own_end, _, own_error) = theirs[-1], ours[-1]
+    cells = [f"{error:.3g}", f"{end:.0f}", f"{own_error:.3g}", f"{own_end:.0f}"]
+    cells.append(f"{own_error / error:.2f}")
+    passed = next((wall for wall, _, rmse in ours if rmse <= error), None)
+    if passed is None:
+        return [*cells, "never", ""]
+    return [*cells, f"{passed:.1f}", f"{end / passed:.0f}"]
+
+
 def main(arguments=None):
-    """Make the environment, run the studies, write the curves."""
+    """Make the environment, run the studies, write the curves and what they say."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--study", choices=STUDIES, nargs="+", default=["wh"])
     parser.add_argument("--seconds", type=float, default=240)
@@ -185,7 +225,9 @@ def main(arguments=None):
     parser.add_argument("--ours", choices=MODELS)
     parser.add_argument("--venv", type=Path)
     parser.add_argument("--out", type=Path, default=Path("rivals.csv"))
+    parser.add_argument("--page", action="store_true", help="write the manual's table")
     options = parser.parse_args(arguments)
+    load, rows = os.getloadavg()[0], []
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         python = environment(options.venv or folder / "venv")
@@ -197,6 +239,12 @@ def main(arguments=None):
                     writer.writerow(row)
                     file.flush()
                     print(*row, flush=True)
+                    rows.append(row)
+    text = summary(rows)
+    print(text)
+    if options.page:
+        note = machine(load, np, alssnn)
+        (OUT / "rivals.md").write_text(f"{text}\n\n{note}\n", encoding="utf-8")
     return 0
 
 
