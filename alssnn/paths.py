@@ -128,6 +128,8 @@ class Path:
         where other inputs take the model far from its record.
     states : list of list of tuple of ndarray
         Parameters and initial states of the same, by fold.
+    costs : list of list of float
+        Root of the cost on the samples that a fold fits, behind every alpha.
 
     Examples
     --------
@@ -164,7 +166,7 @@ class Path:
         self.centers = starts if to_start else [0.0 * theta for theta in starts]
         self.starts = self.points
         self.alphas, self.has_ended = [], False
-        self.errors, self.scores, self.states = [], [], []
+        self.errors, self.scores, self.states, self.costs = [], [], [], []
         self._judge()
 
     def _judge(self):
@@ -255,10 +257,12 @@ class Path:
         enough = self.descent.enough if enough is None else enough
         self.has_ended = False
         for alpha in alphas:
-            self.points = [
-                self._stage(i, fold.fitted, alpha, watch)[0]
+            stages = [
+                self._stage(i, fold.fitted, alpha, watch)
                 for i, fold in enumerate(self.folds)
             ]
+            self.points = [point for point, _ in stages]
+            self.costs.append([cost for _, cost in stages])
             self.alphas.append(alpha)
             self._judge()
             if tell is not None:
@@ -293,7 +297,7 @@ class Path:
         """
         kept = slice(0, stage + 1)
         self.errors, self.scores = self.errors[kept], self.scores[kept]
-        self.states = self.states[kept]
+        self.states, self.costs = self.states[kept], self.costs[:stage]
         self.alphas, self.points = self.alphas[:stage], self.states[stage]
         self.descend([alpha] * n_stages, watch, tell, enough=np.inf)
         return stage + int(np.argmin(self.scores[stage:]))

@@ -23,7 +23,7 @@ alphas are relative to the error of the linear model, as the noise is (eq. innov
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -31,22 +31,13 @@ import numpy as np
 from .descent import USUAL
 from .excursions import Excursion
 from .holdout import SHARE, Fold, certainty
+from .network_orders import CONTENDS, TRIED, compared
 from .paths import Path, Tally, descended, expected_stages, lowest
 from .training import LEAST_MOVE
 from .watch import Watch
 
-# Random starts by which orders are compared. With one, `AlSsnn` of two rooms took two
-# states instead of three with one seed of three: 0.37 of the linear error, not 0.08.
-TRIED = 2
 STAGE_TOL = 1e-4  # relative change of the cost that ends one
 NEARLY = 1.1  # relative mean square error that is as good as the best
-CONTENDS = 1.5  # root mean square error of a start over the least of its comparison
-AGREE = 1.05  # the same of the second start, from which on the two disagree
-RIVAL = 2.0  # the same of an order, up to which it is compared along all descents
-# The same that counts of one above that of the first comparison. Of the measured drone,
-# three states had 1.2 times less than two, and more than the linear model on the test.
-MORE_STATES = 1.2
-CLEARLY = 1.1  # root mean square errors of one start of two orders differ by more
 REFIT = 2  # stages, of the fit to all samples that follows
 GAIN = 0.96  # mean square error over that of the linear model, at most
 SURE = 1.0  # standard errors by which it is less, at least
@@ -150,122 +141,6 @@ class Found:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """Hold the path of a start of some order, and the least error along it."""
-
-    nx: int
-    seed: int
-    path: Path
-    linears: list
-    error: float = np.inf
-
-
-class _Walker:
-    """Walk ways of several orders, and keep what every order has reached.
-
-    Attributes
-    ----------
-    curve : dict of int to float
-        Least root mean square error on hidden samples, by order.
-    best : dict of int to _Way
-        The way of the least error, by order.
-    """
-
-    def __init__(self, watch, tally, n_jobs):
-        self.watch, self._how = watch, (watch, tally, n_jobs)
-        self.curve: dict[int, float] = {}
-        self.best: dict[int, _Way] = {}
-
-    def __call__(self, ways, alphas=None):
-        """Walk alphas, or what is left of the descents; return the ways behind them."""
-        paths = descended([way.path for way in ways], *self._how, alphas=alphas)
-        walked = []
-        for way, path in zip(ways, paths, strict=True):
-            least = float(np.sqrt(np.mean(min(path.errors, key=np.sum))))
-            self.curve[way.nx] = min(self.curve.get(way.nx, np.inf), least)
-            error = float(np.sqrt(min(path.scores) / len(path.folds)))
-            walked.append(replace(way, path=path, error=error))
-            if error < self.best.get(way.nx, way).error:
-                self.best[way.nx] = walked[-1]
-        return walked
-
-
-def _compared(
-    begin, seeds, orders, candidates, largest, descents, watch, tally, n_jobs
-):
-    """Return the least error on hidden samples by order, and the best ways.
-
-    They are of the smallest order that does nearly as well as the best, and from one
-    linear model, the best first. Orders are compared by few starts along the first
-    descent. Where these do not agree, orders that come near the best are compared along
-    the other descents, too, from all seeds: one that came down late by the first may
-    come lower by another. More paths find low errors of larger models also by chance.
-    """
-    walk = _Walker(watch, tally, n_jobs)
-    ways = _screened(walk, begin, seeds[:TRIED], orders, candidates, largest, descents)
-    least, second = sorted([*(way.error for way in ways), np.inf])[:2]
-    nx = _smallest(ways)
-    rivals = [way for way in walk.best.values() if way.error <= RIVAL * least]
-    disagree = second > AGREE * least and watch.reason is None
-    if disagree and len(rivals) > 1 and len(descents) > 1:
-        others = [
-            replace(way, seed=seed, path=begin(way.linears, seed, along))
-            for way, along, seed in product(rivals, descents[1:], seeds)
-        ]
-        ways += walk(others)
-        nx = _smallest(ways, up_to=nx)
-    best, *others = sorted(
-        (way for way in ways if way.nx == nx), key=lambda way: way.error
-    )
-    return walk.curve, [best, *(way for way in others if way.linears is best.linears)]
-
-
-def _smallest(ways, up_to=np.inf):
-    """Return the smallest order that does nearly as well as the best.
-
-    Orders above a given one have to do better than that, by `MORE_STATES`.
-    """
-    fair = [(w.error * (MORE_STATES if w.nx > up_to else 1.0), w.nx) for w in ways]
-    enough = CLEARLY * min(fair)[0]
-    return min(nx for error, nx in fair if error <= enough)
-
-
-def _screened(walk, begin, seeds, orders, candidates, largest, descents):
-    """Return ways of several orders, along the first of the descents.
-
-    Each way to begin is tried from all seeds, by few stages, and those that come near
-    the best of them go on. Beyond the candidates, orders go on as long as each is
-    clearly better than those before, of a long record also behind one that is not;
-    their starts are compared among each other, for others have gone through all stages
-    by then.
-    """
-    first, rest = descents[0].screened
-    ways: list[_Way] = []
-    waited, pending = 0, list(candidates)
-    while pending:
-        begun = [
-            _Way(nx, seed, begin(linears, seed), linears)
-            for nx in pending
-            for linears, seed in product(orders.starts(nx), seeds)
-        ]
-        nx, pending = pending[-1], []
-        fresh = walk(begun, first)
-        # by few stages alone, an order that comes down late looks like a smaller one
-        near = CONTENDS * min(way.error for way in fresh)
-        fresh = [way for way in fresh if way.error <= near]
-        if len(ways) + len(fresh) > 1 or nx < largest:
-            fresh = walk(fresh, rest)
-        ways += fresh
-        curve = walk.curve
-        smaller = min((curve[n] for n in curve if n < nx), default=np.inf)
-        waited = 0 if curve[nx] * CLEARLY < smaller else waited + 1
-        is_over = waited > (len(orders.folds) == 1) or walk.watch.reason is not None
-        if nx < largest and not is_over:
-            pending.append(nx + 1)
-    return ways
-
-
 def search(
     recipe,
     orders,
@@ -347,7 +222,7 @@ def search(
     curve, linears, tried = {}, ways[0], []
     if len(ways) > 1:
         among = seeds, orders, candidates, largest, descents
-        curve, tried = _compared(begin, *among, quiet, tally, n_jobs)
+        curve, tried = compared(begin, *among, quiet, tally, n_jobs)
         linears = tried[0].linears
     nx = len(linears[0].A)
     paths, others = _begun(begin, linears, seeds, descents, tried)

@@ -7,7 +7,7 @@ from alssnn import AlSsnn, FlSsnn, GrSsnn
 from alssnn.descent import ALPHAS, FADING, RIVALLING, SMOOTH, USUAL
 from alssnn.estimators import _al_ssnn, _gr_ssnn, _input_map
 from alssnn.models import state_space
-from alssnn.search import CONTENDS
+from alssnn.network_orders import CONTENDS
 from alssnn.starts import initial_theta
 from alssnn.subspace import identify_linear
 from benchmarks import constants

@@ -10,8 +10,8 @@ from sklearn.exceptions import ConvergenceWarning
 
 from alssnn import FlSsnn, LinearStateSpace
 from alssnn.datasets import make_duffing, make_pendulum
+from alssnn.network_orders import CLEARLY
 from alssnn.orders import Orders, compare_down, compare_orders, with_idle_states
-from alssnn.search import CLEARLY
 from alssnn.subspace import GAP, identify_linear, largest_order, without_gaps
 from alssnn.watch import Watch
 from helpers import Heard, simulate_linear

@@ -545,7 +545,9 @@ def test_the_path_of_a_long_record_does_not_go_on(monkeypatch):
 
 
 class Noted(searching.Path):
-    """Note what is walked, and reach errors that are told."""
+    """Note what is walked, and reach errors and costs that are told."""
+
+    cost = 1.0
 
     def note(self, walked, key, told):
         n_folds = len(self.folds)
@@ -559,14 +561,15 @@ class Noted(searching.Path):
         self.errors.append(self.told[min(len(self.errors), len(self.told)) - 1])
         self.scores.append(self.errors[-1].sum())
         self.states.append(self.points)
+        self.costs.append([self.cost] * len(self.folds))
         return self
 
     def go_on(self, stage, *args):
         return stage
 
 
-def told_by_order(monkeypatch, orders, table):
-    """Let paths reach a table of errors; return a list for what is walked."""
+def told_by_order(monkeypatch, orders, table, costs=()):
+    """Let paths reach tables of errors and costs; return a list for what is walked."""
     walked = []
 
     class Path(Noted):
@@ -576,6 +579,7 @@ def told_by_order(monkeypatch, orders, table):
             is_idle = n > orders.nx and not linears[0].C[:, orders.nx :].any()
             key = -n if is_idle else n
             self.note(walked, key, table.get(key, (0.99, 0.99)))
+            self.cost = dict(costs).get(n, 1.0)
 
     monkeypatch.setattr(searching, "Path", Path)
     monkeypatch.setattr(Orders, "nx", 2)
@@ -632,6 +636,32 @@ def test_a_long_record_waits_for_an_order(monkeypatch, n_samples, table, nx):
     assert (len(orders.folds) == 1) == (n_samples is not None)
     told_by_order(monkeypatch, orders, table)
     found = search(recipe(), orders, [2, 3], [0], largest=9, max_iter=10)
+    assert found.structure.sizes["x"] == nx
+
+
+@pytest.mark.parametrize(
+    ("costs", "hidden", "n_samples", "nx"),
+    [
+        # three times less of what is seen, and as much of what is hidden
+        ({3: 0.8, 4: 0.33}, 0.32, None, 4),
+        ({3: 0.33, 4: 0.1}, 0.32, None, 3),
+        ({3: 0.8, 4: 0.35}, 0.32, None, 2),
+        # of what is hidden, clearly more
+        ({3: 0.8, 4: 0.1}, 0.34, None, 2),
+        # nobody looks behind an order that fits no better
+        ({3: 0.9, 4: 0.1}, 0.32, None, 2),
+        # hidden samples of a long record tell enough
+        ({3: 0.8, 4: 0.1}, 0.32, 4100, 2),
+    ],
+)
+def test_an_order_that_explains_more_is_taken(
+    monkeypatch, costs, hidden, n_samples, nx
+):
+    record = soft(0) if n_samples is None else soft(0, n_samples)
+    orders = compare_orders(scaled(*record), (2, 3, 4))
+    table = {2: (0.3, 0.3), 3: (0.31, 0.31), 4: (hidden, hidden)}
+    told_by_order(monkeypatch, orders, table, costs)
+    found = search(recipe(), orders, [2, 3], [0], largest=4, max_iter=10)
     assert found.structure.sizes["x"] == nx
 
 
@@ -952,6 +982,7 @@ def test_a_path_ends_after_three_stages_without_a_gain():
         def __init__(self, told):
             self.told, self.folds, self.descent = iter(told), [], USUAL
             self.alphas, self.errors, self.scores, self.states = [], [], [1.0], []
+            self.costs = []
 
         def _judge(self):
             self.scores.append(next(self.told))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..descent import Descent
 from ..equations import LEAST_GAIN
-from ..search import CONTENDS
+from ..network_orders import CONTENDS
 from ..simulation import outputs
 
 MAP = ("W_h", "b_h")  # what phi is linear in, beside what stands squared

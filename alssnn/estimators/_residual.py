@@ -11,7 +11,7 @@ from copy import copy
 
 import numpy as np
 
-from ..search import AGREE
+from ..network_orders import AGREE
 from ..training import train
 from ._noise import is_predicting
 

@@ -68,7 +68,9 @@ class Ssnn(StateSpaceModel):
         orders that it names (eq. holdout). With ``alpha="auto"`` networks then choose
         among the same orders, with "auto" up to one more than the best linear one and
         in any case up to three, and beyond as long as each is clearly better, but
-        without smaller ones of twice its error (eq. fewer). See `orders_`.
+        without smaller ones of twice its error (eq. fewer). Of a short record a larger
+        order is also taken that explains much more of what it sees (eq. explained).
+        See `orders_`.
     max_iter : int, default=300
         Largest number of trial steps of one start, for every weight that it goes along
         (`alpha`, `continuation`). `n_iter_` counts them, and those of the stages that
