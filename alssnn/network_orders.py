@@ -106,8 +106,8 @@ class _Walker:
     def explains(self, nx, less):
         """Tell whether an order explains what a smaller one does not."""
         nearly = self.curve[nx] <= CLEARLY * self.curve[less]
-        # eq. explained
-        return nx > less and nearly and EXPLAINS * self.cost(nx) <= self.cost(less)
+        # eq. explained; "<", for all may diverge, or none miss anything
+        return nx > less and nearly and EXPLAINS * self.cost(nx) < self.cost(less)
 
 
 def compared(begin, seeds, orders, candidates, largest, descents, watch, tally, n_jobs):
