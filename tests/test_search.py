@@ -348,6 +348,14 @@ def test_smaller_alphas_fit_more():
         costs.append(criterion.norm(criterion.join(theta, x0)))
     assert np.all(np.diff(costs) < 1e-9)
     assert path.errors[-1].sum() < path.errors[0].sum() / 4
+    # what it keeps is the cost, that of the decay included, on what a fold fits
+    kept, (theta, x0) = np.array(path.costs), path.states[-1][0]
+    decay = {"alpha": ALPHAS[5], "center": path.centers[0]}
+    _, penalized, weights, _ = path.problems[0]
+    fitted = orders.folds[0].fitted
+    criterion = Criterion(penalized, fitted, weights=weights, **decay)
+    assert kept.shape == (6, 3) and np.all(kept[:, 0] >= costs[1:])
+    assert kept[-1, 0] == pytest.approx(criterion.norm(criterion.join(theta, x0)))
 
 
 class Walked:
@@ -841,6 +849,7 @@ def test_a_path_goes_on_as_long_as_hidden_samples_gain():
     after = [errors.sum() for errors in path.errors]
     np.testing.assert_array_equal(after[:5], before[:5])
     assert 4 < stage < 34
+    assert len(path.costs) == len(path.alphas) == len(after) - 1
     assert after[stage] == min(after[4:]) < 0.9 * before[4]
 
 
