@@ -13,7 +13,8 @@ from itertools import product
 
 import numpy as np
 
-from .paths import Path, descended
+from .paths import Path
+from .races import descended, raced
 
 # Random starts by which orders are compared. With one, `AlSsnn` of two rooms took two
 # states instead of three with one seed of three: 0.37 of the linear error, not 0.08.
@@ -67,15 +68,21 @@ class _Walker:
         The way of the least error, by order.
     """
 
-    def __init__(self, watch, tally, n_jobs):
+    def __init__(self, orders, watch, tally, n_jobs):
         self.watch, self._how = watch, (watch, tally, n_jobs)
+        self._linear = float(np.sqrt(np.mean(orders.errors[orders.nx])))
         self.curve: dict[int, float] = {}
         self.best: dict[int, Way] = {}
         self._costs: dict[int, np.ndarray] = {}
+        self.enough = np.inf  # first order of a short record that brings nothing
 
-    def __call__(self, ways, alphas=None):
-        """Walk alphas, or what is left of the descents; return the ways behind them."""
-        paths = descended([way.path for way in ways], *self._how, alphas=alphas)
+    def __call__(self, ways, alphas=None, is_race=True):
+        """Walk alphas, or what is left of the descents; return the ways behind them.
+
+        In a race, starts of an order that fall behind do not walk all of them.
+        """
+        walk = raced if is_race else descended
+        paths = walk([way.path for way in ways], *self._how, alphas=alphas)
         walked = []
         for way, path in zip(ways, paths, strict=True):
             least = float(np.sqrt(np.mean(min(path.errors, key=np.sum))))
@@ -101,13 +108,20 @@ class _Walker:
     def falls(self, nx):
         """Tell whether an order fits what it sees better than all below it."""
         below = (self.cost(n) for n in self.curve if n < nx)
-        return self.cost(nx) * FALLS < min(below, default=np.inf)
+        return self._learns(nx) and self.cost(nx) * FALLS < min(below, default=np.inf)
 
     def explains(self, nx, less):
         """Tell whether an order explains what a smaller one does not."""
-        nearly = self.curve[nx] <= CLEARLY * self.curve[less]
+        nearly = self._learns(nx) and self.curve[nx] <= CLEARLY * self.curve[less]
         # eq. explained; "<", for all may diverge, or none miss anything
         return nx > less and nearly and EXPLAINS * self.cost(nx) < self.cost(less)
+
+    def _learns(self, nx):
+        """Tell whether networks of an order are clearly better than no networks.
+
+        If they are not, what they fit beyond a smaller order is noise.
+        """
+        return self.curve[nx] * CLEARLY < self._linear
 
 
 def compared(begin, seeds, orders, candidates, largest, descents, watch, tally, n_jobs):
@@ -146,11 +160,12 @@ def compared(begin, seeds, orders, candidates, largest, descents, watch, tally, 
     ways : list of Way
         Those of the order that is chosen, from one linear model, the best first.
     """
-    walk = _Walker(watch, tally, n_jobs)
+    walk = _Walker(orders, watch, tally, n_jobs)
     ways = _screened(walk, begin, seeds[:TRIED], orders, candidates, largest, descents)
     least, second = sorted([*(way.error for way in ways), np.inf])[:2]
     nx = _smallest(ways)
-    rivals = [way for way in walk.best.values() if way.error <= RIVAL * least]
+    among = [way for way in walk.best.values() if way.nx <= walk.enough]
+    rivals = [way for way in among if way.error <= RIVAL * least]
     disagree = second > AGREE * least and watch.reason is None
     if disagree and len(rivals) > 1 and len(descents) > 1:
         others = [
@@ -201,15 +216,20 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
             for linears, seed in product(orders.starts(nx), seeds)
         ]
         nx, pending = pending[-1], []
-        fresh = walk(begun, first)
+        # whether starts agree is told by their ends
+        fresh = walk(begun, first, is_race=len(descents) == 1)
+        ways += [way for way in fresh if len(way.path.alphas) < len(first)]
         # by few stages alone, an order that comes down late looks like a smaller one
         near = CONTENDS * min(way.error for way in fresh)
-        fresh = [way for way in fresh if way.error <= near]
+        fresh = [way for way in fresh if way.error <= near and way not in ways]
         if len(ways) + len(fresh) > 1 or nx < largest:
-            fresh = walk(fresh, rest)
+            fresh = walk(fresh, rest, is_race=False)
         ways += fresh
-        gains = walk.gains(nx) or (_is_short(orders) and walk.falls(nx))
-        waited = 0 if gains else waited + 1
+        goes_on = walk.gains(nx)
+        if not goes_on and _is_short(orders):
+            walk.enough = min(walk.enough, nx)
+            goes_on = walk.falls(nx)
+        waited = 0 if goes_on else waited + 1
         is_over = waited > (len(orders.folds) == 1) or walk.watch.reason is not None
         if nx < largest and not is_over:
             pending.append(nx + 1)

@@ -13,7 +13,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, races
 from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
@@ -197,13 +197,19 @@ def compared(*orders):
 
 
 def walk(
-    orders, bounds=(np.inf,) * 3, center="start", is_predictor=False, steps=20, tol=1e-6
+    orders,
+    bounds=(np.inf,) * 3,
+    center="start",
+    is_predictor=False,
+    steps=20,
+    tol=1e-6,
+    nx=1,
 ):
-    """Return the start of a path of order 1."""
+    """Return the start of a path."""
     return searching.Path(
         recipe(),
         orders.folds,
-        orders.models[1],
+        orders.models[nx],
         0,
         Descent(stages=1, center=center),
         {"method": "lm", "max_iter": steps, "tol": tol},
@@ -648,25 +654,30 @@ def test_a_long_record_waits_for_an_order(monkeypatch, n_samples, table, nx):
 
 
 @pytest.mark.parametrize(
-    ("costs", "hidden", "n_samples", "nx"),
+    ("costs", "hidden", "n_samples", "linear", "nx"),
     [
         # three times less of what is seen, and as much of what is hidden
-        ({3: 0.8, 4: 0.33}, 0.32, None, 4),
-        ({3: 0.33, 4: 0.1}, 0.32, None, 3),
-        ({3: 0.8, 4: 0.35}, 0.32, None, 2),
+        ({3: 0.8, 4: 0.33}, 0.32, None, 1.0, 4),
+        ({3: 0.33, 4: 0.1}, 0.32, None, 1.0, 3),
+        ({3: 0.8, 4: 0.35}, 0.32, None, 1.0, 2),
         # of what is hidden, clearly more
-        ({3: 0.8, 4: 0.1}, 0.34, None, 2),
+        ({3: 0.8, 4: 0.1}, 0.34, None, 1.0, 2),
         # nobody looks behind an order that fits no better
-        ({3: 0.9, 4: 0.1}, 0.32, None, 2),
+        ({3: 0.9, 4: 0.1}, 0.32, None, 1.0, 2),
         # hidden samples of a long record tell enough
-        ({3: 0.8, 4: 0.1}, 0.32, 4100, 2),
+        ({3: 0.8, 4: 0.1}, 0.32, 4100, 1.0, 2),
+        # without networks, hidden samples are missed no more: it is noise
+        ({3: 0.8, 4: 0.33}, 0.32, None, 0.34, 2),
+        ({3: 0.8, 4: 0.33}, 0.32, None, 0.36, 4),
     ],
 )
 def test_an_order_that_explains_more_is_taken(
-    monkeypatch, costs, hidden, n_samples, nx
+    monkeypatch, costs, hidden, n_samples, linear, nx
 ):
     record = soft(0) if n_samples is None else soft(0, n_samples)
     orders = compare_orders(scaled(*record), (2, 3, 4))
+    errors = {n: np.full(len(orders.folds), linear**2) for n in orders.errors}
+    orders = replace(orders, errors=errors)
     table = {2: (0.3, 0.3), 3: (0.31, 0.31), 4: (hidden, hidden)}
     told_by_order(monkeypatch, orders, table, costs)
     found = search(recipe(), orders, [2, 3], [0], largest=4, max_iter=10)
@@ -715,6 +726,68 @@ def test_orders_are_compared_along_all_descents_unless_starts_agree(
     # every start of an order once, also where it is that of the path that is taken
     again = [n for (n, is_zero), n_alphas in walked if is_zero and n_alphas]
     assert sorted(again) == sorted([*further] * 3)
+
+
+@pytest.mark.parametrize("n_samples", [None, 4100])
+@pytest.mark.parametrize("descents", [(SMOOTH,), (USUAL, FADING)])
+@pytest.mark.parametrize("spread", [1.0, 1.06])
+def test_starts_of_a_long_record_race(monkeypatch, n_samples, descents, spread):
+    """Unless the ends of the starts are compared, the worse one does not get there."""
+    record = soft(0) if n_samples is None else soft(0, n_samples)
+    orders = compare_orders(scaled(*record), (1, 2))
+    seeds, walked, begun = [11, 22], [], []
+
+    class Path(Noted):
+        def __init__(self, recipe, folds, linears, seed, *of, **common):
+            super().__init__(recipe, folds, linears, seed, *of, **common)
+            n, is_first = len(linears[0].A), self.descent.alphas[0] == first
+            begun.append((n, seed, is_first))
+            told = [0.3, 0.2, 0.1] if n == 2 else [0.6, 0.55, 0.5]
+            told = [spread * z for z in told] if seed == seeds[1] else told
+            self.note(walked, begun[-1], told if is_first else [0.9])
+
+    scale = min(1.0, orders.errors[orders.nx].mean() / 0.01)
+    first = descents[0].alphas[0] * (scale if descents[0] is SMOOTH else 1.0)
+    monkeypatch.setattr(searching, "Path", Path)
+    monkeypatch.setattr(Orders, "nx", 2)
+    found = search(recipe(), orders, [1, 2], seeds, descents=descents, max_iter=60)
+    assert found.structure.sizes["x"] == 2
+    along = [
+        (n, seed, n_alphas) for (n, seed, is_first), n_alphas in walked if is_first
+    ]
+    n_alphas = {
+        seed: sum(k for n, s, k in along if (n, s) == (2, seed)) for seed in seeds
+    }
+    n_first, n_all = len(descents[0].first), len(descents[0].alphas)
+    assert n_alphas[seeds[0]] >= n_all
+    is_out = n_samples is not None and len(descents) == 1 and spread > 1.0
+    assert (n_alphas[seeds[1]] == n_first) == is_out
+    # where all alphas were those of the descent, none begins anew
+    assert len(descents) == 2 or len(set(begun)) == len(begun)
+
+
+def test_starts_race_with_those_of_their_order(monkeypatch):
+    orders = compare_orders(scaled(*soft(0, 4100)), (1, 2))
+    of = {(1, 1): 4.0, (1, 2): 2.0, (2, 1): 1.0, (2, 2): 1.21}
+    paths = [walk(orders, nx=nx) for nx, _ in of]
+    asked = []
+
+    def descend(path, alphas, *_):
+        asked.append((path, list(alphas)))
+        path.alphas += list(alphas)
+        path.has_ended = True
+        path.scores = [9.0] + [of[path.key]] * len(path.alphas)
+        return path
+
+    for path, key in zip(paths, of, strict=True):
+        path.key, path.descent = key, replace(SMOOTH, contends=1.05)
+    monkeypatch.setattr(walking.Path, "descend", descend)
+    tally = races.Tally(None, orders.errors[1], 9)
+    raced = races.raced(paths, Watch(), tally, alphas=[1e-4, 1e-5, 1e-6])
+    assert raced == paths
+    assert [alphas for _, alphas in asked[:4]] == [[1e-4]] * 4
+    further = [(path.key, alphas) for path, alphas in asked[4:]]
+    assert further == [((1, 2), [1e-5, 1e-6]), ((2, 1), [1e-5, 1e-6])]
 
 
 # a record of 400 samples hides three times 100: chance is 2 / 300
@@ -1013,7 +1086,7 @@ def test_a_tally_tells_what_is_done_and_reached():
         def searched(self, *what):
             told.append(what)
 
-    tally = walking.Tally(Told(), np.ones(2), 5)
+    tally = races.Tally(Told(), np.ones(2), 5)
     tally.plan(2)(np.array([0.25, 0.25]))
     tally(np.ones(2))
     tally.plan(3)(np.array([0.09, 0.09]))  # two stages less than planned
@@ -1132,13 +1205,13 @@ def test_starts_in_parallel_are_those_of_one_process(short, fitted):
 
 def test_orders_are_compared_in_parallel_as_in_one_process(short, monkeypatch):
     u, y = short
-    sent, finished = [], walking.finished
+    sent, finished = [], races.finished
 
     def noted(function, calls, n_jobs):
         sent.append((len(calls), n_jobs))
         return finished(function, calls, n_jobs)
 
-    monkeypatch.setattr(walking, "finished", noted)
+    monkeypatch.setattr(races, "finished", noted)
     options = {"nx": range(1, 3), "n_init": 2}
     alone = quietly(make("fl", **options), u[:200], y[:200])
     assert not sent
@@ -1157,11 +1230,11 @@ def test_what_ended_a_worker_ends_the_fit(monkeypatch):
         for i, (*call, watch) in enumerate(calls):
             yield i, function(*call, pickle.loads(pickle.dumps(watch)))
 
-    monkeypatch.setattr(walking, "finished", far)
+    monkeypatch.setattr(races, "finished", far)
     orders, watch = compared(1), Watch(max_time=0.0)
     paths = [walk(orders) for _ in range(2)]
-    tally = walking.Tally(watch, orders.errors[1], 2)
-    walking.descended(paths, watch.quiet(), tally, n_jobs=2)
+    tally = races.Tally(watch, orders.errors[1], 2)
+    races.descended(paths, watch.quiet(), tally, n_jobs=2)
     assert watch.reason == OUT_OF_TIME
 
 
