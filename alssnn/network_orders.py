@@ -13,8 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from .paths import Path
-from .races import descended, raced
+from .paths import Path, descended
 
 # Random starts by which orders are compared. With one, `AlSsnn` of two rooms took two
 # states instead of three with one seed of three: 0.37 of the linear error, not 0.08.
@@ -76,13 +75,9 @@ class _Walker:
         self._costs: dict[int, np.ndarray] = {}
         self.enough = np.inf  # first order of a short record that brings nothing
 
-    def __call__(self, ways, alphas=None, is_race=True):
-        """Walk alphas, or what is left of the descents; return the ways behind them.
-
-        In a race, starts of an order that fall behind do not walk all of them.
-        """
-        walk = raced if is_race else descended
-        paths = walk([way.path for way in ways], *self._how, alphas=alphas)
+    def __call__(self, ways, alphas=None):
+        """Walk alphas, or what is left of the descents; return the ways behind them."""
+        paths = descended([way.path for way in ways], *self._how, alphas=alphas)
         walked = []
         for way, path in zip(ways, paths, strict=True):
             least = float(np.sqrt(np.mean(min(path.errors, key=np.sum))))
@@ -216,14 +211,12 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
             for linears, seed in product(orders.starts(nx), seeds)
         ]
         nx, pending = pending[-1], []
-        # whether starts agree is told by their ends
-        fresh = walk(begun, first, is_race=len(descents) == 1)
-        ways += [way for way in fresh if len(way.path.alphas) < len(first)]
+        fresh = walk(begun, first)
         # by few stages alone, an order that comes down late looks like a smaller one
         near = CONTENDS * min(way.error for way in fresh)
-        fresh = [way for way in fresh if way.error <= near and way not in ways]
+        fresh = [way for way in fresh if way.error <= near]
         if len(ways) + len(fresh) > 1 or nx < largest:
-            fresh = walk(fresh, rest, is_race=False)
+            fresh = walk(fresh, rest)
         ways += fresh
         goes_on = walk.gains(nx)
         if not goes_on and _is_short(orders):

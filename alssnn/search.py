@@ -32,8 +32,7 @@ from .descent import USUAL
 from .excursions import Excursion
 from .holdout import SHARE, Fold, certainty
 from .network_orders import CONTENDS, TRIED, compared
-from .paths import Path, lowest
-from .races import Tally, descended, expected_stages, raced
+from .paths import Path, Tally, descended, expected_stages, lowest
 from .training import LEAST_MOVE
 from .watch import Watch
 
@@ -273,9 +272,19 @@ def _begun(begin, linears, seeds, descents, tried):
 
 def _walked(paths, watch, tally, n_jobs):
     """Go down the paths of all starts; return them."""
-    paths = raced(paths, watch, tally, n_jobs)
-    if len(paths[0].folds) > 1:
-        return paths
+    if len(paths) == 1 or len(paths[0].folds) > 1:
+        return descended(paths, watch, tally, n_jobs)
+    # of a long record, those that come near the best go on where a path may end
+    paths = descended(paths, watch, tally, n_jobs, only_first=True)
+    least = [path.least(len(path.descent.first)) for path in paths]
+    near = []
+    for i, path in enumerate(paths):
+        if least[i] <= path.descent.contends**2 * min(least):
+            path.has_ended = False  # also where it may end
+            near.append(i)
+    walked = descended([paths[i] for i in near], watch, tally, n_jobs)
+    for i, path in zip(near, walked, strict=True):
+        paths[i] = path
     # one that went on while orders were compared may be lower than those by now
     while (path := min(paths, key=Path.least)).left():
         [paths[paths.index(path)]] = descended([path], watch, tally)

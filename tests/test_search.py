@@ -13,7 +13,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, races
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
 from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
@@ -197,19 +197,13 @@ def compared(*orders):
 
 
 def walk(
-    orders,
-    bounds=(np.inf,) * 3,
-    center="start",
-    is_predictor=False,
-    steps=20,
-    tol=1e-6,
-    nx=1,
+    orders, bounds=(np.inf,) * 3, center="start", is_predictor=False, steps=20, tol=1e-6
 ):
-    """Return the start of a path."""
+    """Return the start of a path of order 1."""
     return searching.Path(
         recipe(),
         orders.folds,
-        orders.models[nx],
+        orders.models[1],
         0,
         Descent(stages=1, center=center),
         {"method": "lm", "max_iter": steps, "tol": tol},
@@ -728,66 +722,26 @@ def test_orders_are_compared_along_all_descents_unless_starts_agree(
     assert sorted(again) == sorted([*further] * 3)
 
 
-@pytest.mark.parametrize("n_samples", [None, 4100])
-@pytest.mark.parametrize("descents", [(SMOOTH,), (USUAL, FADING)])
-@pytest.mark.parametrize("spread", [1.0, 1.06])
-def test_starts_of_a_long_record_race(monkeypatch, n_samples, descents, spread):
-    """Unless the ends of the starts are compared, the worse one does not get there."""
-    record = soft(0) if n_samples is None else soft(0, n_samples)
-    orders = compare_orders(scaled(*record), (1, 2))
-    seeds, walked, begun = [11, 22], [], []
+def test_orders_that_fit_better_alone_are_not_compared_along_all_descents(monkeypatch):
+    orders, seeds, walked = compared(1, 2, 3), [11, 22], []
+    costs = {1: 1.0, 2: 0.8, 3: 0.5}  # for which three states are tried
+    errors = {nx: np.ones(len(orders.folds)) for nx in orders.errors}
 
     class Path(Noted):
         def __init__(self, recipe, folds, linears, seed, *of, **common):
             super().__init__(recipe, folds, linears, seed, *of, **common)
-            n, is_first = len(linears[0].A), self.descent.alphas[0] == first
-            begun.append((n, seed, is_first))
-            told = [0.3, 0.2, 0.1] if n == 2 else [0.6, 0.55, 0.5]
-            told = [spread * z for z in told] if seed == seeds[1] else told
-            self.note(walked, begun[-1], told if is_first else [0.9])
+            n, is_zero = len(linears[0].A), self.descent.center == "zero"
+            near = {1: 0.3, 2: 0.29, 3: 0.27}[n] * (1.0 if seed == seeds[0] else 1.06)
+            self.cost = costs[n]
+            self.note(walked, (n, is_zero), [0.9 if is_zero else near])
 
-    scale = min(1.0, orders.errors[orders.nx].mean() / 0.01)
-    first = descents[0].alphas[0] * (scale if descents[0] is SMOOTH else 1.0)
     monkeypatch.setattr(searching, "Path", Path)
-    monkeypatch.setattr(Orders, "nx", 2)
-    found = search(recipe(), orders, [1, 2], seeds, descents=descents, max_iter=60)
-    assert found.structure.sizes["x"] == 2
-    along = [
-        (n, seed, n_alphas) for (n, seed, is_first), n_alphas in walked if is_first
-    ]
-    n_alphas = {
-        seed: sum(k for n, s, k in along if (n, s) == (2, seed)) for seed in seeds
-    }
-    n_first, n_all = len(descents[0].first), len(descents[0].alphas)
-    assert n_alphas[seeds[0]] >= n_all
-    is_out = n_samples is not None and len(descents) == 1 and spread > 1.0
-    assert (n_alphas[seeds[1]] == n_first) == is_out
-    # where all alphas were those of the descent, none begins anew
-    assert len(descents) == 2 or len(set(begun)) == len(begun)
-
-
-def test_starts_race_with_those_of_their_order(monkeypatch):
-    orders = compare_orders(scaled(*soft(0, 4100)), (1, 2))
-    of = {(1, 1): 4.0, (1, 2): 2.0, (2, 1): 1.0, (2, 2): 1.21}
-    paths = [walk(orders, nx=nx) for nx, _ in of]
-    asked = []
-
-    def descend(path, alphas, *_):
-        asked.append((path, list(alphas)))
-        path.alphas += list(alphas)
-        path.has_ended = True
-        path.scores = [9.0] + [of[path.key]] * len(path.alphas)
-        return path
-
-    for path, key in zip(paths, of, strict=True):
-        path.key, path.descent = key, replace(SMOOTH, contends=1.05)
-    monkeypatch.setattr(walking.Path, "descend", descend)
-    tally = races.Tally(None, orders.errors[1], 9)
-    raced = races.raced(paths, Watch(), tally, alphas=[1e-4, 1e-5, 1e-6])
-    assert raced == paths
-    assert [alphas for _, alphas in asked[:4]] == [[1e-4]] * 4
-    further = [(path.key, alphas) for path, alphas in asked[4:]]
-    assert further == [((1, 2), [1e-5, 1e-6]), ((2, 1), [1e-5, 1e-6])]
+    monkeypatch.setattr(Orders, "nx", 3)
+    among = recipe(), replace(orders, errors=errors), [1, 2], seeds
+    search(*among, largest=3, descents=(USUAL, FADING), max_iter=60)
+    tried = {n for (n, is_zero), _ in walked if not is_zero}
+    again = {n for (n, is_zero), n_alphas in walked if is_zero and n_alphas}
+    assert tried == {1, 2, 3} and again == {1, 2}
 
 
 # a record of 400 samples hides three times 100: chance is 2 / 300
@@ -1086,7 +1040,7 @@ def test_a_tally_tells_what_is_done_and_reached():
         def searched(self, *what):
             told.append(what)
 
-    tally = races.Tally(Told(), np.ones(2), 5)
+    tally = walking.Tally(Told(), np.ones(2), 5)
     tally.plan(2)(np.array([0.25, 0.25]))
     tally(np.ones(2))
     tally.plan(3)(np.array([0.09, 0.09]))  # two stages less than planned
@@ -1205,13 +1159,13 @@ def test_starts_in_parallel_are_those_of_one_process(short, fitted):
 
 def test_orders_are_compared_in_parallel_as_in_one_process(short, monkeypatch):
     u, y = short
-    sent, finished = [], races.finished
+    sent, finished = [], walking.finished
 
     def noted(function, calls, n_jobs):
         sent.append((len(calls), n_jobs))
         return finished(function, calls, n_jobs)
 
-    monkeypatch.setattr(races, "finished", noted)
+    monkeypatch.setattr(walking, "finished", noted)
     options = {"nx": range(1, 3), "n_init": 2}
     alone = quietly(make("fl", **options), u[:200], y[:200])
     assert not sent
@@ -1230,11 +1184,11 @@ def test_what_ended_a_worker_ends_the_fit(monkeypatch):
         for i, (*call, watch) in enumerate(calls):
             yield i, function(*call, pickle.loads(pickle.dumps(watch)))
 
-    monkeypatch.setattr(races, "finished", far)
+    monkeypatch.setattr(walking, "finished", far)
     orders, watch = compared(1), Watch(max_time=0.0)
     paths = [walk(orders) for _ in range(2)]
-    tally = races.Tally(watch, orders.errors[1], 2)
-    races.descended(paths, watch.quiet(), tally, n_jobs=2)
+    tally = walking.Tally(watch, orders.errors[1], 2)
+    walking.descended(paths, watch.quiet(), tally, n_jobs=2)
     assert watch.reason == OUT_OF_TIME
 
 
