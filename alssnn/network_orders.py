@@ -73,7 +73,6 @@ class _Walker:
         self.curve: dict[int, float] = {}
         self.best: dict[int, Way] = {}
         self._costs: dict[int, np.ndarray] = {}
-        self.enough = np.inf  # first order of a short record that brings nothing
 
     def __call__(self, ways, alphas=None):
         """Walk alphas, or what is left of the descents; return the ways behind them."""
@@ -114,7 +113,7 @@ class _Walker:
     def _learns(self, nx):
         """Tell whether networks of an order are clearly better than no networks.
 
-        If they are not, what they fit beyond a smaller order is noise.
+        If they are not, what they fit beyond a smaller order is taken for noise.
         """
         return self.curve[nx] * CLEARLY < self._linear
 
@@ -159,7 +158,8 @@ def compared(begin, seeds, orders, candidates, largest, descents, watch, tally, 
     ways = _screened(walk, begin, seeds[:TRIED], orders, candidates, largest, descents)
     least, second = sorted([*(way.error for way in ways), np.inf])[:2]
     nx = _smallest(ways)
-    among = [way for way in walk.best.values() if way.nx <= walk.enough]
+    enough = _enough(walk, candidates) if _is_short(orders) else np.inf
+    among = [way for way in walk.best.values() if way.nx <= enough]
     rivals = [way for way in among if way.error <= RIVAL * least]
     disagree = second > AGREE * least and watch.reason is None
     if disagree and len(rivals) > 1 and len(descents) > 1:
@@ -180,6 +180,12 @@ def compared(begin, seeds, orders, candidates, largest, descents, watch, tally, 
 def _is_short(orders):
     """Tell whether a record is so short that its hidden quarters tell little."""
     return len(orders.folds) > 1
+
+
+def _enough(walk, candidates):
+    """Return the order behind which hidden samples alone would ask for no more."""
+    ends = (n for n in walk.curve if n >= candidates[-1] and not walk.gains(n))
+    return min(ends, default=np.inf)
 
 
 def _smallest(ways, up_to=np.inf):
@@ -218,11 +224,8 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
         if len(ways) + len(fresh) > 1 or nx < largest:
             fresh = walk(fresh, rest)
         ways += fresh
-        goes_on = walk.gains(nx)
-        if not goes_on and _is_short(orders):
-            walk.enough = min(walk.enough, nx)
-            goes_on = walk.falls(nx)
-        waited = 0 if goes_on else waited + 1
+        gains = walk.gains(nx) or (_is_short(orders) and walk.falls(nx))
+        waited = 0 if gains else waited + 1
         is_over = waited > (len(orders.folds) == 1) or walk.watch.reason is not None
         if nx < largest and not is_over:
             pending.append(nx + 1)

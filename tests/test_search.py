@@ -660,7 +660,7 @@ def test_a_long_record_waits_for_an_order(monkeypatch, n_samples, table, nx):
         ({3: 0.9, 4: 0.1}, 0.32, None, 1.0, 2),
         # hidden samples of a long record tell enough
         ({3: 0.8, 4: 0.1}, 0.32, 4100, 1.0, 2),
-        # without networks, hidden samples are missed no more: it is noise
+        # without networks, hidden samples are missed hardly more
         ({3: 0.8, 4: 0.33}, 0.32, None, 0.34, 2),
         ({3: 0.8, 4: 0.33}, 0.32, None, 0.36, 4),
     ],
