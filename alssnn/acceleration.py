@@ -77,9 +77,8 @@ class Accelerated(Mapped):
         length = step @ (square * step)
         if not length > 0:  # too short to be squared
             return free + step
-        points = free - REACH * step, free, free + REACH * step
-        pulled = self.criterion.curvature(*points)
-        if pulled is None or not np.isfinite(pulled).all():
+        change = self.criterion.pulled(free, free + REACH * step)  # J'(r_2 - r)
+        if change is None or not np.isfinite(change).all():
             return free + step
         # MINPACK does not tell mu, but (J'J + mu D^2) s = -J'r
         damping = max(-(Jr + JJ @ step) @ step / length, LEAST_DAMPING)
@@ -87,7 +86,8 @@ class Accelerated(Mapped):
             factor = cho_factor(JJ + np.diag(damping * square))
         except LinAlgError:
             return free + step
-        bend = -cho_solve(factor, pulled / REACH**2)
+        second = 2 * (change / REACH - JJ @ step) / REACH  # J'r''
+        bend = -cho_solve(factor, second)
         if not bend @ (square * bend) < MOST_BEND**2 * length:
             return free + step
         return free + step + bend / 2

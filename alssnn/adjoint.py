@@ -12,11 +12,11 @@ with F and H of (eq. sens), and the gradient by Theta is a sum over the samples,
 which `structures.pull` takes to theta.  It costs about as much as a simulation,
 whatever the number of parameters.
 
-`curvature` takes c from three simulations next to each other: the second difference of
-the residual along a step (eq. geodesic).  Where the initial state is that of a period,
-it follows theta: the adjoint behind the last sample is then not zero, but the one that
-comes back after a period (eq. steady).  All of it takes as long as three to six
-simulations.
+`pulled_change` takes c from two simulations next to each other: how the residual
+changes along a part of a step (eq. geodesic).  Where the initial state is that of a
+period, it follows theta: the adjoint behind the last sample is then not zero, but the
+one that comes back after a period (eq. steady).  All of it takes as long as
+about four simulations.
 """
 
 import numpy as np
@@ -30,16 +30,16 @@ KEPT_BYTES = 48_000_000  # states that are kept; those of longer records are rep
 GAINS_BYTES = 1_600_000  # gains of the samples that are treated at a time
 
 
-def curvature(structure, thetas, x0s, u, weight, missing, periodic=False):
-    """Return J' (r_1 - 2 r_2 + r_3) for the residuals at three points.
+def pulled_change(structure, thetas, x0s, u, weight, missing, periodic=False):
+    """Return J' (r_2 - r_1) for the residuals at two points.
 
     Parameters
     ----------
     structure : Structure
         Structure of the model.
-    thetas : sequence of three ndarray of shape (n_params,)
-        Parameters; J belongs to the second ones.
-    x0s : sequence of three ndarray of shape (n_x0,)
+    thetas : sequence of two ndarray of shape (n_params,)
+        Parameters; J belongs to the first ones.
+    x0s : sequence of two ndarray of shape (n_x0,)
         Free parts of the initial states.
     u : array of shape (N, nu)
         Inputs; only sliced.
@@ -87,7 +87,7 @@ def curvature(structure, thetas, x0s, u, weight, missing, periodic=False):
         end[:n] = np.linalg.solve(np.eye(n) - once.through[:, :n].T, once.carried[:n])
     found = sweep(_Backwards(lures, weight, end))
     by_x0 = np.zeros(n) if periodic else found.carried[:n]
-    return pull(structure, thetas[1], found.by_Theta), by_x0
+    return pull(structure, thetas[0], found.by_Theta), by_x0
 
 
 class _Backwards:
@@ -98,7 +98,7 @@ class _Backwards:
     """
 
     def __init__(self, lures, weight, end, through=()):
-        self.lures, lure = lures, lures[1]
+        self.lures, lure = lures, lures[0]
         self.square = weight**2
         self.n_rows = lure.nx + lure.nz
         self.by_Theta = np.zeros_like(lure.Theta)
@@ -113,16 +113,16 @@ class _Backwards:
                 regressors(lure, states[part], u[part])
                 for lure, states in zip(self.lures, X, strict=True)
             ]
-            before, at, after = (
+            at, after = (
                 phi @ lure.rows_z.T for lure, phi in zip(self.lures, Phi, strict=True)
             )
-            c = (before - 2 * at + after) * self.square
+            c = (after - at) * self.square
             c[:, : missing.shape[1]][missing[part]] = 0.0
-            self._back(Phi[1], c)
+            self._back(Phi[0], c)
 
     def _back(self, Phi, c):
         """Go back through some samples (eq. adjoint)."""
-        lure, n_rows = self.lures[1], self.n_rows
+        lure, n_rows = self.lures[0], self.n_rows
         rows = np.hstack([np.empty((len(c), lure.nx)), c])
         apart = not lure.E.any()
         gains, FH = linearized(lure, lure.W, lure.M, Phi, apart)

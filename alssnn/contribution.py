@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .adjoint import curvature
+from .adjoint import pulled_change
 from .experiments import chunks
 from .kernels import add_square
 from .sensitivities import sensitivities
@@ -285,16 +285,16 @@ class Contribution:
         head, head_r = JJ[:n_free, :n_free].copy(), JJ[:n_free, n].copy()
         return Arrow(head, head_r, float(JJ[n, n]), {i: border})
 
-    def curvature(self, thetas, i, x0s, u, y):
-        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points.
+    def pulled(self, thetas, i, x0s, u, y):
+        """Return J'(r_2 - r_1) for the residuals at two points.
 
         Parameters
         ----------
-        thetas : sequence of three ndarray of shape (n_params,)
-            Parameters; J belongs to the second ones.
+        thetas : sequence of two ndarray of shape (n_params,)
+            Parameters; J belongs to the first ones.
         i : int
             Number of the experiment.
-        x0s : ndarray of shape (3, n_x0)
+        x0s : ndarray of shape (2, n_x0)
             Initial states.
         u : array of shape (N, nu)
             Inputs.
@@ -313,7 +313,7 @@ class Contribution:
         points = zip(thetas, x0s, strict=True)
         x0s = [self.initial(theta, x0, u) for theta, x0 in points]
         how = u, self.weight, missing, self.periodic
-        by_theta, by_x0 = curvature(self.structure, thetas, x0s, *how)
+        by_theta, by_x0 = pulled_change(self.structure, thetas, x0s, *how)
         return Pulled(by_theta, {i: by_x0})
 
     def _own_squares(self, n):

@@ -80,10 +80,10 @@ class LeastSquares(ABC):
         """Return errors of outputs, (ny,), all of weight one; zero if unknown."""
         return 0.0
 
-    def curvature(self, before, at, after):  # numpydoc ignore=PR01
-        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points, (n,).
+    def pulled(self, at, after):  # numpydoc ignore=PR01
+        """Return J'(r_2 - r_1) for the residuals at two points, (n,).
 
-        J belongs to the second point. None says that it is not known, nan that a
+        J belongs to the first point. None says that it is not known, nan that a
         simulation diverges.
         """
         return None
@@ -347,28 +347,28 @@ class Criterion(LeastSquares):
             Jr[own] += rows_r
         return JJ, Jr, float(np.sqrt(square + arrow.square))
 
-    def curvature(self, before, at, after):
-        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points.
+    def pulled(self, at, after):
+        """Return J'(r_2 - r_1) for the residuals at two points.
 
         Parameters
         ----------
-        before, at, after : ndarray of shape (n,)
-            Free vectors; J belongs to the second one.
+        at, after : ndarray of shape (n,)
+            Free vectors; J belongs to the first one.
 
         Returns
         -------
         pulled : ndarray of shape (n,)
             The product; nan if a simulation diverges.
         """
-        points = [self.split(free) for free in (before, at, after)]
+        points = [self.split(free) for free in (at, after)]
         thetas, x0 = zip(*points, strict=True)
         found = self.experiments.reduce(
-            partial(self.one.curvature, thetas),
+            partial(self.one.pulled, thetas),
             Pulled.merge,
             range(len(self.experiments)),
             np.stack(x0, axis=1),
         )
-        pulled = self.decay**2 * (before - 2 * at + after)
+        pulled = self.decay**2 * (after - at)
         by_theta, by_x0 = self.split(pulled)  # views
         by_theta += found.by_theta
         for i, part in found.by_x0.items():
@@ -446,9 +446,9 @@ class Mapped(LeastSquares):
         pull = self.pullback(free)
         return pull(pull(JJ).T).T, pull(Jr), norm
 
-    def curvature(self, before, at, after):  # numpydoc ignore=PR01,RT01
-        """Return J'(r_1 - 2 r_2 + r_3) for the residuals at three points."""
-        found = self.criterion.curvature(*map(self.to_free, (before, at, after)))
+    def pulled(self, at, after):  # numpydoc ignore=PR01,RT01
+        """Return J'(r_2 - r_1) for the residuals at two points."""
+        found = self.criterion.pulled(self.to_free(at), self.to_free(after))
         return None if found is None else self.pullback(at)(found)
 
 

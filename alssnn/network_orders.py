@@ -18,6 +18,9 @@ from .paths import Path, descended
 # Random starts by which orders are compared. With one, `AlSsnn` of two rooms took two
 # states instead of three with one seed of three: 0.37 of the linear error, not 0.08.
 TRIED = 2
+# Root mean square error over the least one of the same order, from which on a start of
+# a long record is left.
+BEHIND = 3.0
 CONTENDS = 1.5  # root mean square error of a start over the least of its comparison
 AGREE = 1.05  # the same of the second start, from which on the two disagree
 RIVAL = 2.0  # the same of an order, up to which it is compared along all descents
@@ -198,6 +201,17 @@ def _smallest(ways, up_to=np.inf):
     return min(nx for error, nx in fair if error <= enough)
 
 
+def _raced(walk, ways, alphas):
+    """Walk alphas, and leave those behind that are far from the best of their order."""
+    behind: list[Way] = []
+    for alpha in alphas:
+        ways = walk(ways, [alpha])
+        near = {nx: BEHIND * walk.best[nx].error for nx in {way.nx for way in ways}}
+        behind += [way for way in ways if way.error > near[way.nx]]
+        ways = [way for way in ways if way.error <= near[way.nx]]
+    return [*ways, *behind]
+
+
 def _screened(walk, begin, seeds, orders, candidates, largest, descents):
     """Return ways of several orders, along the first of the descents.
 
@@ -217,13 +231,14 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
             for linears, seed in product(orders.starts(nx), seeds)
         ]
         nx, pending = pending[-1], []
-        fresh = walk(begun, first)
+        fresh = walk(begun, first) if _is_short(orders) else _raced(walk, begun, first)
         # by few stages alone, an order that comes down late looks like a smaller one
         near = CONTENDS * min(way.error for way in fresh)
+        behind = [way for way in fresh if way.error > near]
         fresh = [way for way in fresh if way.error <= near]
         if len(ways) + len(fresh) > 1 or nx < largest:
             fresh = walk(fresh, rest)
-        ways += fresh
+        ways += [*fresh, *behind]
         gains = walk.gains(nx) or (_is_short(orders) and walk.falls(nx))
         waited = 0 if gains else waited + 1
         is_over = waited > (len(orders.folds) == 1) or walk.watch.reason is not None

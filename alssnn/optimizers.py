@@ -80,7 +80,7 @@ def minimize(
     ----------
     criterion : Criterion
         Object with ``norm(free)``, ``fun(free)`` and ``jac(free)``; where steps bend,
-        also with ``normal_equations(free)`` and ``curvature``.
+        also with ``normal_equations(free)`` and ``pulled``.
     free : ndarray of shape (n,)
         Start.
     method : {"lm", "trf"}, default="lm"

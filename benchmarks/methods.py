@@ -31,7 +31,7 @@ TIMES = (5, 10, 20, 40)
 
 def straight():
     """Return a context in which no step is bent."""
-    return patch.object(Criterion, "curvature", lambda *_: None)
+    return patch.object(Criterion, "pulled", lambda *_: None)
 
 
 WAYS = {

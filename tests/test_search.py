@@ -3,6 +3,7 @@
 import copy
 import pickle
 import warnings
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 
@@ -742,6 +743,38 @@ def test_orders_that_fit_better_alone_are_not_compared_along_all_descents(monkey
     tried = {n for (n, is_zero), _ in walked if not is_zero}
     again = {n for (n, is_zero), n_alphas in walked if is_zero and n_alphas}
     assert tried == {1, 2, 3} and again == {1, 2}
+
+
+@pytest.mark.parametrize("n_samples", [None, 4100])
+def test_a_start_of_a_long_record_that_is_far_behind_goes_no_further(
+    monkeypatch, n_samples
+):
+    """Along fewer alphas, and starts are not begun again where their order is taken."""
+    record = soft(0) if n_samples is None else soft(0, n_samples)
+    orders, seeds = compare_orders(scaled(*record), (1, 2)), [11, 22]
+    usual = replace(SMOOTH, center="start")
+    usual = replace(usual, of_long=replace(usual, alphas=(1e-4, 1e-6)))
+    errors = {(1, 11): 0.1, (1, 22): 0.31, (2, 11): 0.05, (2, 22): 0.14}
+    walked, begun = Counter(), []
+
+    class Path(Noted):
+        def __init__(self, recipe, folds, linears, seed, *of, **common):
+            super().__init__(recipe, folds, linears, seed, *of, **common)
+            begun.append((len(linears[0].A), seed))
+            self.note([], begun[-1], [errors[begun[-1]]])
+
+        def descend(self, alphas, *rest):
+            walked[self.key] += len(alphas)
+            return super().descend(alphas, *rest)
+
+    monkeypatch.setattr(searching, "Path", Path)
+    monkeypatch.setattr(Orders, "nx", 2)
+    search(recipe(), orders, [1, 2], seeds, max_iter=60, descents=[usual])
+    if n_samples is None:
+        assert walked == {(1, 11): 3, (1, 22): 3, (2, 11): 5, (2, 22): 5}
+    else:  # three times as far as another one of the same order
+        assert walked == {(1, 11): 2, (1, 22): 1, (2, 11): 2, (2, 22): 2}
+    assert sorted(begun) == sorted(errors)
 
 
 # a record of 400 samples hides three times 100: chance is 2 / 300
