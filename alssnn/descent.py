@@ -122,7 +122,7 @@ SMOOTH = Descent(
     (0, 3, 1),
     stages=6,
     center="zero",
-    # 0.4 to 0.6 times the time of the same for all: the circuit of 10,000 samples, "loop"
+    # `python -m benchmarks.constants SMOOTH --cases loop "slow and fast"`
     of_long=Descent((1e-4, 1e-6, 1e-8), (0, 3, 1), stages=9, center="zero"),
 )
 # Of AL-SSNN, whose lowest path is often one of several that reach nearly the same
@@ -130,6 +130,7 @@ SMOOTH = Descent(
 RIVALLING = replace(USUAL, finalists=3)
 # Beside that one, for AL-SSNN (`python -m benchmarks.field --models al`).
 FADING = replace(SMOOTH, alphas=(1e-2, 1e-3, *SMOOTH.alphas), of_long=None)
+FADING = replace(FADING, of_long=replace(FADING, alphas=FADING.alphas[::2]))
 
 
 def is_gone(structure, theta, start):

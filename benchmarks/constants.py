@@ -19,11 +19,12 @@ thread.
 import argparse
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from alssnn.descent import ALPHAS, USUAL
+from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL
 
 from .field.__main__ import CASES as FIELD
 from .field.__main__ import assignment
@@ -75,8 +76,8 @@ CONSTANTS = {
 OTHERS = {
     "AGREE": [np.inf],
     "DECAYS": [tuple(ALPHAS)],
-    "SMOOTH": [USUAL],
-    "FADING": [USUAL],
+    "SMOOTH": [USUAL, replace(SMOOTH, of_long=None)],
+    "FADING": [USUAL, replace(FADING, of_long=None)],
     "RIVALLING": [USUAL],
 }
 
@@ -138,10 +139,11 @@ def scaled(value, factor):
 
 def name_of(value):
     """Return a number, a few of them, or the first and the last of many."""
-    finalists = getattr(value, "finalists", 1)
+    finalists, long = getattr(value, "finalists", 1), getattr(value, "of_long", None)
     value = getattr(value, "alphas", value)
     if isinstance(value, tuple) and len(value) > 3:
         value = f"{value[0]:g}..{value[-1]:g}"
+    value = f"{value}, long {len(long.alphas)}" if long else value
     return f"{value}, {finalists} finalists" if finalists > 1 else str(value)
 
 
@@ -166,10 +168,10 @@ def compare(constant, cases, model, seeds, options):
     else:
         values = [scaled(value, 0.5), value, scaled(value, 2)]
     found = []
-    for value in values:
-        with changed(constant, value):
+    for tried in values:
+        with changed(constant, tried):
             found.append(errors(cases, model, seeds, options))
-    base = found[1]
+    base = found[values.index(value)]
     return values, [{key: each[key] / base[key] for key in base} for each in found]
 
 
@@ -187,14 +189,14 @@ def main(arguments=None):
     values, found = compare(args.constant, cases, model, args.seeds, dict(args.set))
     print(
         f"{f'{args.constant}, {model}':30s}"
-        + "".join(f"{name_of(v):>14s}" for v in values)
+        + "".join(f"{name_of(v):>24s}" for v in values)
     )
     every = [np.concatenate(list(each.values())) for each in found]
     rows = {" ".join(key): [np.median(each[key]) for each in found] for key in found[1]}
     rows["median"] = [np.median(one) for one in every]
     rows["worst"] = [np.max(one) for one in every]
     for name, row in rows.items():
-        print(f"{name:30s}" + "".join(f"{value:14.3f}" for value in row))
+        print(f"{name:30s}" + "".join(f"{value:24.3f}" for value in row))
     return 0
 
 

@@ -1,5 +1,7 @@
 """The benchmark of constants changes what fits take, and puts it back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def test_a_name_means_one_constant(name):
     before = {getattr(module, name) for module in homes(name)}
     assert len(before) == 1
     (value,) = before
-    (other,) = OTHERS[name] if name in OTHERS else [scaled(value, 2)]
+    other = OTHERS[name][0] if name in OTHERS else scaled(value, 2)
     with changed(name, other):
         assert {getattr(module, name) for module in homes(name)} == {other}
     assert {getattr(module, name) for module in homes(name)} == before
@@ -59,16 +61,16 @@ def test_starts_and_stages_follow_their_constants(rng):
 
 
 @pytest.mark.parametrize(
-    ("constant", "module", "other"),
+    ("constant", "module", "others"),
     [
-        ("DECAYS", _input_map, tuple(ALPHAS)),
-        ("SMOOTH", _gr_ssnn, USUAL),
-        ("FADING", _al_ssnn, USUAL),
-        ("RIVALLING", _al_ssnn, USUAL),
+        ("DECAYS", _input_map, [tuple(ALPHAS)]),
+        ("SMOOTH", _gr_ssnn, [USUAL, replace(SMOOTH, of_long=None)]),
+        ("FADING", _al_ssnn, [USUAL, replace(FADING, of_long=None)]),
+        ("RIVALLING", _al_ssnn, [USUAL]),
     ],
 )
 def test_decays_are_compared_with_those_of_other_models(
-    monkeypatch, constant, module, other
+    monkeypatch, constant, module, others
 ):
     seen = []
 
@@ -78,8 +80,10 @@ def test_decays_are_compared_with_those_of_other_models(
 
     monkeypatch.setattr(constants, "errors", errors)
     values, found = constants.compare(constant, ["plant"], "fl", 1, {})
-    assert values == seen == [other, getattr(module, constant)]
-    assert [each["plant", "test"][0] for each in found] == [0.5, 1.0]
+    assert values == seen == [*others, getattr(module, constant)]
+    last = len(values)
+    ratios = [each["plant", "test"][0] for each in found]
+    assert ratios == [i / last for i in range(1, last + 1)]
     values, _ = constants.compare("LONGER_STAGES", ["fan loop"], "fl", 1, {})
     assert values[1] == _input_map.LONGER_STAGES and len(values) == 3
 
@@ -87,7 +91,8 @@ def test_decays_are_compared_with_those_of_other_models(
 def test_names_of_values_are_short():
     assert constants.name_of(tuple(ALPHAS)) == "10..0"
     assert constants.name_of((1, 2)) == "(1, 2)"
-    assert constants.name_of(SMOOTH) == "0.0001..1e-08"
+    assert constants.name_of(SMOOTH) == "0.0001..1e-08, long 3"
+    assert constants.name_of(replace(SMOOTH, of_long=None)) == "0.0001..1e-08"
     assert constants.name_of(RIVALLING) == "10..0, 3 finalists"
 
 
