@@ -205,10 +205,12 @@ def _raced(walk, ways, alphas):
     """Walk alphas, and leave those behind that are far from the best of their order."""
     behind: list[Way] = []
     for alpha in alphas:
-        ways = walk(ways, [alpha])
-        near = {nx: BEHIND * walk.best[nx].error for nx in {way.nx for way in ways}}
-        behind += [way for way in ways if way.error > near[way.nx]]
-        ways = [way for way in ways if way.error <= near[way.nx]]
+        walked = walk(ways, [alpha])
+        least: dict[int, float] = {}
+        for way in walked:
+            least[way.nx] = min(way.error, least.get(way.nx, np.inf))
+        ways = [way for way in walked if way.error <= BEHIND * least[way.nx]]
+        behind += [way for way in walked if way not in ways]
     return [*ways, *behind]
 
 
@@ -238,7 +240,7 @@ def _screened(walk, begin, seeds, orders, candidates, largest, descents):
         fresh = [way for way in fresh if way.error <= near]
         if len(ways) + len(fresh) > 1 or nx < largest:
             fresh = walk(fresh, rest)
-        ways += [*fresh, *behind]
+        ways += [*fresh, *behind]  # what was tried is not begun again
         gains = walk.gains(nx) or (_is_short(orders) and walk.falls(nx))
         waited = 0 if gains else waited + 1
         is_over = waited > (len(orders.folds) == 1) or walk.watch.reason is not None
