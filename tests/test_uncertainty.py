@@ -286,7 +286,7 @@ def test_criteria_know_the_color_of_the_noise(rng):
 
 def test_penalties_cost_effective_parameters(rng):
     u, y = mimo(rng, 400)
-    common = {"nx": 3, "n_h": 2, "n_g": 2, "max_iter": 20, "tol": 1e-3}
+    common = {"nx": 3, "n_h": 2, "n_g": 2, "max_iter": 60, "tol": 1e-3}
     counts = [
         al_ssnn(gamma=gamma, random_state=0, **common)
         .fit(u, y)
