@@ -16,7 +16,7 @@ whatever the number of parameters.
 changes along a part of a step (eq. geodesic).  Where the initial state is that of a
 period, it follows theta: the adjoint behind the last sample is then not zero, but the
 one that comes back after a period (eq. steady).  All of it takes as long as
-about four simulations.
+two to four simulations.
 """
 
 import numpy as np

@@ -129,8 +129,11 @@ SMOOTH = Descent(
 # (`python -m benchmarks.constants RIVALLING`).
 RIVALLING = replace(USUAL, finalists=3)
 # Beside that one, for AL-SSNN (`python -m benchmarks.field --models al`).
-FADING = replace(SMOOTH, alphas=(1e-2, 1e-3, *SMOOTH.alphas), of_long=None)
-FADING = replace(FADING, of_long=replace(FADING, alphas=FADING.alphas[::2]))
+FADING = replace(
+    SMOOTH,
+    alphas=(1e-2, 1e-3, *SMOOTH.alphas),
+    of_long=replace(SMOOTH, alphas=(1e-2, 1e-4, 1e-6, 1e-8), of_long=None),
+)
 
 
 def is_gone(structure, theta, start):

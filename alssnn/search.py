@@ -203,9 +203,8 @@ def search(
     }
     # of a single fold, the fit that follows goes on, without a break
     options["bends"] = is_long = len(folds) == 1
-    descents = [(is_long and d.of_long) or d for d in descents]
-    descents = [d.times(_scale(orders, is_predictor, d)) for d in descents]
-    usual = descents[0]
+    along = [(is_long and d.of_long) or d for d in descents]
+    usual, *_ = descents = [d.times(_scale(orders, is_predictor, d)) for d in along]
     more = 0 if is_long else max_iter // usual.steps(max_iter)
     common = {
         "weight": output_weight,
