@@ -745,6 +745,16 @@ def test_orders_that_fit_better_alone_are_not_compared_along_all_descents(monkey
     assert tried == {1, 2, 3} and again == {1, 2}
 
 
+@pytest.mark.parametrize("descent", [SMOOTH, FADING])
+def test_the_path_of_a_long_record_leaves_alphas_out(descent):
+    long = descent.of_long
+    assert set(long.alphas) < set(descent.alphas)
+    ends = (descent.alphas[0], descent.alphas[-1])
+    assert (long.alphas[0], long.alphas[-1]) == ends
+    assert long.center == descent.center and long.of_long is None
+    assert sum(map(len, long.screened)) == len(long.alphas)  # each is walked once
+
+
 @pytest.mark.parametrize("n_samples", [None, 4100])
 def test_a_start_of_a_long_record_that_is_far_behind_goes_no_further(
     monkeypatch, n_samples
