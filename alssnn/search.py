@@ -203,7 +203,7 @@ def search(
     }
     # of a single fold, the fit that follows goes on, without a break
     options["bends"] = is_long = len(folds) == 1
-    along = [(is_long and d.of_long) or d for d in descents]
+    along = dict.fromkeys((is_long and d.of_long) or d for d in descents)  # each once
     usual, *_ = descents = [d.times(_scale(orders, is_predictor, d)) for d in along]
     more = 0 if is_long else max_iter // usual.steps(max_iter)
     common = {

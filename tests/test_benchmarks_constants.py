@@ -93,7 +93,8 @@ def test_names_of_values_are_short():
     assert constants.name_of((1, 2)) == "(1, 2)"
     assert constants.name_of(SMOOTH) == "0.0001..1e-08, long 3"
     assert constants.name_of(replace(SMOOTH, of_long=None)) == "0.0001..1e-08"
-    assert constants.name_of(RIVALLING) == "10..0, 3 finalists"
+    assert constants.name_of(RIVALLING) == "10..0, long 3, 3 finalists"
+    assert constants.name_of(replace(USUAL, finalists=3)) == "10..0, 3 finalists"
 
 
 def test_a_free_network_is_held_by_a_decay_to_zero():

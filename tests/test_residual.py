@@ -16,8 +16,9 @@ from alssnn.watch import Watch
 
 
 def outcome(errors, helps=True, gain=0.96):
-    """Return what `is_enough` asks of the outcome of a search."""
-    return SimpleNamespace(errors=np.array(errors), helps=helps, gain=gain, curve={})
+    """Return what is asked of the outcome of a search, which took three states."""
+    told = {"errors": np.array(errors), "helps": helps, "gain": gain, "curve": {}}
+    return SimpleNamespace(structure=SimpleNamespace(sizes={"x": 3}), **told)
 
 
 @pytest.mark.parametrize(
@@ -50,10 +51,14 @@ def test_what_does_not_help_is_not_taken(with_g, alone, enough):
 
 
 def told(monkeypatch, outcomes, watch, *, ends_at=None):
-    """Let searches have these outcomes; return the sizes of g that they had."""
+    """Let searches have these outcomes; return the sizes of g that they had.
+
+    Where g helps, h alone is searched for with as many states.
+    """
     sizes = []
 
-    def search(self, own, experiments, linear, seeds, watch):
+    def search(self, own, experiments, linear, seeds, watch, nx=None):
+        assert nx == (3 if sizes and outcomes[0].helps else None)
         sizes.append(own.n_g)
         if len(sizes) == ends_at:
             watch.stop("ended")
@@ -84,7 +89,8 @@ def test_a_search_that_is_ended_does_not_change_what_was_found(
     assert sizes == ([2] if ends_at == 1 else [2, 0])
     assert taken is (alone if chosen == "alone" else found)
     assert own.n_g == (0 if chosen == "alone" else 2)
-    assert model._curve == taken.curve  # of the orders that were compared for it
+    # of the orders that were compared
+    assert model._curve == (found if helps else taken).curve
 
 
 @pytest.mark.parametrize(

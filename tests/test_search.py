@@ -19,7 +19,7 @@ from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
 from alssnn.datasets import make_pendulum
-from alssnn.descent import ALPHAS, FADING, SMOOTH, USUAL, Descent, is_gone
+from alssnn.descent import ALPHAS, FADING, LONG, SMOOTH, USUAL, Descent, is_gone
 from alssnn.estimators import _horizon, _safe, _ssnn
 from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
@@ -745,14 +745,31 @@ def test_orders_that_fit_better_alone_are_not_compared_along_all_descents(monkey
     assert tried == {1, 2, 3} and again == {1, 2}
 
 
-@pytest.mark.parametrize("descent", [SMOOTH, FADING])
-def test_the_path_of_a_long_record_leaves_alphas_out(descent):
-    long = descent.of_long
-    assert set(long.alphas) < set(descent.alphas)
-    ends = (descent.alphas[0], descent.alphas[-1])
-    assert (long.alphas[0], long.alphas[-1]) == ends
-    assert long.center == descent.center and long.of_long is None
-    assert sum(map(len, long.screened)) == len(long.alphas)  # each is walked once
+@pytest.mark.parametrize("n_folds", [1, 3])
+@pytest.mark.parametrize("model", [AlSsnn(), GrSsnn(), AlSsnn(n_g=0), FlSsnn()])
+def test_free_networks_of_long_records_go_along_the_same_alphas(
+    monkeypatch, model, n_folds
+):
+    """But h alone does not: its law leaves nothing, whatever it is."""
+    orders, begun = compared(1), []
+    parts = {1: orders.models[1][:n_folds]}, {1: orders.errors[1][:n_folds]}
+    orders = Orders(orders.folds[:n_folds], *parts)
+
+    class Path(Noted):
+        def __init__(self, recipe, folds, linears, seed, descent, **common):
+            super().__init__(recipe, folds, linears, seed, descent, **common)
+            begun.append(descent)
+            self.note([], None, [0.3])
+
+    monkeypatch.setattr(searching, "Path", Path)
+    descents = model._descents()
+    search(recipe(), orders, [1], [11, 22], max_iter=90, descents=descents)
+    if n_folds == 1 and descents != (USUAL,):
+        assert [d.alphas for d in begun] == [LONG.alphas] * 2  # both starts, once
+        assert begun[0].center == "zero" and begun[0].steps(90) == 10
+    else:
+        assert {len(d.alphas) for d in begun} == {len(d.alphas) for d in descents}
+        assert len(begun) == 2 * len(descents)
 
 
 @pytest.mark.parametrize("n_samples", [None, 4100])

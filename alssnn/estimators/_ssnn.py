@@ -415,19 +415,23 @@ class Ssnn(StateSpaceModel):
         for other in others:
             if found is None or watch.reason is not None or (found.helps and not asks):
                 break
-            alone = self._search(other, experiments, linear, seeds, watch)
+            # what h alone explains, the model with g explains with as many states
+            nx = found.structure.sizes["x"] if found.helps else None
+            alone = self._search(other, experiments, linear, seeds, watch, nx)
             # one that was ended may be better than it looks
             ended = alone is None or (found.helps and watch.reason is not None)
             if not ended and is_enough(alone, found, is_predicting(self)):
-                own, found = other, alone
+                self._curve = alone.curve if nx is None else found.curve
+                return other, alone
         if found is not None:
             self._curve = found.curve
         return own, found
 
-    def _search(self, own, experiments, linear, seeds, watch):
+    def _search(self, own, experiments, linear, seeds, watch, nx=None):
         """Return order, start and decay by hidden samples; None if interrupted.
 
-        They are those of `own`, which is this model or the same without g.
+        They are those of `own`, which is this model or the same without g. An order
+        that is given is not chosen.
         """
         if self.coarse_samples is not None:
             experiments = Held.of(experiments).stretch(self.coarse_samples)
@@ -459,7 +463,9 @@ class Ssnn(StateSpaceModel):
             )
         else:
             candidates = sorted(orders.models)
-        if isinstance(self.nx, str) and len(candidates) > 1:
+        if nx is not None:
+            candidates = [nx]
+        elif isinstance(self.nx, str) and len(candidates) > 1:
             candidates = orders.candidates(MORE_STATES, LEAST_STATES)
             largest = largest_order(experiments)
         try:
