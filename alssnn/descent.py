@@ -115,8 +115,8 @@ class Descent:
 
 USUAL = Descent()
 # Of long records, where g or f is free: fewer weights, and no other descent beside it
-# (`python -m benchmarks.constants SMOOTH --cases loop "slow and fast"`). With h alone
-# it ends no lower than the usual one, and takes longer.
+# (`python -m benchmarks.constants SMOOTH --cases loop "slow and fast"`). FL-SSNN ends
+# no lower along it, and takes longer.
 LONG = Descent((1e-4, 1e-6, 1e-8), (0, 3, 1), stages=9, center="zero")
 # With the usual one instead, GR-SSNN has larger test errors on six plants: 3.3 and 1.9
 # times for a servo, 2.5 for a robot joint, 1.3 to 1.8 for the others, medians of two
@@ -125,7 +125,9 @@ SMOOTH = replace(LONG, alphas=(1e-4, 1e-5, 1e-6, 1e-7, 1e-8), stages=6, of_long=
 # Of AL-SSNN, whose lowest path is often one of several that reach nearly the same
 # (`python -m benchmarks.constants RIVALLING`).
 RIVALLING = replace(USUAL, finalists=3, of_long=LONG)
-# Beside that one, for AL-SSNN (`python -m benchmarks.field --models al`).
+# Of the same without g, whose errors are compared with those of the one with g.
+ALONE = replace(USUAL, of_long=LONG)
+# Beside the usual one, for AL-SSNN (`python -m benchmarks.field --models al`).
 FADING = replace(SMOOTH, alphas=(1e-2, 1e-3, *SMOOTH.alphas))
 
 

@@ -750,7 +750,7 @@ def test_orders_that_fit_better_alone_are_not_compared_along_all_descents(monkey
 def test_free_networks_of_long_records_go_along_the_same_alphas(
     monkeypatch, model, n_folds
 ):
-    """But h alone does not: its law leaves nothing, whatever it is."""
+    """And h alone does, where it is compared with a model with g."""
     orders, begun = compared(1), []
     parts = {1: orders.models[1][:n_folds]}, {1: orders.errors[1][:n_folds]}
     orders = Orders(orders.folds[:n_folds], *parts)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..descent import FADING, RIVALLING
+from ..descent import ALONE, FADING, RIVALLING
 from ._networks import Networks
 from ._noise import is_predicting
 from ._options import estimator
@@ -59,5 +59,6 @@ class AlSsnn(Networks, Ssnn):
     """
 
     def _descents(self):
-        usual = is_predicting(self) or not np.any(self.n_g)
-        return super()._descents() if usual else (RIVALLING, FADING)
+        if is_predicting(self):
+            return super()._descents()
+        return (RIVALLING, FADING) if np.any(self.n_g) else (ALONE,)
