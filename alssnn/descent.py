@@ -114,9 +114,9 @@ class Descent:
 
 
 USUAL = Descent()
-# Of long records, where g or f is free: fewer weights, and no other descent beside it
-# (`python -m benchmarks.constants SMOOTH --cases loop "slow and fast"`). FL-SSNN ends
-# no lower along it, and takes longer.
+# Of long records, where g or f is free: fewer weights (`python -m benchmarks.constants
+# SMOOTH --cases loop "slow and fast"`), and no other descent beside it (the same with
+# RIVALLING). FL-SSNN ends no lower along it, and takes longer.
 LONG = Descent((1e-4, 1e-6, 1e-8), (0, 3, 1), stages=9, center="zero")
 # With the usual one instead, GR-SSNN has larger test errors on six plants: 3.3 and 1.9
 # times for a servo, 2.5 for a robot joint, 1.3 to 1.8 for the others, medians of two

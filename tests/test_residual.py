@@ -9,7 +9,7 @@ from sklearn.base import clone
 
 import alssnn
 from alssnn.datasets import make_pendulum
-from alssnn.estimators import _residual
+from alssnn.estimators import _residual, _ssnn
 from alssnn.estimators._residual import is_enough
 from alssnn.model_selection import gamma_path
 from alssnn.watch import Watch
@@ -91,6 +91,25 @@ def test_a_search_that_is_ended_does_not_change_what_was_found(
     assert own.n_g == (0 if chosen == "alone" else 2)
     # of the orders that were compared
     assert model._curve == (found if helps else taken).curve
+
+
+@pytest.mark.parametrize(("helps", "alone"), [(True, ([3], 0)), (False, None)])
+def test_h_alone_takes_the_order_of_the_networks_with_g(monkeypatch, helps, alone):
+    """If these help: what it explains, they explain with as many states."""
+    record, asked = make_pendulum(300, random_state=0), []
+
+    def search(recipe, orders, candidates, seeds, *, largest, **options):
+        asked.append((list(candidates), largest))
+        if len(asked) == 2:
+            raise RuntimeError("asked twice")
+        return outcome([1.0], helps=helps)
+
+    monkeypatch.setattr(_ssnn, "search", search)
+    with pytest.raises(RuntimeError, match="asked twice"):
+        alssnn.AlSsnn(nx="auto").fit(record.u, record.y)
+    (first, largest), second = asked
+    assert len(first) > 1 and largest > first[-1]
+    assert second == (alone or (first, largest))
 
 
 @pytest.mark.parametrize(
