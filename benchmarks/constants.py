@@ -189,14 +189,14 @@ def main(arguments=None):
     values, found = compare(args.constant, cases, model, args.seeds, dict(args.set))
     print(
         f"{f'{args.constant}, {model}':30s}"
-        + "".join(f"{name_of(v):>24s}" for v in values)
+        + "".join(f"{name_of(v):>28s}" for v in values)
     )
     every = [np.concatenate(list(each.values())) for each in found]
     rows = {" ".join(key): [np.median(each[key]) for each in found] for key in found[1]}
     rows["median"] = [np.median(one) for one in every]
     rows["worst"] = [np.max(one) for one in every]
     for name, row in rows.items():
-        print(f"{name:30s}" + "".join(f"{value:24.3f}" for value in row))
+        print(f"{name:30s}" + "".join(f"{value:28.3f}" for value in row))
     return 0
 
 
