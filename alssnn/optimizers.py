@@ -22,7 +22,7 @@ from threadpoolctl import ThreadpoolController
 
 from .acceleration import Accelerated
 from .criterion import DIVERGED_NORM
-from .watch import AT_FLOOR, INTERRUPTED, NO_PROGRESS, Stop
+from .watch import AT_FLOOR, INTERRUPTED, NO_PROGRESS, TOO_SLOW, Stop
 
 GRADIENT_TOLERANCE = 1e-12  # cosine between r and its derivatives
 STOPPED = -1  # status of a search that was left (`watch`)
@@ -73,6 +73,7 @@ def minimize(
     label="",
     faint=0.0,
     bends=False,
+    settles=None,
 ):
     """Minimize a least-squares criterion from a given start.
 
@@ -107,6 +108,9 @@ def minimize(
         one go no further than those with a share of `LEAST_SHARE`.
     bends : bool, default=False
         Whether steps of "lm" bend along the valleys of the cost (`acceleration`).
+    settles : tuple of int and float or None, default=None
+        Accepted steps, and the share of the cost that they have to take away, else the
+        search ends; None lets it go on.
 
     Returns
     -------
@@ -134,7 +138,7 @@ def minimize(
     def place(x):
         return parameters(x) if to_point is None else to_point(parameters(x))
 
-    search = _Search(problem, free, watch, patience, place, label, faint)
+    search = _Search(problem, free, watch, patience, place, label, faint, settles)
     options = {
         "method": method,
         "bounds": (-np.inf, np.inf) if bounds is None else bounds,
@@ -162,7 +166,7 @@ def minimize(
         nfev=search.nfev,
         status=status,
         # that a wish of the user ends a search is a kind of convergence
-        success=status > 0 or message in (NO_PROGRESS, AT_FLOOR),
+        success=status > 0 or message in (NO_PROGRESS, AT_FLOOR, TOO_SLOW),
         message=message,
         validation_rmse=np.nan if patience is None else patience.least,
     )
@@ -171,13 +175,17 @@ def minimize(
 class _Search:
     """Evaluate a criterion for `least_squares`, and remember what it has seen."""
 
-    def __init__(self, criterion, free, watch, patience, to_point, label, faint):
+    def __init__(
+        self, criterion, free, watch, patience, to_point, label, faint, settles
+    ):
         self.criterion = criterion
         self.watch = watch
         self.patience = patience
         self.to_point = to_point
         self.label = label
         self.faint = faint
+        self.settles = settles
+        self.costs: list[float] = []  # of accepted points
         self.last = None  # accepted point
         self.best = free.copy()
         self.least = np.inf
@@ -269,8 +277,8 @@ class _Search:
             rmse = self.patience.look(point)
             if self.patience.waited == 0:
                 self.best = x.copy()
+        cost = self.criterion.norm(x) ** 2
         if self.watch is not None:
-            cost = self.criterion.norm(x) ** 2
             self.watch.step(self.label, self.n_accepted, cost, rmse, point)
         self.n_accepted += 1
         floor = None if self.watch is None else self.watch.floor
@@ -279,3 +287,9 @@ class _Search:
                 raise Stop(AT_FLOOR)
         if self.patience is not None and self.patience.is_over:
             raise Stop(NO_PROGRESS)
+        self.costs.append(cost)
+        if self.settles is not None:
+            n_steps, share = self.settles
+            before = self.costs[-1 - n_steps :]
+            if len(before) > n_steps and cost > (1 - share) * before[0]:
+                raise Stop(TOO_SLOW)

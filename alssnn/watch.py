@@ -23,6 +23,7 @@ INTERRUPTED = "interrupted"
 BY_OBSERVER = "stopped by a callback"
 NO_PROGRESS = "the validation error no longer falls"
 AT_FLOOR = "the error has come down to the noise floor"
+TOO_SLOW = "further steps hardly lower the cost"
 
 
 class Step(NamedTuple):

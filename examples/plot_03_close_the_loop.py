@@ -24,7 +24,7 @@ from alssnn import AlSsnn, LinearStateSpace
 from alssnn.datasets import make_pendulum
 from alssnn.feedback import closed_loop, designed_loop, lqi
 
-record = make_pendulum(4_000, amplitude=5.0, noise=0.01, random_state=0)
+record = make_pendulum(2_000, amplitude=5.0, noise=0.01, random_state=0)
 options = {"nx": 2, "dt": record.dt, "operating_point": "zero"}
 model = AlSsnn(random_state=0, **options).fit(record.u, record.y)
 print(model.message_)

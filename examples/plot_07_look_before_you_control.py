@@ -44,6 +44,7 @@ linear = LinearStateSpace(**options).fit(u, y)
 model = AlSsnn(
     n_h=8,
     n_g=2,
+    n_init=1,
     gamma_h=1e-4,
     random_state=0,
     **options,

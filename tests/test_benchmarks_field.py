@@ -11,6 +11,7 @@ import pytest
 
 from alssnn import AlSsnn, LinearStateSpace
 from alssnn.metrics import rmse
+from alssnn.watch import OUT_OF_TIME
 from benchmarks.field import __main__ as command
 from benchmarks.field import rivals, runs, table
 from benchmarks.field.case import Case, Data, fresh
@@ -363,17 +364,27 @@ def test_records_load_and_are_what_they_say(name):
         assert set(errors) <= set(data.tests)
 
 
-def test_our_curve_ends_with_the_fitted_model():
-    pytest.importorskip("sklearn.callback", reason="needs scikit-learn 1.9")
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_our_curve_has_longer_and_longer_fits(monkeypatch):
     data = TINY.load()
     model = runs.MODELS["gr"](nx=1, n_f=2, alpha=1e-4, max_iter=5, random_state=0)
-    rows = rivals.our_curve(model, data.train, data.tests, 20, 1e3)
-    assert len(rows) >= 2 and {row[0] for row in rows} == {"fresh"}
-    model.set_params(n_init_samples=20)
-    y, y_hat = model.simulate_test(*data.tests["fresh"][0])
+    limits, fit = [], type(model).fit
+
+    def slow(self, u, y):
+        limits.append(self.max_time)
+        fit(self, u, y).message_ = OUT_OF_TIME if self.max_time < 3 else "settled"
+        return self
+
+    monkeypatch.setattr(type(model), "fit", slow)
+    rows = rivals.our_curve(model, data.train, data.tests, 20, 1e3, 64)
+    assert limits == pytest.approx([1, 2**0.5, 2, 2**1.5, 4])  # the last one suffices
+    assert [row[0] for row in rows] == ["fresh"] * 5
+    fitted = fit(model, *map(list, zip(*data.train, strict=True)))
+    y, y_hat = fitted.set_params(n_init_samples=20).simulate_test(
+        *data.tests["fresh"][0]
+    )
     assert float(rows[-1][3]) == pytest.approx(1e3 * rmse(y, y_hat), rel=1e-4)
-    seconds = [float(row[1]) for row in rows]
-    assert seconds == sorted(seconds)
+    assert all(0 < float(wall) < 60 for _, wall, *_ in rows)
 
 
 def test_curves_are_compared_by_their_ends_and_by_when_ours_passes():

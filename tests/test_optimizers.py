@@ -4,7 +4,7 @@ import pytest
 from alssnn.criterion import DIVERGED_NORM, Criterion, LeastSquares
 from alssnn.models import state_space
 from alssnn.optimizers import FAINT, minimize
-from alssnn.watch import Watch
+from alssnn.watch import TOO_SLOW, Watch
 from helpers import Heard
 
 
@@ -106,6 +106,22 @@ def test_max_iter_and_message(method):
     assert (
         result.message == "stopped after all trial steps that its last stage may take"
     )
+
+
+def test_a_search_ends_where_steps_hardly_lower_the_cost(method):
+    def costs(settles):
+        watch = Watch()
+        options = {"method": method, "tol": 1e-14, "max_iter": 200, "watch": watch}
+        result = minimize(Squared(), np.array([0.0, 1.0]), settles=settles, **options)
+        return result, np.array([step.cost for step in watch.history])
+
+    _, all_of_them = costs(None)
+    result, found = costs((3, 0.5))
+    assert result.success and result.message == TOO_SLOW
+    assert 4 <= len(found) < len(all_of_them)
+    np.testing.assert_array_equal(found, all_of_them[: len(found)])
+    is_slow = found[3:] > 0.5 * found[:-3]
+    assert is_slow[-1] and not is_slow[:-1].any()
 
 
 def test_report_sees_falling_cost(method):

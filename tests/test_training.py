@@ -8,6 +8,7 @@ from sklearn.exceptions import ConvergenceWarning
 from alssnn import AlSsnn, GrSsnn
 from alssnn.criterion import Criterion
 from alssnn.initial_states import estimate_x0
+from alssnn.limits import Limits
 from alssnn.linear_model import LinearModel
 from alssnn.models import state_space
 from alssnn.simulation import channels, simulate
@@ -183,6 +184,52 @@ def test_a_long_record_has_a_stage_in_between(problem, rng):
     criterion = Criterion(structure, experiments)
     cost = criterion.norm(criterion.join(result.theta, result.x0)) ** 2
     assert cost == pytest.approx(result.cost)
+
+
+@pytest.mark.parametrize("settles", [False, True])
+def test_all_stages_but_the_last_settle(problem, rng, monkeypatch, settles):
+    structure, theta, experiments = problem
+    noisy = [(u, y + 0.1 * rng.standard_normal(y.shape)) for u, y in experiments]
+    monkeypatch.setattr("alssnn.training.SETTLES", (2, 0.5))
+    watch = Watch()
+    train(
+        structure,
+        noisy,
+        [theta + 0.1 * rng.standard_normal(len(theta))],
+        coarse_samples=70,
+        polish_iter=20,
+        max_iter=50,
+        tol=1e-14,
+        watch=watch,
+        settles=settles,
+    )
+    goes_on = {}
+    for label in dict.fromkeys(step.label for step in watch.history):
+        costs = np.array([step.cost for step in watch.history if step.label == label])
+        is_slow = costs[2:] > 0.5 * costs[:-2]
+        goes_on[label] = bool(is_slow[:-1].any())
+    assert list(goes_on.values()) == [not settles, not settles, True]
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize(("alpha", "settles"), [(1e-4, False), ("auto", True)])
+def test_stages_settle_behind_a_search_alone(alpha, settles, monkeypatch, rng):
+    """A random start is a saddle, where the cost falls late."""
+    asked, minimize = {}, Limits.minimize
+
+    def recorded(self, criterion, free, settles=None, **options):
+        asked[options["label"]] = settles is not None
+        return minimize(self, criterion, free, settles=settles, **options)
+
+    monkeypatch.setattr(Limits, "minimize", recorded)
+    u = rng.standard_normal((4300, 1))
+    y = lfilter([0, 0.5], [1, -0.8], u, axis=0)
+    y = np.tanh(y) + 0.01 * rng.standard_normal(y.shape)
+    options = {"max_iter": 50, "n_init": 1, "coarse_samples": 4200, "random_state": 0}
+    GrSsnn(nx=1, n_f=3, alpha=alpha, **options).fit(u, y)
+    assert asked.pop("stage 1/2, train") == settles
+    assert not asked.pop("stage 2/2, all samples")
+    assert not any(asked.values())  # of the search, and the linear start
 
 
 def test_coarse_to_fine_ends_on_all_samples(problem, rng):

@@ -126,6 +126,7 @@ def completed(model, own, found, linear, experiments, seed, watch):
         Bounds that hold g at zero, unless there is a map and hidden samples need g.
     """
     known, alpha = found.structure, {"alpha": found.alpha, "bends": found.bends}
+    alpha["settles"] = found.bends
     if own is model:
         return known, found.theta, alpha | {"center": found.center}, {}
     C, p = known.constants["C"], known.split(found.theta)

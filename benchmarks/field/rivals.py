@@ -10,9 +10,11 @@ Study "mirror": freq-statespace with the settings of its authors' record, on all
 
 The environment is made in --venv, by default a temporary folder, by pip.  Every curve
 is a row per point: seconds of clock and processor since the start of the fit,
-compilation included, and the error.  Nothing of a test is simulated during a fit.  The
-packages run one after the other; leave the machine to them.  Behind the curves stand
-the last errors, and when ours passes that of theirs; --page writes them for the manual.
+compilation included, and the error.  A point of ours is a fit of its own that ends
+after a part of the seconds (`max_time`).  Nothing of a test is simulated during a fit.
+The packages run one after the other; leave the machine to them.  Behind the curves
+stand the last errors, and when ours passes that of theirs; --page writes them for the
+manual.
 """
 
 import argparse
@@ -28,9 +30,11 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from sklearn.base import clone
 
 import alssnn
 from alssnn.datasets import fetch_wiener_hammerstein
+from alssnn.watch import OUT_OF_TIME
 
 from .._tables import OUT, machine
 from .records import RECORDS
@@ -66,50 +70,26 @@ def curve(python, script, data, *options):
 # -- ours ------------------------------------------------------------------------------
 
 
-class Follower:
-    """Keep the models of a fit, and when they were there, as a callback."""
+def our_curve(model, train, tests, n_init, scale, seconds):
+    """Return rows (test, wall, cpu, rmse) of fits that end after a part of the seconds.
 
-    def __init__(self):
-        self.start, self.cpu = time.perf_counter(), time.process_time()
-        self.points = []
-
-    def keep(self, model):
-        """Keep a point of the curve."""
-        wall, cpu = time.perf_counter(), time.process_time()
-        self.points.append((wall - self.start, cpu - self.cpu, model))
-
-    def setup(self, estimator, context):
-        """Do nothing."""
-
-    def teardown(self, estimator, context):
-        """Do nothing."""
-
-    def on_fit_task_begin(self, estimator, context):
-        """Do nothing."""
-
-    def on_fit_task_end(self, estimator, context, *, fitted_estimator):
-        """Keep a model, at most one a second."""
-        late = (
-            not self.points or time.perf_counter() - self.start > self.points[-1][0] + 1
-        )
-        if context.task_name == "iteration" and fitted_estimator is not None and late:
-            self.keep(fitted_estimator)
-
-
-def our_curve(model, train, tests, n_init, scale):
-    """Return rows (test, wall, cpu, rmse) of one of our models."""
-    follower = Follower()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        model.set_callbacks(follower).fit(*map(list, zip(*train, strict=True)))
-    follower.keep(model)
+    Parts are half a power of two apart.  The first fit that ends by itself is the last.
+    """
     rows = []
-    for wall, cpu, fitted in follower.points:
+    for limit in seconds * 2.0 ** np.arange(-6.0, 0.5, 0.5):
+        fitted = clone(model).set_params(max_time=limit)
+        wall, cpu = time.perf_counter(), time.process_time()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            fitted.fit(*map(list, zip(*train, strict=True)))
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         fitted.n_init_samples = n_init
         with np.errstate(all="ignore"):
             for name, test in tests.items():
                 rmse = score(fitted, test, scale)["rmse"]
                 rows.append((name, f"{wall:.2f}", f"{cpu:.2f}", f"{rmse:.6g}"))
+        if OUT_OF_TIME not in fitted.message_:
+            break
     return rows
 
 
@@ -126,7 +106,7 @@ def circuit(python, folder, options):
     for seed in range(options.seeds):
         model = MODELS["gr"](**SIZES, dt=whole.dt, random_state=seed)
         tests = {"official": [tuple(test)]}
-        for row in our_curve(model, [(u, y)], tests, 50, 1e3):
+        for row in our_curve(model, [(u, y)], tests, 50, 1e3, options.seconds):
             yield ("wh", row[0], "gr", seed, *row[1:])
         limits = ("--seconds", options.seconds, "--seed", seed)
         limits += ("--nx", SIZES["nx"], "--n-f", SIZES["n_f"])
@@ -158,11 +138,10 @@ def mirror(python, folder, options):
     for seed in range(options.seeds):
         if options.ours is not None:
             model = MODELS[options.ours](dt=records.dt)
-            model.set_params(max_time=options.seconds)
             if options.ours != "lti":
                 model.set_params(random_state=seed)
-            records_of = records.train, records.tests
-            for row in our_curve(model, *records_of, case.n_init, case.scale):
+            how = case.n_init, case.scale, options.seconds
+            for row in our_curve(model, records.train, records.tests, *how):
                 yield ("mirror", row[0], options.ours, seed, *row[1:])
         limits = ["--seconds", options.seconds, "--seed", seed]
         limits += ["--realizations", options.realizations]
