@@ -7,7 +7,7 @@ reached: no initial state has to be estimated, and short experiments need not be
 The first quarter is never hidden, for it tells the initial state.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,8 @@ class Fold:
     Parameters
     ----------
     fitted : list of tuple of ndarray
-        Pairs (u, y), where the hidden samples of y are nan.
+        Pairs (u, y), where the hidden samples of y are nan; the only fold of a long
+        record ends before them, so that they cost no time.
     hidden : list of tuple of ndarray
         Pairs (u, y), where all but the hidden samples of y are nan.
     integrators : int, default=0
@@ -44,10 +45,12 @@ class Fold:
     @property
     def whole(self):
         """Return the experiments with all their samples."""
-        return [
-            (u, np.where(np.isnan(seen), unseen, seen))
-            for (u, seen), (_, unseen) in zip(self.fitted, self.hidden, strict=True)
-        ]
+        whole = []
+        for (_, seen), (u, unseen) in zip(self.fitted, self.hidden, strict=True):
+            y = unseen.copy()
+            y[: len(seen)] = np.where(np.isnan(seen), y[: len(seen)], seen)
+            whole.append((u, y))
+        return whole
 
     def error(self, structure, theta, x0, output_weight=None, *, elsewhere=False):
         """Return the mean square error of a simulation on the hidden samples.
@@ -222,7 +225,13 @@ def hold_out(experiments, share=SHARE, integrators=0):
     n_samples = sum(len(u) for u, _ in experiments)
     wanted = 3 if n_samples <= FEW else 2 if n_samples <= MANY else 1
     n_folds = max(1, min(wanted, int(np.floor(1 / share + 1e-9)) - 1))
-    return [_fold(experiments, share, i, integrators) for i in range(n_folds)]
+    folds = [_fold(experiments, share, i, integrators) for i in range(n_folds)]
+    if n_folds > 1:
+        return folds
+    (fold,) = folds  # what it hides ends every experiment
+    ends = [len(y) - round(share * len(y)) for _, y in experiments]
+    fitted = [(u[:n], y[:n]) for (u, y), n in zip(fold.fitted, ends, strict=True)]
+    return [replace(fold, fitted=fitted)]
 
 
 def _fold(experiments, share, i, integrators):

@@ -50,8 +50,24 @@ def test_the_share_that_is_hidden_can_be_chosen(rng):
     experiments = records(rng, (200,))
     (fold,) = hold_out(experiments, share=0.5)
     np.testing.assert_array_equal(
-        np.isnan(fold.fitted[0][1][:, 0]), np.arange(200) >= 100
+        np.isnan(fold.hidden[0][1][:, 0]), np.arange(200) < 100
     )
+
+
+def test_the_only_fold_ends_where_it_hides(rng):
+    experiments = records(rng, (3000, 2001))
+    (fold,) = hold_out(experiments)
+    for whole, fitted, hidden, (u, y) in zip(
+        fold.whole, fold.fitted, fold.hidden, experiments, strict=True
+    ):
+        n = len(fitted[1])
+        assert abs(n - 0.75 * len(u)) <= 1
+        for signals, wanted in ((whole, (u, y)), (fitted, (u[:n], y[:n]))):
+            np.testing.assert_array_equal(signals[0], wanted[0])
+            np.testing.assert_array_equal(signals[1], wanted[1])
+        np.testing.assert_array_equal(hidden[0], u)
+        assert np.isnan(hidden[1][:n]).all()
+        np.testing.assert_array_equal(hidden[1][n:], y[n:])
 
 
 def test_smaller_shares_make_no_more_folds(rng):
