@@ -57,7 +57,7 @@ def some_inputs(rng, amplitude, n=300):
 # -- certificates ----------------------------------------------------------------------
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     nx=st.integers(1, 4),
@@ -197,10 +197,10 @@ def test_a_grid_knows_the_phase_that_peak_gains_forget():
     assert rough.holds and fine.holds and fine.verify() >= 0
     assert fine.lower_bound == rough.lower_bound
     assert fine.ratio < 1.3 < 1.38 < rough.ratio
-    finer = local_certificate(loop, design, [0.1], cells=1_000_000, search=False)
-    assert fine.lower_bound <= finer.output_bound < 0.97 * fine.output_bound
     # the number of cells is part of what is recomputed
-    coarse = replace(fine.proof, cells=2_000)
+    coarse = replace(fine.proof, cells=20_000)
+    bounds = coarse.check()[1]
+    assert fine.lower_bound <= fine.output_bound < 0.97 * np.max(bounds)
     assert not replace(fine, proof=coarse).verify() >= 0
 
 
