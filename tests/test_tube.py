@@ -31,6 +31,7 @@ from alssnn.datasets import (
 )
 from helpers import simulate_linear
 
+
 def records(make, seeds, n=120):
     pairs = [make(n, noise=0.01, random_state=seed) for seed in seeds]
     return [pair.u for pair in pairs], [pair.y for pair in pairs]

@@ -204,9 +204,13 @@ def test_a_larger_basin_is_detected():
     assert replace(c, proof=other).verify() >= 0
     assert replace(c, basin=0.5 * c.basin).verify() == -np.inf
     assert replace(c, gain=replace(c.gain, gamma=0.9 * c.gain.gamma)).verify() < 0
-    other = certify_loop(controlled("al-siso", size=0.15), 0.1, noise=0.01, search=False)
+    other = certify_loop(
+        controlled("al-siso", size=0.15), 0.1, noise=0.01, search=False
+    )
     assert replace(c, gain=other.gain).verify() == -np.inf
-    wider = certify_loop(controlled("al-siso", size=0.1), 0.12, noise=0.01, search=False)
+    wider = certify_loop(
+        controlled("al-siso", size=0.1), 0.12, noise=0.01, search=False
+    )
     assert wider.holds and replace(c, local=wider.local).verify() == -np.inf
     further = replace(c.local, amplitude=2 * c.local.amplitude)
     assert replace(c, local=further).verify() == -np.inf
