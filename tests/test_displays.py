@@ -199,7 +199,7 @@ def test_draws_curves_of_a_given_width(name, model, data, option):
 def test_drawing_leaves_pyplot_without_figures(tmp_path):
     code = """
 import sys, numpy as np, alssnn
-from alssnn.plotting import BodeDisplay, SimulationDisplay
+from alssnn.plotting import BodeDisplay, SimulationDisplay, plot_ladder
 assert "matplotlib.pyplot" not in sys.modules
 u = np.random.default_rng(0).standard_normal((400, 1))
 record = u[1:], np.convolve(u[:, 0], [1.0, 0.5])[:399]

@@ -138,7 +138,7 @@ def test_a_plant_whose_law_looks_ahead_says_so(model):
 
 @pytest.fixture(scope="module")
 def record():
-    return make_duffing(800, random_state=0)
+    return make_duffing(500, random_state=0)
 
 
 def swing(record, **options):
@@ -249,11 +249,12 @@ def test_the_error_of_the_model_is_that_of_the_model(duffing):
         assert np.all(found.carried_missed < 0.05)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, monkeypatch):
     # certificates of the report take long and know nothing of the rate
     monkeypatch.setattr("alssnn.report._control._local", lambda *_: "")
     model, record = duffing
-    last = slice(600, None)
+    last = slice(300, None)
     data = record.u[last], record.y[last]
     plain = model.validate(*data)["linearizability"]
     finer = model.validate(*data, law_dt=0.05, ahead=True)["linearizability"]
@@ -270,7 +271,7 @@ def test_verdicts_are_of_the_law_that_will_run(duffing, tmp_path, monkeypatch):
     table = np.hstack([record.u, record.y])
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="u,y", comments="")
     files = [str(tmp_path / name) for name in ("model.npz", "a.csv")]
-    command = ["validate", files[0], "--data", files[1], "--last", "0.25"]
+    command = ["validate", files[0], "--data", files[1], "--last", "0.4"]
     command += ["--input", "u", "--output", "y"]
     main([*command, "--law-dt", "0.05", "--ahead", "-o", str(tmp_path / "b.csv")])
     rows = (tmp_path / "b.csv").read_text().splitlines()

@@ -57,7 +57,7 @@ def some_inputs(rng, amplitude, n=300):
 # -- certificates ----------------------------------------------------------------------
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     nx=st.integers(1, 4),
@@ -146,7 +146,7 @@ def test_cells_know_what_neurons_forget():
     by_neurons = ByNeurons(network)
     lost = by_neurons.system(np.array([[-2.0, -2.0], [2.0, 2.0]]))
     assert np.all(apart.radius < 0.2) and np.abs(lost.G) @ lost.radius > 0.5
-    c = local_certificate(loop, design, [1.0])
+    c = local_certificate(loop, design, [1.0], cells=0, search=False)
     assert c.holds and c.method == "cells"
 
 
@@ -197,10 +197,10 @@ def test_a_grid_knows_the_phase_that_peak_gains_forget():
     assert rough.holds and fine.holds and fine.verify() >= 0
     assert fine.lower_bound == rough.lower_bound
     assert fine.ratio < 1.3 < 1.38 < rough.ratio
-    finer = local_certificate(loop, design, [0.1], cells=1_000_000, search=False)
-    assert fine.lower_bound <= finer.output_bound < 0.97 * fine.output_bound
     # the number of cells is part of what is recomputed
-    coarse = replace(fine.proof, cells=2_000)
+    coarse = replace(fine.proof, cells=20_000)
+    bounds = coarse.check()[1]
+    assert fine.lower_bound <= fine.output_bound < 0.97 * np.max(bounds)
     assert not replace(fine, proof=coarse).verify() >= 0
 
 
@@ -210,7 +210,7 @@ def test_no_input_violates_a_grid(nx, nu):
     loop, design = small_loop(rng, nx, nu, size=0.3)
     amplitude = rng.uniform(0.2, 2.0, nu)
     network, scaled, _ = _scaled(loop, design, amplitude, np.ones(1))
-    proof = local_certificate(loop, design, amplitude, cells=0).proof
+    proof = local_certificate(loop, design, amplitude, cells=0, search=False).proof
     bound = Grid(network, scaled, proof.states(), 10_000).bounds()
     inputs = list(some_inputs(rng, amplitude))
     inputs.append(worst_input(loop, design, amplitude, 150)[1])
@@ -234,7 +234,7 @@ def test_a_grid_knows_the_first_samples_after_a_rest_that_does_not_last():
 
 
 def test_tampering_is_detected(rng):
-    loop, design = small_loop(rng, size=0.1)
+    loop, design = small_loop(rng, nx=1, size=0.1)
     c = local_certificate(loop, design, [1.0], cells=3_000, search=False)
     assert c.verify() >= 0
     smaller = replace(c, output_bounds=0.9 * c.output_bounds)
@@ -245,7 +245,10 @@ def test_tampering_is_detected(rng):
 
 @pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_every_structure(name):
+def test_every_structure(name, monkeypatch):
+    # a linear map of fewer samples, and shorter inputs of laws that are solved
+    monkeypatch.setattr("alssnn.certificates._covers.POINTS", 1_000)
+    monkeypatch.setattr("alssnn.certificates._worst.SOLVED", (40, 1, 1, 2))
     rng = np.random.default_rng(5)
     structure = declare(name, rng)
     plant = plant_of_structure(structure, random_theta(structure, rng, 0.5), rng)
@@ -262,7 +265,7 @@ def test_every_structure(name):
     A, B, C, D = plant.linear()
     if c.holds:
         assert c.verify() >= 0
-        for r in some_inputs(rng, np.full(plant.nv, 0.2), 150):
+        for r in some_inputs(rng, np.full(plant.nv, 0.2), 60):
             e = distances(loop, (A, B, C, D), r)
             assert np.all(e <= c.output_bounds)
     else:
@@ -307,9 +310,9 @@ def test_an_activation_without_a_bounded_slope_is_said():
 
 @pytest.mark.parametrize("unit", [1e-14, 1e14])
 def test_units_change_no_bound(rng, unit):
-    loop, (A, B, C, D) = small_loop(rng, size=0.1)
+    loop, (A, B, C, D) = small_loop(rng, nx=1, size=0.1)
     Theta = loop.Theta.copy()
-    Theta[:, 2:3] /= unit
+    Theta[:, 1:2] /= unit
     scaled = replace(loop, Theta=Theta)
     options = {"search": False, "cells": 3_000}
     c = local_certificate(loop, (A, B, C, D), [0.5], **options)

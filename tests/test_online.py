@@ -73,11 +73,11 @@ def limited(plant, size=0.4):
     )
 
 
-def references(plant, at_rest, size, n=40):
+def references(plant, at_rest, size, n=20):
     """Return steps of references and of measured disturbances."""
     rng = np.random.default_rng(1)
     steps = np.repeat(
-        rng.uniform(-1, 1, (n // 20, len(at_rest) + plant.nd)), 20, axis=0
+        rng.uniform(-1, 1, (n // 10, len(at_rest) + plant.nd)), 10, axis=0
     )
     r, d = np.split(steps, [len(at_rest)], axis=1)
     return at_rest + size * r, plant.d_offset + 0.5 * d

@@ -60,14 +60,6 @@ def test_draws_three_panels_without_pyplot(ladder, tmp_path):
     assert (tmp_path / "ladder.png").stat().st_size > 1000
 
 
-def test_importing_it_leaves_pyplot_alone():
-    import subprocess
-    import sys
-
-    code = "import sys, alssnn.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 def test_view_is_centered_on_the_largest_error_of_the_longest_experiment(ladder):
     ladder.rows[0].y_hat[700, 1] += 100
     axes = plot_ladder(ladder, output=1, view=100)

@@ -31,12 +31,6 @@ from alssnn.datasets import (
 )
 from helpers import simulate_linear
 
-PLANTS = {
-    "pendulum": make_pendulum,
-    "Duffing": make_duffing,
-    "tank": make_valve_tank,
-}
-
 
 def records(make, seeds, n=120):
     pairs = [make(n, noise=0.01, random_state=seed) for seed in seeds]
@@ -52,47 +46,45 @@ def wrong_model(make):
 # -- the level -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-def test_fresh_records_keep_the_level(plant):
+def test_fresh_records_keep_the_level():
     """On average over calibrations: that of one has a standard deviation of 5 %.
 
-    One calibration and 100 fresh records alone would leave that of the average at 5 %
-    and 3 %. So both are drawn 200 times from a pool.
+    One calibration and 60 fresh records alone would leave that of the average at 5 %
+    and 4 %. So both are drawn 200 times from a pool.
     """
-    make, level, n = PLANTS[plant], 0.9, 39
-    model = wrong_model(make)
-    u, y = records(make, range(1, 161), 60)
+    level, n = 0.9, 39
+    model = wrong_model(make_valve_tank)
+    u, y = records(make_valve_tank, range(1, 113), 60)
     tube = model.tube(u[:52], y[:52], level=level)  # 13 of which fit the scale
     assert tube.finite and tube.n_blocks.tolist() == [n] and tube.block is None
     # scores of the rest by the scale of the first: what `contains` compares
-    inside = tube.contains(u[52:], y[52:])
-    assert inside.shape == (108,)
+    inside, fresh = tube.contains(u[52:], y[52:]), rescored(tube, u[52:], y[52:])
+    np.testing.assert_array_equal(inside, fresh <= tube.quantile[0])
     low, high = tube.coverage_range[0]
-    assert low - 0.06 < inside.mean() < high + 0.06
-    fresh = model.tube(u[52:], y[52:], level=level)
-    pool = np.concatenate([tube.scores[:, 0], rescored(fresh, tube, u[52:], y[52:])])
-    kept, rng = [], np.random.default_rng(0)
+    assert low - 0.08 < inside.mean() < high + 0.08
+    pool, kept = np.concatenate([tube.scores[:, 0], fresh]), []
+    rng = np.random.default_rng(0)
     for _ in range(200):
         drawn = rng.permutation(pool)
-        kept.append(np.mean(drawn[n : n + 100] <= conformal_quantile(drawn[:n], level)))
+        kept.append(np.mean(drawn[n:] <= conformal_quantile(drawn[:n], level)))
     assert abs(np.mean(kept) - level) < 0.02
     # what is promised of one calibration
-    assert 0.03 < np.std(kept) < 0.07
+    assert 0.04 < np.std(kept) < 0.08
 
 
-def rescored(fresh, tube, u, y):
-    runs = simulated_runs(fresh.model, u, y, None, None)
-    centers = fresh.model.u_offset_, fresh.model.y_offset_
+def rescored(tube, u, y):
+    runs = simulated_runs(tube.model, u, y, None, None)
+    centers = tube.model.u_offset_, tube.model.y_offset_
     errors, sizes = measure(units_of(runs, None, 0), *centers)
     return (errors / (sizes @ tube.coefficients.T)[:, :, 0])[:, 0]
 
 
 def test_blocks_of_fresh_records_keep_the_level():
     """Where blocks are no experiments, and exchangeable only nearly."""
-    model, kept = wrong_model(make_duffing), []
-    fresh = records(make_duffing, range(100, 110), 4000)
+    model, kept = wrong_model(make_wiener_hammerstein), []
+    fresh = records(make_wiener_hammerstein, range(100, 104), 4000)
     for seed in range(1, 21):
-        record = make_duffing(4000, noise=0.01, random_state=seed)
+        record = make_wiener_hammerstein(4000, noise=0.01, random_state=seed)
         tube = model.tube(*record, block=40, gap=20)
         assert tube.n_blocks.tolist() == [49]
         kept.append(tube.contains(*fresh).mean())
@@ -122,7 +114,7 @@ def test_missing_scores_do_not_count():
 
 def test_widths_follow_the_size_of_the_signals():
     """Without that, records with large inputs would leave the tube more often."""
-    sizes = np.random.default_rng(0).uniform(0.05, 0.6, 120)
+    sizes = np.random.default_rng(0).uniform(0.05, 0.6, 80)
 
     def of(a, seed):
         record = make_duffing(120, noise=0.0, amplitude=a, random_state=seed)
@@ -131,12 +123,12 @@ def test_widths_follow_the_size_of_the_signals():
     model = wrong_model(make_duffing)
     pairs = [of(a, seed) for seed, a in enumerate(sizes)]
     u, y = [p[0] for p in pairs], [p[1] for p in pairs]
-    tube = model.tube(u[:60], y[:60])
-    assert tube.n_blocks.tolist() == [45]
-    widths = np.array([tube.half_width(z)[0, 0] for z in u[60:]])
-    small, large = sizes[60:] < 0.2, sizes[60:] > 0.45
+    tube = model.tube(u[:40], y[:40])
+    assert tube.n_blocks.tolist() == [30]
+    widths = np.array([tube.half_width(z)[0, 0] for z in u[40:]])
+    small, large = sizes[40:] < 0.2, sizes[40:] > 0.45
     assert widths[large].mean() > 2 * widths[small].mean()
-    inside = tube.contains(u[60:], y[60:])
+    inside = tube.contains(u[40:], y[40:])
     assert inside[large].mean() > 0.6 and inside.mean() > 0.8
 
 
@@ -211,7 +203,7 @@ def test_a_band_is_what_contains_compares(two_outputs):
         model.tube(u[:40], y[:40], horizon=2),
         model.tube(u[:40], y[:40], block=20, gap=0),
     ):
-        for u_i, y_i in zip(u[40:50], y[40:50], strict=True):
+        for u_i, y_i in zip(u[40:44], y[40:44], strict=True):
             band = tube.around(u_i, y_i)
             inside = (band.lower <= y_i) & (y_i <= band.upper)
             width = tube.half_width(u_i, y_i)

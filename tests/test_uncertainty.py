@@ -268,7 +268,7 @@ def test_criteria_find_the_order(rng):
 
 def test_criteria_know_the_color_of_the_noise(rng):
     """White noise of the same size is less likely than what its past tells."""
-    n, pole = 800, 0.9
+    n, pole = 500, 0.9
     right = {"aic": 0, "bic": 0}
     for _ in range(6):
         u = rng.standard_normal((n, 1))
@@ -342,13 +342,13 @@ def test_more_samples_than_parameters_are_needed(rng):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:The confidence bands are wider")  # a few of 80
+@pytest.mark.filterwarnings("ignore:The confidence bands are wider")  # a few of 40
 def test_the_band_covers_the_truth_as_often_as_it_says():
     rng = np.random.default_rng(1)
-    u = rng.standard_normal((600, 2))
+    u = rng.standard_normal((400, 2))
     clean, truth = simulate_linear(A, B, C, u), response(A, B, C, OMEGA)
     inside, ellipse, refused = [], [], 0
-    for _ in range(80):
+    for _ in range(40):
         y = clean + rng.standard_normal(clean.shape) @ NOISE.T
         model = LinearStateSpace(nx=3, operating_point="zero").fit(u, y)
         covariance = model.parameter_covariance(u, y)
@@ -359,11 +359,11 @@ def test_the_band_covers_the_truth_as_often_as_it_says():
         low, high = band.magnitude_band()
         inside.append((low <= np.abs(truth)) & (np.abs(truth) <= high))
         ellipse.append(band.covers(truth))
-    # 24 correlated entries of 80 draws: one alone has a standard error of 2.4 %
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.024)
-    assert np.mean(ellipse) == pytest.approx(0.95, abs=0.024)
-    assert np.mean(inside, axis=0).min() > 0.85
-    assert refused <= 4
+    # 24 correlated entries of 40 draws: one alone has a standard error of 3.4 %
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.034)
+    assert np.mean(ellipse) == pytest.approx(0.95, abs=0.034)
+    assert np.mean(inside, axis=0).min() > 0.8
+    assert refused <= 2
 
 
 # -- correlated noise ------------------------------------------------------------------

@@ -51,7 +51,7 @@ class AlSsnn(Networks, Ssnn):
 
     Examples
     --------
-    >>> record = alssnn.datasets.make_pendulum(1000, noise=0.01, random_state=0)
+    >>> record = alssnn.datasets.make_pendulum(500, noise=0.01, random_state=0)
     >>> model = alssnn.AlSsnn(nx=2, n_h=4, n_g=2, n_init=1, random_state=0)
     >>> model = model.fit(record.u, record.y)
     >>> bool(model.score(record.u, record.y) > 0.99)

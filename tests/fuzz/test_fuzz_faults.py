@@ -21,7 +21,7 @@ def run(module, *arguments):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="forks, and limits")
 def test_signals_full_disks_and_little_memory_lose_nothing():
-    lines = run("faults", "--kills", round(10 * SCALE))
+    lines = run("faults", "--kills", round(5 * SCALE))
     assert [line.split(":")[0] for line in lines] == [
         *("kill", "term", "disk", "memory", "injected")
     ]

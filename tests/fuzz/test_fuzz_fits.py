@@ -27,7 +27,7 @@ def fit(model, record):
         return None
 
 
-@cases(130)
+@cases(60)
 @given(models(), records(), st.booleans())
 def test_a_fit_is_a_model_or_a_refusal(model, record, again):
     check(model, record, again)
@@ -44,7 +44,7 @@ CONTINUOUS = {
 }
 
 
-@cases(40)
+@cases(20)
 @given(models(**CONTINUOUS), records())
 def test_a_fit_in_continuous_time_misses_little_more_than_its_start(model, record):
     check(model.set_params(dt=0.1 if model.dt == 1.0 else model.dt), record, False)

@@ -34,7 +34,7 @@ def test_interrupts_at_random_times():
 
     first, second = record(0, 0.1), record(1, 0.3)
     second = second[0] * 1e3, second[1] * 1e3 + 7  # other units: mixing shows
-    model = AlSsnn(nx=2, n_h=2, n_g=2, alpha=0.0, n_init=2, max_iter=20, random_state=0)
+    model = AlSsnn(nx=2, n_h=2, n_g=2, alpha=0.0, n_init=2, max_iter=10, random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         model.fit(*second)  # imports and compiles
@@ -44,7 +44,7 @@ def test_interrupts_at_random_times():
         old = signal.signal(signal.SIGALRM, interrupt)
         try:
             rng, outcomes = np.random.default_rng(0), set()
-            for k in range(round(12 * SCALE)):
+            for k in range(round(8 * SCALE)):
                 outcomes.add(_one(model, first, second, k % 2, rng, duration))
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -58,7 +58,7 @@ def _one(model, first, second, refit, rng, duration):
     model = clone(model)
     before = None
     if refit:
-        model.set_params(max_iter=2).fit(*first).set_params(max_iter=20)
+        model.set_params(max_iter=2).fit(*first).set_params(max_iter=10)
         before = model.predict(first[0]), model.score(*first)
     try:
         signal.setitimer(signal.ITIMER_REAL, duration * rng.uniform(0.001, 0.95))

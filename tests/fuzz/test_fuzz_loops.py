@@ -59,7 +59,7 @@ def run(plant, control, n, sensor, y_std, *, dropped_references=True):
         lost = dropped_references and k % 100 and rng.random() < 0.02
         u = control(np.nan if lost else reference, sensor(np.asarray(y)))
         inputs[k], errors[k] = u[0], y[0] - reference
-        push = 0.5 * (k // 500 % 2)  # a step behind the actuator
+        push = 0.5 * (k // 200 % 2)  # a step behind the actuator
         x = np.asarray(plant.dynamics(k * plant.dt, x, u + push))
     assert np.isfinite(inputs).all()
     assert np.abs(inputs).max() <= LIMIT
@@ -74,7 +74,7 @@ def settled(errors):
 
 def test_predictive_control_with_a_bad_sensor(pendulum):
     plant, model, y_std = pendulum
-    n = 100 * round(16 * SCALE)
+    n = 100 * round(6 * SCALE)
 
     def looped(spikes):
         mpc = model.mpc(u_min=-LIMIT, u_max=LIMIT)
@@ -93,7 +93,7 @@ def test_observer_and_law_with_a_bad_sensor(pendulum):
     K = lqr(model, np.eye(2), 0.1 * np.eye(1))
     A, B, C = model.A_, model.B_, model.C_
     gain = np.linalg.inv(C @ np.linalg.solve(np.eye(2) - A + B @ K, B))
-    n = 100 * round(30 * SCALE)
+    n = 100 * round(12 * SCALE)
 
     def looped(spikes, gate):
         observer = Observer(model, gate=gate)

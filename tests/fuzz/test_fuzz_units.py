@@ -149,7 +149,7 @@ def fitted_to(model, s_u, s_y):
 EXPONENTS = st.integers(-20, 20)
 
 
-@cases(25)
+@cases(15)
 @given(st.sampled_from(sorted(KINDS)), st.sampled_from(ASKED), EXPONENTS, EXPONENTS)
 def test_units_of_records(kind, ask, a, b):
     check(ask, KINDS[kind], 2.0**a, 2.0**b)
