@@ -436,7 +436,7 @@ def test_long_stages_show_that_they_go_on(monkeypatch, capsys):
 
 def test_a_bar_shows_search_and_training(brief, capsys):
     pytest.importorskip("tqdm")
-    options = {"max_iter": 8, "n_init": 1, "random_state": 0}
+    options = {"max_iter": 8, "n_init": 1, "integrators": 0, "random_state": 0}
     silent = FlSsnn(nx=2, n_h=2, **options).fit(*brief)
     assert capsys.readouterr().err == ""
     shown = FlSsnn(nx=2, n_h=2, verbose="bar", **options).fit(*brief)
@@ -465,6 +465,7 @@ def test_stages_of_a_search_are_told(n_jobs, brief, monkeypatch):
     told = []
     monkeypatch.setattr(_progress.Progress, "search", lambda _, *z: told.append(z))
     options = {"n_init": 2, "random_state": 0, "verbose": 1, "n_jobs": n_jobs}
+    options["integrators"] = 0
     model = FlSsnn(nx=[2, 3], n_h=2, max_iter=15, **options).fit(*brief)
     done, of, share = zip(*told, strict=True)
     assert len(set(of)) == 1 and list(done) == sorted(set(done)) and done[-1] <= of[0]

@@ -49,7 +49,7 @@ def record():
 def test_a_fit_survives_a_dead_process(tmp_path, monkeypatch, alpha):
     """Once in its starts, once in its search: the model is that of no accident."""
     u, y = record()
-    sizes = {"nx": 1, "n_h": 1, "n_g": 1, "n_init": 2}
+    sizes = {"nx": 1, "n_h": 1, "n_g": 1, "n_init": 2, "integrators": 0}
     options = {**sizes, "alpha": alpha, "max_iter": 4, "random_state": 0}
     model = AlSsnn(**options)
     flag = tmp_path / "flag"
