@@ -364,7 +364,7 @@ def test_a_weight_of_h_leaves_what_is_linear_to_A(bounded, mimo, feedback):
     strong = bounded, 1e-3, {"nx": 1, "n_init": 3}
     mild = mimo, 0.1, {"nx": 2, "n_h": 6}
     for (u, y), weight, sizes in (strong, mild):
-        options = {"feedback": feedback, "max_iter": 100, "random_state": 0}
+        options = {"feedback": feedback, "max_iter": 50, "random_state": 0}
         model = fl_ssnn(**{"n_h": 2, **options, **sizes})
         shares, scores = [], []
         for gamma_h in (0.0, weight):

@@ -553,7 +553,7 @@ def test_warm_start_goes_on_from_the_predictor(loop_record):
 def test_warm_starts_keep_what_h_sees_unless_it_is_asked_for(
     loop_record, alpha, monkeypatch
 ):
-    record, sees = [z[:400] for z in loop_record], []
+    record, sees = [z[:200] for z in loop_record], []
 
     def recorded(structure, *args, **options):
         sees.append(structure.options["h_sees"])

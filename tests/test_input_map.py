@@ -284,8 +284,8 @@ def fan_arm(n, seed, noise=0.01):
 
 
 def test_a_fan_is_linearized_by_default_options():
-    u, y = fan_arm(800, 0)
-    fresh = fan_arm(1200, 1, noise=0)
+    u, y = fan_arm(400, 0)
+    fresh = fan_arm(600, 1, noise=0)
     options = {"nx": 2, "n_init": 1, "random_state": 0, "dt": 0.05}
     model = alssnn.FlSsnn(input_map="monotone", **options).fit(u, y)
     plain = alssnn.FlSsnn(**options).fit(u, y)
@@ -520,7 +520,7 @@ def test_a_law_without_a_solution_says_so(fan, monkeypatch):
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_the_center_of_the_decay_has_the_size_of_v():
     """A fit that goes on begins near its own optimum: the decay knows the new phi."""
-    record = alssnn.datasets.make_fan_arm(600, noise=0.01, random_state=0)
+    record = alssnn.datasets.make_fan_arm(300, noise=0.01, random_state=0)
     model = alssnn.FlSsnn(
         nx=2,
         n_h=5,

@@ -296,9 +296,9 @@ def test_integrators_are_found_and_slow_plants_are_none(seed, nx):
 
 @pytest.mark.slow
 def test_eight_records_of_each_kind():
-    assert sum(counted(*integrating(2000, seed)) for seed in range(8)) == 8
-    assert sum(counted(*servo(2000, seed)) for seed in range(8)) >= 7
-    assert sum(counted(*slow(2000, seed)) for seed in range(8)) == 0
+    assert sum(counted(*integrating(1000, seed)) for seed in range(8)) == 8
+    assert sum(counted(*servo(1000, seed)) for seed in range(8)) >= 7
+    assert sum(counted(*slow(1000, seed)) for seed in range(8)) == 0
 
 
 def test_auto_says_what_it_found():

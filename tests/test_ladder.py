@@ -208,7 +208,8 @@ def test_callback_sees_every_row_as_it_is_finished(record):
 
 
 def test_models_can_be_estimators(record):
-    model = AlSsnn(nx=6, n_h=2, n_g=2, gamma=10.0, max_iter=3, random_state=0)
+    sizes = {"nx": 2, "n_h": 2, "n_g": 2, "n_init": 1}
+    model = AlSsnn(**sizes, gamma=10.0, alpha=1e-4, max_iter=3, random_state=0)
     ladder = model_ladder(*record, models={"heavy": model})
     assert ladder["heavy"].model.gamma == 10.0
     assert not hasattr(model, "A_")

@@ -555,12 +555,12 @@ def test_auto_finds_the_delay_of_a_smooth_nonlinear_plant(make, share, delay):
 @pytest.mark.parametrize("nx", [2, "auto"])
 def test_the_delay_of_many_short_experiments(nx, monkeypatch):
     """Stretches of all would be too short to show it."""
-    # the same with five times as many samples, and as many experiments
-    monkeypatch.setattr(delays, "PREDICTED", delays.PREDICTED // 5)
-    monkeypatch.setattr(delays, "SIMULATED", delays.SIMULATED // 5)
-    u, y = (z / z.std() for z in late_record([3], n=6_000))
+    # the same with ten times as many samples, and as many experiments
+    monkeypatch.setattr(delays, "PREDICTED", delays.PREDICTED // 10)
+    monkeypatch.setattr(delays, "SIMULATED", delays.SIMULATED // 10)
+    u, y = (z / z.std() for z in late_record([3], n=3_000))
     u, y = u - u.mean(), y - y.mean(axis=0)
-    experiments = list(zip(np.split(u, 100), np.split(y, 100), strict=True))
+    experiments = list(zip(np.split(u, 50), np.split(y, 50), strict=True))
     assert estimate_delays(experiments, nx) == [3]
 
 

@@ -300,8 +300,8 @@ def test_nx_that_is_given_is_taken(rng):
 
 
 def test_the_range_of_nx_is_that_of_the_networks(rng):
-    u, y = oscillator(make_pendulum, 1000)
-    options = {"max_iter": 250, "n_init": 1, "random_state": 0}
+    u, y = oscillator(make_pendulum, 500)
+    options = {"max_iter": 60, "n_init": 1, "random_state": 0}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model = FlSsnn(range(1, 4), 2, **options).fit(u, y)

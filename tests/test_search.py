@@ -39,7 +39,8 @@ CLASSES = {
     "gr": (GrSsnn, {"n_f": 4, "n_init": 1}),
 }
 LINEAR = "networks do not help: this is the linear model"
-QUICK = {"nx": 1, "max_iter": 25, "random_state": 0}
+# the search for integrators comes before, and would take half of the time
+QUICK = {"nx": 1, "integrators": 0, "max_iter": 25, "random_state": 0}
 
 
 def twin(seed, n=1500, noise=0.1):
@@ -115,13 +116,13 @@ def fitted(short):
     ids=["FlSsnn", "AlSsnn", "GrSsnn"],
 )
 def test_default_networks_beat_the_linear_model_on_fresh_records(cls, options):
-    fresh = twin(1)
-    linear = LinearStateSpace(2).fit(*twin(0)).score(*fresh)
+    record, fresh = twin(2, 500), twin(1)
+    linear = LinearStateSpace(2).fit(*record).score(*fresh)
     assert linear < 0.85
-    model = quietly(cls(2, random_state=0, **options), *twin(0))
+    model = quietly(cls(2, random_state=0, **options), *record)
     # the noise of 0.1 leaves an R2 of 1 - 0.01 / 9
     assert model.score(*fresh) > 0.99
-    assert model.train_score_ == pytest.approx(model.score(*twin(0)), abs=1e-3)
+    assert model.train_score_ == pytest.approx(model.score(*record), abs=1e-3)
     assert np.isfinite(model.alpha_) and list(model.orders_["networks"]) == [2]
 
 
@@ -1217,7 +1218,9 @@ def test_all_samples_begin_where_they_are_simulated_best(short):
 @pytest.mark.parametrize("kind", CLASSES)
 def test_the_same_seed_gives_the_same_model(short, kind):
     u, y = short
-    first, again = (quietly(make(kind), u[:200], y[:200]) for _ in range(2))
+    first, again = (
+        quietly(make(kind, max_iter=10), u[:100], y[:100]) for _ in range(2)
+    )
     np.testing.assert_array_equal(first._theta, again._theta)
     assert first.alpha_ == again.alpha_ and first.orders_ == again.orders_
 
@@ -1237,10 +1240,10 @@ def test_orders_are_compared_in_parallel_as_in_one_process(short, monkeypatch):
         return finished(function, calls, n_jobs)
 
     monkeypatch.setattr(walking, "finished", noted)
-    options = {"nx": range(1, 3), "n_init": 2}
-    alone = quietly(make("fl", **options), u[:200], y[:200])
+    options = {"nx": range(1, 3), "n_init": 2, "n_h": 1, "max_iter": 10}
+    alone = quietly(make("fl", **options), u[:100], y[:100])
     assert not sent
-    parallel = quietly(make("fl", n_jobs=2, **options), u[:200], y[:200])
+    parallel = quietly(make("fl", n_jobs=2, **options), u[:100], y[:100])
     # of both orders two starts, and of the larger one two with an idle state
     assert sent[0] == (6, 2)
     np.testing.assert_allclose(parallel._theta, alone._theta, rtol=1e-9)
@@ -1289,8 +1292,8 @@ def two_by_two(seed=0, n=500):
 
 @pytest.mark.parametrize("kind", CLASSES)
 def test_two_inputs_and_two_outputs(kind):
-    u, y = two_by_two(n=300)
-    model = quietly(make(kind, nx=2), u, y)
+    u, y = two_by_two(n=150)
+    model = quietly(make(kind, nx=2, max_iter=10), u, y)
     assert_model(model, u)
     linear = LinearStateSpace(2).fit(u, y)
     assert model.score(*two_by_two(1)) > linear.score(*two_by_two(1)) - 0.01
@@ -1299,7 +1302,7 @@ def test_two_inputs_and_two_outputs(kind):
 def test_experiments_of_different_length(short):
     u, y = short
     us, ys = [u[:260], u[260:]], [y[:260], y[260:]]
-    model = quietly(make("fl"), us, ys)
+    model = quietly(make("fl", n_init=1), us, ys)
     assert_model(model, us)
     assert model.x0_.shape == (2, 1)
 
@@ -1336,23 +1339,23 @@ def test_too_few_samples_for_an_order():
 
 
 @pytest.mark.parametrize("kind", CLASSES)
-def test_at_rest(short, kind):
-    for data in (short, linear_plant(0, 300)):
+def test_at_rest(kind):
+    for data in (soft(0, 200), linear_plant(0, 200)):
         model = quietly(make(kind, initial_state="rest"), *data)
         assert_model(model, data[0])
         np.testing.assert_array_equal(model.x0_, [[0.0]])
 
 
 @pytest.mark.parametrize("kind", CLASSES)
-def test_a_given_start(short, kind):
-    start = ([[0.9]], [[1.0]], [[1.0]])
-    model = quietly(make(kind, linear_start=start), *short)
-    assert_model(model, short[0])
+def test_a_given_start(kind):
+    start, data = ([[0.9]], [[1.0]], [[1.0]]), soft(0, 200)
+    model = quietly(make(kind, linear_start=start), *data)
+    assert_model(model, data[0])
     assert model.orders_.keys() == {"networks"}
 
 
 @pytest.mark.parametrize(
-    "data", [twin(0, 300), linear_plant(0, 300)], ids=["twin", "linear"]
+    "data", [twin(0, 200), linear_plant(0, 200)], ids=["twin", "linear"]
 )
 @pytest.mark.parametrize("kind", CLASSES)
 def test_bounds_hold_whatever_a_search_finds(data, kind):
@@ -1365,14 +1368,15 @@ def test_bounds_hold_whatever_a_search_finds(data, kind):
 
 
 def test_a_shaped_linear_model_is_that_of_the_linear_estimator():
-    u, y = linear_plant(0)
+    u, y = linear_plant(0, 300)
     for options in (
         {"initial_state": "rest"},
         {"output_weight": [2.0]},
         {"feedthrough": True, "bounds": {"D": (-1.0, -0.2)}},
     ):
         linear = LinearStateSpace(2, **options, tol=1e-8).fit(u, y)
-        model = quietly(make("al", nx=2, n_init=1, tol=1e-8, **options), u, y)
+        sizes = {"nx": 2, "n_h": 1, "n_g": 1}
+        model = quietly(make("al", **sizes, tol=1e-8, **options), u, y)
         assert LINEAR in model.message_
         assert model.cost_ == pytest.approx(linear.cost_, rel=1e-4)
         np.testing.assert_allclose(
@@ -1424,7 +1428,7 @@ def test_a_warm_start_goes_on_with_what_was_chosen(short, fitted):
 
 def test_a_warm_start_from_a_linear_model_searches_again(short):
     model = make("fl", warm_start=True)
-    quietly(model, *linear_plant(0, 300))
+    quietly(model, *linear_plant(0, 200))
     assert model.alpha_ == np.inf
     quietly(model, *short)
     assert np.isfinite(model.alpha_)
@@ -1505,10 +1509,10 @@ def test_a_model_that_hangs_on_an_exact_state_is_told():
 
 
 @pytest.mark.parametrize(
-    "data", [twin(0, 300), linear_plant(0, 300)], ids=["twin", "linear"]
+    "data", [twin(0, 200), linear_plant(0, 200)], ids=["twin", "linear"]
 )
 def test_what_was_chosen_survives_a_file(tmp_path, data):
-    model = quietly(make("fl", nx=range(1, 3), n_init=1), *data)
+    model = quietly(make("fl", nx=range(1, 3), n_init=1, max_iter=15), *data)
     model.save(tmp_path / "model.npz")
     loaded = alssnn.load(tmp_path / "model.npz")
     assert loaded.alpha_ == model.alpha_
@@ -1546,12 +1550,13 @@ def test_h_alone_is_tried_where_networks_with_g_do_not_help(
         return replace(found, gain=0.0 if searches[-1] else found.gain)
 
     monkeypatch.setattr(_ssnn, "search", refused)
-    model = quietly(make("al", max_iter=100, **options), *soft(0, 200))
+    sizes = {"n_h": 1, "n_g": 1, **options}
+    model = quietly(make("al", **sizes), *soft(0, 100))
     assert searches == with_g
     assert np.any(model.params_.get("W_h", 0.0)) != with_g[-1]
     if with_g == [True, False]:
         assert not np.any(model.params_["W_g"])
-        again = quietly(model.set_params(warm_start=True, max_iter=3), *soft(0, 200))
+        again = quietly(model.set_params(warm_start=True, max_iter=3), *soft(0, 100))
         assert len(searches) == 2 and not np.any(again.params_["W_g"])
 
 

@@ -282,7 +282,7 @@ def test_a_grid_over_weights_and_sizes(record, network):
 @pytest.mark.parametrize("resource", ["n_samples", "max_iter"])
 def test_halving_takes_iterations_or_whole_experiments(record, network, resource):
     # scikit-learn draws samples in random order: records, not instants, must be samples
-    parts = [slice(start, start + 150) for start in range(0, 1500, 150)]
+    parts = [slice(start, start + 75) for start in range(0, 750, 75)]
     lists = [record.u[part] for part in parts], [record.y[part] for part in parts]
     data, cv, limits = {
         "n_samples": (lists, 2, {"min_resources": 4}),

@@ -12,10 +12,10 @@ REASONS = {
 
 ESTIMATORS = [
     LinearStateSpace(),
-    FlSsnn(n_h=2, n_init=1, max_iter=3),
-    # the search is the same: the others go without, and with one order
-    AlSsnn(2, n_h=2, n_g=2, n_init=1, alpha=1e-4, max_iter=3),
-    GrSsnn(2, n_f=2, n_init=1, alpha=1e-4, max_iter=3),
+    FlSsnn(n_h=1, n_init=1, max_iter=2),
+    # the searches are the same: the others go without, and with one order
+    AlSsnn(2, n_h=2, n_g=2, n_init=1, alpha=1e-4, integrators=0, max_iter=3),
+    GrSsnn(2, n_f=2, n_init=1, alpha=1e-4, integrators=0, max_iter=3),
 ]
 
 

@@ -436,7 +436,7 @@ def test_long_stages_show_that_they_go_on(monkeypatch, capsys):
 
 def test_a_bar_shows_search_and_training(brief, capsys):
     pytest.importorskip("tqdm")
-    options = {"max_iter": 30, "n_init": 2, "random_state": 0}
+    options = {"max_iter": 8, "n_init": 1, "integrators": 0, "random_state": 0}
     silent = FlSsnn(nx=2, n_h=2, **options).fit(*brief)
     assert capsys.readouterr().err == ""
     shown = FlSsnn(nx=2, n_h=2, verbose="bar", **options).fit(*brief)
@@ -449,11 +449,11 @@ def test_a_bar_shows_search_and_training(brief, capsys):
     assert re.search(r"\[\d\d:\d\d<\d\d:\d\d", err)  # time taken and left
 
 
-def test_a_bar_counts_the_starts_of_other_processes(two, capsys):
+def test_a_bar_counts_the_starts_of_other_processes(brief, capsys):
     pytest.importorskip("tqdm")
-    options = {"max_iter": 30, "n_init": 3, "random_state": 0, "alpha": 1e-3}
-    silent = FlSsnn(nx=2, n_h=2, **options).fit(*two)
-    shown = FlSsnn(nx=2, n_h=2, verbose="bar", n_jobs=2, **options).fit(*two)
+    options = {"max_iter": 8, "n_init": 3, "random_state": 0, "alpha": 1e-3}
+    silent = FlSsnn(nx=2, n_h=2, **options).fit(*brief)
+    shown = FlSsnn(nx=2, n_h=2, verbose="bar", n_jobs=2, **options).fit(*brief)
     assert shown.cost_ == silent.cost_
     err = capsys.readouterr().err
     assert re.search(r"FlSsnn, starts: .* 3/3 .*least cost .* of the linear model", err)
@@ -465,7 +465,8 @@ def test_stages_of_a_search_are_told(n_jobs, brief, monkeypatch):
     told = []
     monkeypatch.setattr(_progress.Progress, "search", lambda _, *z: told.append(z))
     options = {"n_init": 2, "random_state": 0, "verbose": 1, "n_jobs": n_jobs}
-    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=30, **options).fit(*brief)
+    options["integrators"] = 0
+    model = FlSsnn(nx=[2, 3], n_h=2, max_iter=15, **options).fit(*brief)
     done, of, share = zip(*told, strict=True)
     assert len(set(of)) == 1 and list(done) == sorted(set(done)) and done[-1] <= of[0]
     assert list(share) == sorted(share, reverse=True)

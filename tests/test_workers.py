@@ -39,8 +39,8 @@ class Deadly:
 
 def record():
     rng = np.random.default_rng(0)
-    u, y = rng.normal(size=(200, 1)), np.zeros(200)
-    for k in range(199):
+    u, y = rng.normal(size=(100, 1)), np.zeros(100)
+    for k in range(99):
         y[k + 1] = 0.8 * y[k] + 0.2 * (u[k, 0] + np.tanh(y[k]))
     return u, y
 
@@ -49,15 +49,16 @@ def record():
 def test_a_fit_survives_a_dead_process(tmp_path, monkeypatch, alpha):
     """Once in its starts, once in its search: the model is that of no accident."""
     u, y = record()
-    options = {"alpha": alpha, "max_iter": 8, "n_init": 3, "random_state": 0}
-    model = AlSsnn(nx=2, n_h=2, n_g=2, **options)
+    sizes = {"nx": 1, "n_h": 1, "n_g": 1, "n_init": 2, "integrators": 0}
+    options = {**sizes, "alpha": alpha, "max_iter": 4, "random_state": 0}
+    model = AlSsnn(**options)
     flag = tmp_path / "flag"
     where = "training" if alpha == 0.0 else "paths"
     module = __import__(f"alssnn.{where}", fromlist=["_descend"])
     monkeypatch.setattr(module, "_descend", Once(Deadly(flag), module._descend))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        expected = AlSsnn(nx=2, n_h=2, n_g=2, **options).fit(u, y)
+        expected = AlSsnn(**options).fit(u, y)
         with pytest.warns(UserWarning, match="A worker process died"):
             model.set_params(n_jobs=2).fit(u, y)
     assert flag.exists()
