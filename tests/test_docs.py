@@ -92,8 +92,14 @@ def test_the_quick_start_of_the_readme_prints_what_it_says(capsys):
     assert capsys.readouterr().out == said
 
 
-TANK = [("(2_000, noise", "(1_000, noise"), ("dt=tank.dt,", "dt=tank.dt, n_init=1,")]
-UPRIGHT = [("dt=record.dt,", "dt=record.dt, n_init=1,")]
+TANK = [
+    ("(2_000, noise", "(800, noise"),
+    ("dt=tank.dt,", "dt=tank.dt, n_init=1, alpha=1e-4, tol=1e-3,"),
+]
+UPRIGHT = [
+    ("(4_000, random", "(2_000, random"),
+    ("dt=record.dt,", "dt=record.dt, n_init=1, alpha=1e-4,"),
+]
 
 
 def test_the_loop_of_the_readme_tracks_its_reference(capsys):
@@ -150,16 +156,44 @@ def python_blocks(page):
     return [textwrap.dedent(block) for block in blocks]
 
 
-SHORTER = {
-    "guide_certificates": [("tol=1e-3, random", "tol=1e-3, n_init=1, random")],
-    "guide_continuous": [("dt=record.dt, random", "dt=record.dt, n_init=1, random")],
-    "guide_identify": [  # and no search over decays where the map takes long
-        ("FlSsnn(dt=record.dt,", "FlSsnn(dt=record.dt, n_init=1,"),
-        ("dt=fan.dt,", "dt=fan.dt, alpha=1e-6,"),
-        ("dt=tank.dt,", "dt=tank.dt, alpha=1e-6,"),
+SHORTER = {  # fewer samples, and no search over decays where others are the subject
+    "guide_certificates": [
+        ("make_pendulum(1_500,", "make_pendulum(1_000,"),
+        ("tol=1e-3, random", "tol=1e-3, n_init=1, alpha=1e-4, random"),
     ],
-    "guide_loop": [('"zero", random_state', '"zero", n_init=1, random_state')],
-    "index": [("make_pendulum(3_000,", "make_pendulum(1_500,")],
+    "guide_continuous": [
+        ("make_duffing(2_000,", "make_duffing(1_000,"),
+        ("make_duffing(1_000, random", "make_duffing(500, random"),
+        ("dt=record.dt, random", "dt=record.dt, n_init=1, alpha=1e-4, random"),
+    ],
+    "guide_excite": [
+        ("make_pendulum(4_000,", "make_pendulum(2_000,"),
+        ("spoiled[800:1000]", "spoiled[800:900]"),
+        ("n_init=3, random_state=0", "n_init=1, random_state=3"),
+    ],
+    "guide_identify": [
+        (
+            "n_init=1, random_state=0, **options)  #",
+            "n_init=1, alpha=1e-4, **options)  #",
+        ),
+        ("FlSsnn(dt=record.dt,", "FlSsnn(dt=record.dt, n_init=1,"),
+        ("make_fan_arm(1000, random_state=0", "make_fan_arm(600, random_state=0"),
+        ("dt=fan.dt,", "dt=fan.dt, alpha=1e-4,"),
+        ("make_valve_tank(1000,", "make_valve_tank(500,"),
+        ("dt=tank.dt,", "dt=tank.dt, alpha=1e-4,"),
+    ],
+    "guide_linearity": [
+        ("AlSsnn(**common)", "AlSsnn(alpha=1e-4, **common)"),
+        ("gamma_h=1e-4, **", "gamma_h=1e-4, alpha=1e-4, **"),
+    ],
+    "guide_loop": [
+        ('"zero", random_state', '"zero", n_init=1, alpha=1e-4, random_state')
+    ],
+    "guide_running_loop": [("    n_init=1,", "    n_init=1, alpha=1e-6,")],
+    "index": [
+        ("make_pendulum(3_000,", "make_pendulum(1_500,"),
+        ("n_init=1,", "n_init=1, alpha=1e-4,"),
+    ],
 }
 GUIDE = [*sorted((ROOT / "doc").glob("guide_*.rst")), ROOT / "doc" / "index.rst"]
 
