@@ -674,7 +674,6 @@ def test_what_is_exported_says_that_it_holds_inputs(hold, words, tmp_path, capsy
     assert ("exports hold u" in capsys.readouterr().out) == bool(words)
 
 
-@pytest.mark.usefixtures("rough_certificates")
 @pytest.mark.usefixtures("undrawn", "rough_certificates")
 def test_a_report_says_the_equations_of_derivatives(swing, noisy, tmp_path):
     path = tmp_path / "report.html"

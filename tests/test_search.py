@@ -116,7 +116,7 @@ def fitted(short):
     ids=["FlSsnn", "AlSsnn", "GrSsnn"],
 )
 def test_default_networks_beat_the_linear_model_on_fresh_records(cls, options):
-    record, fresh = twin(2, 500), twin(1)
+    record, fresh = twin(0), twin(1)
     linear = LinearStateSpace(2).fit(*record).score(*fresh)
     assert linear < 0.85
     model = quietly(cls(2, random_state=0, **options), *record)
