@@ -202,7 +202,10 @@ def _smallest(ways, up_to=np.inf):
 
 
 def _raced(walk, ways, alphas):
-    """Walk alphas, and leave those behind that are far from the best of their order."""
+    """Walk alphas, and leave those behind that are far from the best of their order.
+
+    The best goes first, for time may be over before all have.
+    """
     behind: list[Way] = []
     for alpha in alphas:
         walked = walk(ways, [alpha])
@@ -210,6 +213,7 @@ def _raced(walk, ways, alphas):
         for way in walked:
             least[way.nx] = min(way.error, least.get(way.nx, np.inf))
         ways = [way for way in walked if way.error <= BEHIND * least[way.nx]]
+        ways.sort(key=lambda way: way.error)
         behind += [way for way in walked if way not in ways]
     return [*ways, *behind]
 

@@ -40,9 +40,10 @@ LEAST_MOVE = 1e-9  # relative change of the parameters that ends a stage
 # free A (`benchmarks.recordings`) had medians of 4.4 and 10.0 degrees, not 2.7 and 5.2.
 ALIVE = 1e-4
 MIDDLE = 3  # times the samples of the first stages: a stretch between them and all
-# Accepted steps, and the share of the cost that they have to take away, for a stage to
-# go on that another one follows. Of the measured circuit, the second half of the first
-# stage took a twentieth, and a sixth of the time of the fit.
+# Accepted steps, and the share of the cost that they have to take away, for one of the
+# stages before the last to go on. Of the measured circuit, the second half of the first
+# stage took a twentieth, and a sixth of the time of the fit. Where no stage is between
+# it and the last, which has few steps, nothing takes over what is left.
 SETTLES = (25, 0.015)
 
 
@@ -123,8 +124,8 @@ def train(
         Initial states at the starts, if the first stage is on all samples; None
         estimates them.
     settles : bool, default=False
-        Whether stages that another one follows end where steps hardly lower the cost:
-        the starts come from a search, and are no saddle, where cost falls late.
+        Whether the first two of three stages end where steps hardly lower the cost: the
+        starts come from a search, and are no saddle, where it falls late.
     **options : dict
         ``method``, ``max_iter``, ``tol`` and ``bends`` of `optimizers.minimize`.
 
@@ -170,7 +171,7 @@ def train(
         first_limits = Limits(structure, phi, bounds, radius=radius)
     stages = list(zip(labels[: len(criteria)], criteria, strict=True))
     x0 = None if is_coarse else x0
-    early = {**options, "settles": SETTLES if settles and is_coarse else None}
+    early = {**options, "settles": SETTLES if settles and is_long else None}
     best = _best_start(stages, starts, first_limits, watch, n_jobs, early, x0, rise)
     if not is_coarse:
         return best

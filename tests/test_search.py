@@ -14,7 +14,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace
+from alssnn import AlSsnn, FlSsnn, GrSsnn, LinearStateSpace, network_orders
 from alssnn import paths as walking
 from alssnn import search as searching
 from alssnn.criterion import Criterion
@@ -25,6 +25,7 @@ from alssnn.excursions import Excursion
 from alssnn.holdout import Fold, certainty
 from alssnn.limits import Limits
 from alssnn.models import state_space
+from alssnn.network_orders import Way
 from alssnn.optimizers import minimize
 from alssnn.orders import Orders, compare_orders
 from alssnn.search import Found, Recipe, search
@@ -782,6 +783,20 @@ def test_free_networks_of_long_records_go_along_the_same_alphas(
     else:
         assert sorted(lengths) == sorted([len(d.alphas) for d in descents] * 2)
         assert len(descents) == n_kinds and len(LONG.alphas) not in lengths
+
+
+def test_the_best_start_of_a_long_record_goes_first():
+    """Where time is over, it is the one that has come far."""
+    asked, errors = [], {11: 0.25, 22: 0.1, 33: 0.2, 44: 0.31}
+
+    def walk(ways, alphas):
+        asked.append(([way.seed for way in ways], *alphas))
+        return [replace(way, error=errors[way.seed]) for way in ways]
+
+    ways = [Way(1, seed, None, []) for seed in errors]
+    raced = network_orders._raced(walk, ways, [1e-4, 1e-6])
+    assert asked == [([11, 22, 33, 44], 1e-4), ([22, 33, 11], 1e-6)]
+    assert [way.seed for way in raced] == [22, 33, 11, 44]
 
 
 @pytest.mark.parametrize("n_samples", [None, 4100])

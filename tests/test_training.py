@@ -187,7 +187,7 @@ def test_a_long_record_has_a_stage_in_between(problem, rng):
 
 
 @pytest.mark.parametrize("settles", [False, True])
-def test_all_stages_but_the_last_settle(problem, rng, monkeypatch, settles):
+def test_stages_before_the_last_settle(problem, rng, monkeypatch, settles):
     structure, theta, experiments = problem
     noisy = [(u, y + 0.1 * rng.standard_normal(y.shape)) for u, y in experiments]
     monkeypatch.setattr("alssnn.training.SETTLES", (2, 0.5))
@@ -212,8 +212,13 @@ def test_all_stages_but_the_last_settle(problem, rng, monkeypatch, settles):
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-@pytest.mark.parametrize(("alpha", "settles"), [(1e-4, False), ("auto", True)])
-def test_stages_settle_behind_a_search_alone(alpha, settles, monkeypatch, rng):
+@pytest.mark.parametrize(
+    ("alpha", "coarse", "settles"),
+    [("auto", 4050, True), ("auto", 5000, False), (1e-4, 4050, False)],
+)
+def test_two_of_three_stages_settle_behind_a_search(
+    alpha, coarse, settles, monkeypatch, rng
+):
     """A random start is a saddle, where the cost falls late."""
     asked, minimize = {}, Limits.minimize
 
@@ -222,14 +227,16 @@ def test_stages_settle_behind_a_search_alone(alpha, settles, monkeypatch, rng):
         return minimize(self, criterion, free, settles=settles, **options)
 
     monkeypatch.setattr(Limits, "minimize", recorded)
-    u = rng.standard_normal((4300, 1))
-    y = lfilter([0, 0.5], [1, -0.8], u, axis=0)
-    y = np.tanh(y) + 0.01 * rng.standard_normal(y.shape)
-    options = {"max_iter": 50, "n_init": 1, "coarse_samples": 4200, "random_state": 0}
-    GrSsnn(nx=1, n_f=3, alpha=alpha, **options).fit(u, y)
-    assert asked.pop("stage 1/2, train") == settles
-    assert not asked.pop("stage 2/2, all samples")
-    assert not any(asked.values())  # of the search, and the linear start
+    u, y, x = rng.standard_normal(24_400), np.empty(24_400), 0.0
+    for k, u_k in enumerate(u):
+        y[k] = x
+        x = 0.8 * x + u_k - 0.5 * np.tanh(2 * x)
+    options = {"max_iter": 36, "n_init": 1, "coarse_samples": coarse, "random_state": 0}
+    GrSsnn(nx=1, n_f=2, alpha=alpha, **options).fit(u, y)
+    *first, _ = (label for label in asked if label.startswith("stage"))
+    assert len(first) == (1 if coarse == 5000 else 2)
+    assert all(asked.pop(label) == settles for label in first)
+    assert not any(asked.values())  # of the last, the search, and the linear start
 
 
 def test_coarse_to_fine_ends_on_all_samples(problem, rng):
