@@ -25,6 +25,7 @@ def circuit():
             model.set_params(max_iter=5)
         if "alpha" in model.get_params():  # the tables, not the models, are of interest
             model.set_params(alpha=0.0, n_init=1)
+        model.set_params(integrators=0)
     data = "Simulated circuit", "V", train, test
     study = studies.Study("wh", *data, models, gammas, official=(train, test))
     with pytest.warns(UserWarning, match="stopped after"):
@@ -33,7 +34,10 @@ def circuit():
 
 
 def small_prey_predator(seed, quick):
-    return studies.prey_predator(seed, quick, n_samples=600)
+    study = studies.prey_predator(seed, quick, n_samples=400)
+    for model in study.models.values():  # the wiring, not the models, is of interest
+        model.set_params(integrators=0)
+    return study
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from benchmarks import recordings
 from models import gr_ssnn
 
 MODELS = {
-    "LTI": LinearStateSpace(nx=2, operating_point="zero"),
+    "LTI": LinearStateSpace(nx=2, integrators=0, operating_point="zero"),
     "GR": gr_ssnn(2, 2, operating_point="zero", max_iter=3),
 }
 
@@ -52,7 +52,9 @@ def test_rows_are_the_errors_of_the_models(fabricated, capsys):
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * (1 + 2)  # tests, times seeds where there is one
     train, tests = pendulums()
-    model = LinearStateSpace(nx=2, operating_point="zero", dt=train[0].dt)
+    model = LinearStateSpace(
+        nx=2, integrators=0, operating_point="zero", dt=train[0].dt
+    )
     model.fit(*zip(*train, strict=True))
     for row in rows[:2]:
         error = 1e3 * rmse(*model.simulate_test(*tests[row["test"]]))
@@ -72,7 +74,9 @@ def test_outputs_without_sign_are_simulated_on_from_the_training(fabricated):
     entry = recordings.RECORDINGS["no sign"]
     train, tests = without_sign()
     u, y = zip(*train, strict=True)
-    model = LinearStateSpace(nx=2, operating_point="zero", dt=train[0].dt).fit(u, y)
+    model = LinearStateSpace(
+        nx=2, integrators=0, operating_point="zero", dt=train[0].dt
+    ).fit(u, y)
     errors = recordings.score(entry, model, train, tests, y)
     whole = [np.vstack([a.u, b.u]) for a, b in zip(train, tests.values(), strict=True)]
     for i, s in enumerate(model.predict(whole, x0="training")):

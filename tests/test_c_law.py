@@ -20,7 +20,7 @@ from alssnn.persistence import to_c
 from exported import CONTROLLED, assert_exact, make_loop
 from helpers import plant_of_structure
 
-N = 2000
+N = 500
 SIZES = {"mild": 0.1, "curved": 1.0, "steep": 5.0}
 
 
@@ -189,7 +189,7 @@ ACTING += [(name, "float") for name in ("monotone", "ahead, disturbed", "late")]
 
 @pytest.mark.parametrize(("loop", "dtype"), ACTING, indirect=["loop"], scope="module")
 def test_the_controller_acts_as_in_python(loop, dtype, tmp_path):
-    n = 300
+    n = 120
     y, u = loop.run(controller(loop, tmp_path, dtype), n)
     expected_y, expected_u = loop.expected(n)
     met = (expected_u == loop.law.u_min) | (expected_u == loop.law.u_max)
@@ -202,7 +202,7 @@ def test_the_controller_acts_as_in_python(loop, dtype, tmp_path):
 
 
 def test_the_law_of_every_loop(loop, tmp_path):
-    v, s, d = loop.law_signals(1000)
+    v, s, d = loop.law_signals(300)
     law = loop.limited(loop.plant.law(v, s, d))
     c = Compiled(loop.plant, tmp_path, law=law, observer=False)
     sent, cut = np.empty_like(v), np.empty_like(v)

@@ -404,12 +404,12 @@ def test_completion_knows_commands_options_and_files(folder, capsys, words, expe
 @pytest.mark.filterwarnings("ignore:X does not have valid feature names")
 def test_an_interrupt_saves_the_best_model(tmp_path):
     record = alssnn.datasets.make_pendulum(
-        4000, amplitude=4.5, noise=0.01, random_state=0
+        2000, amplitude=4.5, noise=0.01, random_state=0
     )
     table = np.hstack([*record])
     np.savetxt(tmp_path / "p.csv", table, delimiter=",", header="u,y", comments="")
     argv = "fit p.csv --input u --output y --dt 0.05 --nx 2 --model al".split()
-    argv += "--gamma-h 0.01 --n-init 20 --save m.npz".split()
+    argv += "--gamma-h 0.01 --n-init 100 --save m.npz".split()
     process = subprocess.Popen(
         [sys.executable, "-m", "alssnn", *argv],
         cwd=tmp_path,
@@ -420,14 +420,14 @@ def test_an_interrupt_saves_the_best_model(tmp_path):
     for line in process.stderr:  # the training of networks has begun
         if line.startswith("AlSsnn"):
             break
-    time.sleep(2)
+    time.sleep(1)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=300)
     assert process.returncode == 130, (out, err)
     assert "the best one up to the interrupt" in err and "error: interrupted" in err
     model = alssnn.load(tmp_path / "m.npz")
     assert list(model.feature_names_in_) == ["u"] and model.output_names_ == ["y"]
-    assert model.score(record.u[2000:], record.y[2000:]) > 0.9  # the linear one
+    assert model.score(record.u[1000:], record.y[1000:]) > 0.9  # the linear one
 
 
 @pytest.mark.parametrize("text", ["-1e-3", "-5E+2", "-.5", "-3.", "-7", "-inf", "-nan"])

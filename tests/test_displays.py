@@ -71,7 +71,7 @@ def fit(model, data):
 @pytest.fixture(scope="module")
 def fitted(data):
     """Return how to get a model of a feedback, which is fitted once."""
-    options = {"max_iter": 15, "random_state": 0}
+    options = {"max_iter": 6, "random_state": 0}
     return cache(
         lambda s: fit(al_ssnn(nx=2, n_h=2, n_g=3, feedback=s, **options), data)
     )

@@ -34,7 +34,7 @@ from fmpy.validation import validate_fmu  # noqa: E402
 
 VERSIONS = ("3.0", "2.0")
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-N = 300  # samples of a loop: limits, gaps and spikes are met many times
+N = 120  # samples of a loop: limits, gaps and spikes are met many times
 
 
 class Slave:
@@ -109,7 +109,14 @@ class Slave:
 
 
 @pytest.fixture
-def load():
+def unoptimized(monkeypatch):
+    """Compile in less time, where the speed of what is compiled is of no interest."""
+    flags = "-std=c99 -O0 -shared -fPIC"
+    monkeypatch.setattr("alssnn.persistence._fmu.FLAGS", flags)
+
+
+@pytest.fixture
+def load(unoptimized):
     """Return a function that loads FMUs, which are freed at the end."""
     loaded = []
 
@@ -134,7 +141,7 @@ def test_every_structure_is_what_its_plant_is(name, tmp_path, load):
     plant = make_plant(name)
     late = plant.late()
     slave = load(to_fmu(plant, tmp_path / "a.fmu", version=VERSIONS[len(name) % 2]))
-    x, u, _ = signals(plant, 50)
+    x, u, _ = signals(plant, 20)
     y, after = np.empty((len(x), plant.ny)), x.copy()
     dy_dx, dy_du = np.empty((len(x), plant.ny, late.nx)), np.empty((*y.shape, plant.nu))
     for k in range(len(x)):
@@ -197,6 +204,7 @@ def test_the_loop_of_both_is_that_of_python(loop, tmp_path, load):
     assert_exact(np.array(found), loop.alone(N))
 
 
+@pytest.mark.usefixtures("unoptimized")
 def test_a_controller_is_taken_as_it_is(tmp_path):
     """The parts of a controller are those that are given one by one."""
     loop = make_loop("ahead, disturbed")
@@ -396,6 +404,7 @@ def test_a_program_without_python_runs_it(tmp_path):
     assert seconds < 1e-5  # 0.3 microseconds where nothing else runs
 
 
+@pytest.mark.usefixtures("unoptimized")
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_functions_are_those_of_the_standard(version, tmp_path):
     """Compiled after the official headers: another prototype is an error."""

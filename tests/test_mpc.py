@@ -248,7 +248,8 @@ def test_an_input_disturbance_is_found(fitted):
 @pytest.mark.parametrize("make", [make_pendulum, make_duffing])
 def test_limits_hold_on_the_true_plant(make, feedback):
     record = make(800, noise=0.01, random_state=0)
-    model = fl_ssnn(nx=2, n_h=6, feedback=feedback, dt=record.dt, random_state=0)
+    options = {"dt": record.dt, "max_iter": 60, "random_state": 0}
+    model = fl_ssnn(nx=2, n_h=6, feedback=feedback, **options)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(record.u, record.y)
