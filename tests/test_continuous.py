@@ -394,7 +394,7 @@ def test_what_judges_a_model_takes_its_hold():
             k3 = plant(x + h / 2 * k2, k, s + 1 / 16)
             k4 = plant(x + h * k3, k, s + 1 / 8)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    errors, options = {}, {"n_init": 1, "random_state": 0}
+    errors, options = {}, {"n_init": 1, "integrators": 0, "random_state": 0}
     for hold in HOLDS:
         # errors of the cubic are the smallest, and so is its decay
         options["alpha"] = 1e-8 if hold == "cubic" else 1e-6
