@@ -274,7 +274,7 @@ def test_coarse_stages_are_the_same_wherever_the_data_lie(
     assert [step.label for step in here.history_] == [s.label for s in there.history_]
 
 
-# -- workers that are killed, and started again: the last of all ------------------------
+# -- workers that are killed, and started again: the last of all -----------------------
 
 
 @pytest.mark.slow
