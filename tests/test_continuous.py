@@ -295,14 +295,28 @@ def noisy():
 @pytest.fixture(scope="module")
 def swing(noisy):
     return alssnn.FlSsnn(
-        nx=2, n_h=3, dt=0.2, time="continuous", alpha=1e-6, n_init=1, random_state=0
+        nx=2,
+        n_h=3,
+        dt=0.2,
+        time="continuous",
+        alpha=1e-6,
+        n_init=1,
+        integrators=0,
+        random_state=0,
     ).fit(*noisy)
 
 
 def test_a_model_holds_at_another_rate(swing):
     u, y = swinging(0.1, 600, seed=5)
     refit = alssnn.FlSsnn(
-        nx=2, n_h=3, dt=0.1, time="continuous", alpha=1e-6, n_init=1, random_state=0
+        nx=2,
+        n_h=3,
+        dt=0.1,
+        time="continuous",
+        alpha=1e-6,
+        n_init=1,
+        integrators=0,
+        random_state=0,
     ).fit(*swinging(0.1, 800))
     plant, errors = swing.plant_.at(0.1), []
     for one in (plant, refit.plant_):
@@ -394,7 +408,7 @@ def test_what_judges_a_model_takes_its_hold():
             k3 = plant(x + h / 2 * k2, k, s + 1 / 16)
             k4 = plant(x + h * k3, k, s + 1 / 8)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    errors, options = {}, {"n_init": 1, "random_state": 0}
+    errors, options = {}, {"n_init": 1, "integrators": 0, "random_state": 0}
     for hold in HOLDS:
         # errors of the cubic are the smallest, and so is its decay
         options["alpha"] = 1e-8 if hold == "cubic" else 1e-6

@@ -52,19 +52,6 @@ def client():
         yield client
 
 
-@pytest.fixture(scope="module")
-def mortal():
-    """Return a client of a cluster whose workers are killed, and started again."""
-    with (
-        dask.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        ) as cluster,
-        # by its name alone: `joblib` is told which of the two clusters it is
-        dask.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
-
-
 def record(seed, n):
     """Return an experiment of a plant with 2 inputs and 2 outputs."""
     rng = np.random.default_rng(seed)
@@ -101,7 +88,7 @@ def futures(client):
 
 def scaled(client, futures, experiments):
     """Return the same scaled experiments there and here."""
-    model = LinearStateSpace(2, max_iter=1)
+    model = LinearStateSpace(2, integrators=0, max_iter=1)
     us, ys = zip(*experiments, strict=True)
     model.fit(list(us), list(ys))
     there = remote.Remote(client, futures)
@@ -160,6 +147,7 @@ def test_a_search_looks_at_what_is_near(
 ):
     us, ys = map(list, zip(*experiments, strict=True))
     options = {"coarse_samples": coarse_samples, "initial_state": initial_state}
+    options["integrators"] = 0
     model = FlSsnn(2, 3, max_iter=8, n_init=1, random_state=0, **options)
     here = clone(model).fit(us, ys)
     there = remote.fit(clone(model), futures, client=client)
@@ -271,8 +259,26 @@ def test_a_grid_search_does_not_depend_on_where_it_runs(client):
         )
 
 
+@pytest.mark.parametrize("alpha", ["auto", 1e-4])
+def test_coarse_stages_are_the_same_wherever_the_data_lie(
+    client, futures, experiments, alpha
+):
+    options = {"alpha": alpha, "max_iter": 8, "tol": 1e-4, "random_state": 0}
+    options |= {"coarse_samples": 300, "polish_iter": 3, "n_init": 2}
+    here = gr_ssnn(nx=2, n_f=3, **options).fit(
+        *map(list, zip(*experiments, strict=True))
+    )
+    there = remote.fit(gr_ssnn(nx=2, n_f=3, **options), futures, client=client)
+    assert here.alpha_ == there.alpha_
+    assert there.cost_ == pytest.approx(here.cost_, rel=1e-5)
+    assert [step.label for step in here.history_] == [s.label for s in there.history_]
+
+
+# -- workers that are killed, and started again: the last of all -----------------------
+
+
 @pytest.mark.slow
-def test_a_search_survives_a_killed_worker(mortal, tmp_path):
+def test_a_search_survives_a_killed_worker(client, tmp_path):
     u, y = record(0, 300)
     expected = search().fit(u, y).cv_results_["mean_test_score"]
     flag = tmp_path / "killed"
@@ -288,27 +294,24 @@ def test_a_search_survives_a_killed_worker(mortal, tmp_path):
     folds = list(TimeSeriesSplit(2).split(u))
     estimator = Suicidal(**search().estimator.get_params())
     suicidal = search().set_params(estimator=estimator, cv=folds)
-    mortal.wait_for_workers(2)
+    client.wait_for_workers(2)
     # copies on every worker, and kept: what only one has is lost with it
-    mortal.amm.stop()
-    with (
-        mortal.as_current(),
-        joblib.parallel_config(backend="dask", scatter=[u, y, *chain(*folds)]),
-    ):
+    client.amm.stop()
+    with joblib.parallel_config(backend="dask", scatter=[u, y, *chain(*folds)]):
         suicidal.set_params(refit=False).fit(u, y)
     assert flag.exists()
     np.testing.assert_array_equal(suicidal.cv_results_["mean_test_score"], expected)
 
 
 @pytest.mark.slow
-def test_a_fit_survives_a_killed_worker(mortal, experiments):
+def test_a_fit_survives_a_killed_worker(client, experiments):
     us, ys = map(list, zip(*experiments, strict=True))
     model = fl_ssnn(2, 3, gamma_h=1e-3, max_iter=10, coarse_samples=300, random_state=0)
     expected = clone(model).fit(us, ys)
-    mortal.wait_for_workers(2)
-    futures = [mortal.submit(record, i, n) for i, n in enumerate(LENGTHS)]
-    there = remote.Remote(mortal, futures)
-    pid = next(iter(mortal.run(os.getpid).values()))
+    client.wait_for_workers(2)
+    futures = [client.submit(record, i, n) for i, n in enumerate(LENGTHS)]
+    there = remote.Remote(client, futures)
+    pid = next(iter(client.run(os.getpid).values()))
     calls, original = [], Criterion.normal_equations
 
     def deadly(self, free):
@@ -322,18 +325,3 @@ def test_a_fit_survives_a_killed_worker(mortal, experiments):
         fitted = model.fit_remote(there)
     assert calls.count(False) > 2
     assert fitted.cost_ == pytest.approx(expected.cost_, rel=5e-3)
-
-
-@pytest.mark.parametrize("alpha", ["auto", 1e-4])
-def test_coarse_stages_are_the_same_wherever_the_data_lie(
-    client, futures, experiments, alpha
-):
-    options = {"alpha": alpha, "max_iter": 8, "tol": 1e-4, "random_state": 0}
-    options |= {"coarse_samples": 300, "polish_iter": 3, "n_init": 2}
-    here = gr_ssnn(nx=2, n_f=3, **options).fit(
-        *map(list, zip(*experiments, strict=True))
-    )
-    there = remote.fit(gr_ssnn(nx=2, n_f=3, **options), futures, client=client)
-    assert here.alpha_ == there.alpha_
-    assert there.cost_ == pytest.approx(here.cost_, rel=1e-5)
-    assert [step.label for step in here.history_] == [s.label for s in there.history_]

@@ -554,7 +554,9 @@ def cost_where_nothing_walks(drift):
     for k in range(500):
         y[k] = x + 0.005 * rng.standard_normal()
         x = 0.85 * x + 0.3 * (u[k] - 0.5 * np.tanh(2 * x))
-    options = {"nx": 1, "n_h": 2, "n_init": 1, "random_state": 0}
+    options = {"nx": 1, "n_h": 4, "n_init": 1, "random_state": 0}
+    # a search would hide a part of what rejected steps cost
+    options |= {"alpha": 1e-4, "integrators": 0}
     return alssnn.FlSsnn(noise="innovations", drift=drift, **options).fit(u, y).cost_
 
 

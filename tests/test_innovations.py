@@ -565,6 +565,7 @@ def test_warm_starts_keep_what_h_sees_unless_it_is_asked_for(
         n_h=2,
         feedback="output",
         n_init=1,
+        integrators=0,
         alpha=alpha,
         max_iter=5,
         random_state=0,

@@ -323,6 +323,7 @@ def test_g_stays_zero_where_hidden_samples_do_not_need_it(matched, nx, seed, nee
     y += 0.01 * y.std() * rng.standard_normal(600)
     sizes = {"nx": nx, "n_h": 4, "n_g": 4, "n_init": 1, "max_iter": 100}
     options = {"feedback": "state", "input_map": "monotone", "random_state": 0}
+    options["integrators"] = 0
     model = alssnn.AlSsnn(**sizes, **options).fit(u, y)
     assert np.any(model.params_["W_h"]) and np.any(model.params_["r_phi"])
     assert np.any(model.params_["W_g"]) == needed
@@ -525,6 +526,7 @@ def test_the_center_of_the_decay_has_the_size_of_v():
         nx=2,
         n_h=5,
         n_init=1,
+        integrators=0,
         dt=record.dt,
         input_map="monotone",
         random_state=0,

@@ -203,7 +203,8 @@ def test_g_is_held_where_h_alone_has_ended_at_zero(held):
 
 def test_a_fit_that_needs_g_says_nothing_of_it(monkeypatch, swinging, small):
     monkeypatch.setattr("alssnn.estimators._ssnn.is_enough", lambda *_: False)
-    model = clone(small).fit(swinging.u, swinging.y)
+    model = clone(small).set_params(n_h=2, n_g=1)
+    model.fit(swinging.u[:300], swinging.y[:300])
     assert np.any(model.params_["W_g"])
     assert _residual.H_ALONE not in model.message_
 

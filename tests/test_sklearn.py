@@ -12,7 +12,7 @@ REASONS = {
 
 ESTIMATORS = [
     LinearStateSpace(),
-    FlSsnn(n_h=1, n_init=1, max_iter=2),
+    FlSsnn(n_h=1, n_init=1, max_iter=2, integrators=0),
     # the searches are the same: the others go without, and with one order
     AlSsnn(2, n_h=2, n_g=2, n_init=1, alpha=1e-4, integrators=0, max_iter=3),
     GrSsnn(2, n_f=2, n_init=1, alpha=1e-4, integrators=0, max_iter=3),

@@ -358,7 +358,7 @@ def test_identified_models_of_the_right_structure_pass():
         records = [
             (z, plant(z) + 0.1 * colored(rng, z.shape, pole)) for z in (u[:300], fresh)
         ]
-        model = LinearStateSpace(nx=2, dt=0.1).fit(*records[0])
+        model = LinearStateSpace(nx=2, dt=0.1, integrators=0).fit(*records[0])
         options = {"n_lags": 8}
         for name, found in {
             "train": model.validate(*records[0], **options),
@@ -368,7 +368,7 @@ def test_identified_models_of_the_right_structure_pass():
             for test in TESTS:
                 failed[name][test] += not found[test].passed
         if seed < 2:
-            model = LinearStateSpace(nx=1, dt=0.1).fit(*records[0])
+            model = LinearStateSpace(nx=1, dt=0.1, integrators=0).fit(*records[0])
             low += not model.validate(*records[1], **options)["independence"].passed
     most = binom.ppf(0.999, seeds, 0.01)  # 2
     assert max(failed["train"].values()) <= most
