@@ -7,7 +7,7 @@ reached: no initial state has to be estimated, and short experiments need not be
 The first quarter is never hidden, for it tells the initial state.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,8 +29,8 @@ class Fold:
     Parameters
     ----------
     fitted : list of tuple of ndarray
-        Pairs (u, y), where the hidden samples of y are nan; the only fold of a long
-        record ends before them, so that they cost no time.
+        Pairs (u, y), where the hidden samples of y are nan. Those of the only fold of a
+        record end before its hidden samples, which would cost time and not count.
     hidden : list of tuple of ndarray
         Pairs (u, y), where all but the hidden samples of y are nan.
     integrators : int, default=0
@@ -225,16 +225,12 @@ def hold_out(experiments, share=SHARE, integrators=0):
     n_samples = sum(len(u) for u, _ in experiments)
     wanted = 3 if n_samples <= FEW else 2 if n_samples <= MANY else 1
     n_folds = max(1, min(wanted, int(np.floor(1 / share + 1e-9)) - 1))
-    folds = [_fold(experiments, share, i, integrators) for i in range(n_folds)]
-    if n_folds > 1:
-        return folds
-    (fold,) = folds  # what it hides ends every experiment
-    ends = [len(y) - round(share * len(y)) for _, y in experiments]
-    fitted = [(u[:n], y[:n]) for (u, y), n in zip(fold.fitted, ends, strict=True)]
-    return [replace(fold, fitted=fitted)]
+    # what the only one hides ends every experiment; of several, one alone could be cut
+    is_cut = n_folds == 1
+    return [_fold(experiments, share, i, integrators, is_cut) for i in range(n_folds)]
 
 
-def _fold(experiments, share, i, integrators):
+def _fold(experiments, share, i, integrators, is_cut):
     """Hide the i-th part of every experiment, counted from its end."""
     fitted, hidden = [], []
     for u, y in experiments:
@@ -245,6 +241,7 @@ def _fold(experiments, share, i, integrators):
         seen, unseen = y.copy(), np.full_like(y, np.nan)
         seen[part] = np.nan
         unseen[part] = y[part]
-        fitted.append((u, seen))
+        end = part.start if is_cut else len(u)
+        fitted.append((u[:end], seen[:end]))
         hidden.append((u, unseen))
     return Fold(fitted, hidden, integrators)

@@ -62,8 +62,7 @@ print(np.round(model.to_statespace().poles(), 3))
 # ------------------
 # ``model_ladder`` fits a linear, an exactly linearizable, an approximately linearizable
 # and a free model to the same data and shows them side by side.  With a decay of the
-# networks that is given (``alpha``), nothing is searched: that takes seconds, and ends
-# less low.
+# networks that is given (``alpha``), nothing is searched: this takes seconds.
 
 import matplotlib.pyplot as plt
 

@@ -190,7 +190,7 @@ def test_a_crash_is_a_row_and_a_missing_record_is_said(out):
 @pytest.mark.slow
 def test_a_process_that_dies_is_a_row_and_not_the_end(out):
     cases = [Case("fatal", "none", fatal, "seen"), TINY]
-    rows = runs.run(cases, ["lti"], 1, out, jobs=1)
+    rows = runs.run(cases, ["lti"], 1, out, jobs=2)
     errors = {row["case"]: row["error"] for row in rows}
     assert errors == {"fatal": "the process died", "tiny": ""}
 

@@ -121,12 +121,14 @@ def completed(model, own, found, linear, experiments, seed, watch):
     theta : ndarray of shape (n_params,)
         Its parameters, g of zero output.
     decay : dict
-        Weight ``alpha`` and ``center`` of their decay.
+        Weight ``alpha`` and ``center`` of their decay, and whether steps bend and
+        stages settle, as of `training.train`.
     held : dict of str to tuple of ndarray
         Bounds that hold g at zero, unless there is a map and hidden samples need g.
     """
-    known, alpha = found.structure, {"alpha": found.alpha, "bends": found.bends}
-    alpha["settles"] = found.bends
+    known, alpha = found.structure, {"alpha": found.alpha}
+    # both of a long record alone: there the fit goes further than what was judged
+    alpha |= {"bends": found.bends, "settles": found.bends}
     if own is model:
         return known, found.theta, alpha | {"center": found.center}, {}
     C, p = known.constants["C"], known.split(found.theta)
