@@ -169,7 +169,6 @@ SHORTER = {  # fewer samples, and no search over decays where others are the sub
     "guide_excite": [
         ("make_pendulum(4_000,", "make_pendulum(2_000,"),
         ("spoiled[800:1000]", "spoiled[800:900]"),
-        ("n_init=3, random_state=0", "n_init=1, random_state=3"),
     ],
     "guide_identify": [
         (
