@@ -336,12 +336,12 @@ def observed(form, moved):
         The same with what the linear part lacks as further channels.
     """
     # x+ - A x - B dv - G dd and y - C x - D dv - H dd are rows of Theta, whatever
-    # made them; what is linear in d is G and H, also where it went through v
+    # made them; what is linear in x and d is A, C, G, H, also where it went through v
     nx, v = form.nx, virtual(form, moved)
     signals, made_v = form.Theta[: v.start], form.Theta[v]
     by_v = form.Theta[: v.start, nx + moved] / input_gain(form, moved)
     rest = signals - by_v @ made_v
-    rest[:, :nx] -= form.M[: v.start, :nx]
+    rest[:, :nx] = 0.0
     rest[:, np.setdiff1d(np.arange(nx, nx + form.nu), nx + moved)] = 0.0
     # what only rounding leaves of B h is zero
     size = np.abs(signals) + np.abs(by_v) @ np.abs(made_v)

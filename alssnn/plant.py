@@ -266,9 +266,10 @@ class Plant(Signals):
         A, B, C, D : ndarray
             Matrices of x+ = A x + B dv + G dd + omega, y = C x + D dv + H dd + eta.
         """
-        nx, M = self.nx, self.lure.M[: self.nx + self.ny]
+        nx, (M, v) = self.nx, np.split(self.lure.M, [self.nx + self.ny])
         by_v = M[:, nx + self.moved] / forms.input_gain(self.form, self.moved)
-        return M[:nx, :nx], by_v[:nx], M[nx:, :nx], by_v[nx:]
+        by_x = M[:, :nx] - by_v @ v[:, :nx]  # what is linear of h (eq. split)
+        return by_x[:nx], by_v[:nx], by_x[nx:], by_v[nx:]
 
     def disturbed_by(self):
         """Return what measured disturbances do to the linear part.

@@ -16,9 +16,10 @@ TRAINING = {
     "tol": 1e-6,
     "coarse_samples": 15_000,
 }
+NETS = {"feedback": "output", "linear_part": "trained", **TRAINING}
 OPTIONS = {
-    FlSsnn: {"feedback": "output", **TRAINING},
-    AlSsnn: {"feedback": "output", "penalty": "state", "gamma": 1.0, **TRAINING},
+    FlSsnn: NETS,
+    AlSsnn: {"penalty": "state", "gamma": 1.0, **NETS},
     GrSsnn: TRAINING,
 }
 

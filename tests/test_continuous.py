@@ -183,7 +183,7 @@ def test_an_input_that_is_smooth_between_samples_takes_no_pole_that_alternates()
     y = y + 0.002 * np.random.default_rng(3).standard_normal(len(y))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        discrete = alssnn.FlSsnn(**options).fit(u, y)
+        discrete = alssnn.FlSsnn(linear_part="trained", **options).fit(u, y)
         options |= {"time": "continuous", "hold": "cubic"}
         model = alssnn.FlSsnn(**options).fit(u, y)
     assert np.linalg.eigvals(discrete.A_).real.min() < -0.9

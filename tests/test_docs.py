@@ -108,8 +108,8 @@ def test_the_loop_of_the_readme_tracks_its_reference(capsys):
     names = {}
     exec(code, names)  # without a warning
     assert f"prints `{capsys.readouterr().out.strip()}`" in README
-    assert names["y"][-1] == pytest.approx(1.3, abs=1e-6)  # the true pendulum, rad
-    assert np.max(names["u"]) == 12  # the law did limit the torque
+    assert names["y"][-1] == pytest.approx(1.3, abs=1e-5)  # the true pendulum, rad
+    assert np.max(names["u"]) == 10  # the law did limit the torque
     assert np.max(names["y"]) < 1.3 * 1.05  # and the integrator did not wind up
     exec(shorter(tank, TANK), names)
     assert names["loop"].input_labels == ["r[0]", "u[1]"]

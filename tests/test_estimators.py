@@ -119,6 +119,8 @@ def test_params_are_the_equations_in_the_units_of_the_user(fitted, mimo):
             h = p["W_h"] @ np.tanh(p["W_y"] @ dy + p["b_y"]) + p["b_h"]
         if "W_s" in p:
             h = p["W_h"] @ np.tanh(p["W_s"] @ x + p["b_s"]) + p["b_h"]
+        if "L" in p:
+            h -= p["L"] @ (dy if "W_y" in p else x)
         if "W_g" in p:
             b_g = p.get("b_g", -p["W_g"] @ np.tanh(p["b_x"]))
             g = p["W_g"] @ np.tanh(p["W_x"] @ x + p["W_u"] @ du + p["b_x"]) + b_g
@@ -341,7 +343,9 @@ def test_an_unstable_linear_part_is_reported(bounded):
     with pytest.warns(
         ConvergenceWarning, match=r"unstable, spectral radius.*contractive"
     ):
-        model = fl_ssnn(1, 2, max_iter=100, n_init=3, random_state=0).fit(u, y)
+        model = fl_ssnn(
+            1, 2, max_iter=100, n_init=3, linear_part="trained", random_state=0
+        ).fit(u, y)
     assert np.abs(np.linalg.eigvals(model.A_)).max() > 1
     assert model.score(u, y) > 0.99
 
@@ -365,6 +369,7 @@ def test_a_weight_of_h_leaves_what_is_linear_to_A(bounded, mimo, feedback):
     mild = mimo, 0.1, {"nx": 2, "n_h": 6}
     for (u, y), weight, sizes in (strong, mild):
         options = {"feedback": feedback, "max_iter": 50, "random_state": 0}
+        options["linear_part"] = "trained"
         model = fl_ssnn(**{"n_h": 2, **options, **sizes})
         shares, scores = [], []
         for gamma_h in (0.0, weight):

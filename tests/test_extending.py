@@ -424,7 +424,8 @@ def test_further_inputs_of_a_declared_structure_are_disturbances(
     u, y = loaded_record
     options = {"alpha": 1e-3, "disturbances": [2], "random_state": 0}
     model = LoadedSsnn(nx=2, n_h=3, **options)
-    shipped = alssnn.FlSsnn(nx=2, n_h=3, feedback="output", **options)
+    options_of_ours = {"feedback": "output", "linear_part": "trained"}
+    shipped = alssnn.FlSsnn(nx=2, n_h=3, **options_of_ours, **options)
     model.fit(u, y)
     shipped.fit(u, y)
     assert model.B_.shape == (2, 2) and model.G_.shape == (2, 1)

@@ -33,6 +33,7 @@ from alssnn.plotting import (
 )
 from alssnn.report import model_steps
 from alssnn.report._control import controller
+from alssnn.split import as_trained
 from exported import NAMES, make_plant, signals
 from helpers import simulate_linear
 from models import al_ssnn, fl_ssnn, gr_ssnn
@@ -372,10 +373,10 @@ def test_a_law_of_nothing_has_no_figure(tmp_path, undrawn):
     model = deepcopy(
         fitted("fl")
     )  # as a search returns it, whose networks did not help
-    structure, theta = model._structure, model._theta.copy()
+    structure, theta = as_trained(model._structure, model._theta)
     for name in structure.network_parameters:
         theta[structure.slices[name]] = 0.0
-    model._theta = theta
+    model._structure, model._theta = structure, theta
     publish_parameters(model)
     assert not model.plant_.cancels
     model.report(tmp_path / "report.html", *PART)

@@ -33,7 +33,7 @@ TASKS = [
 
 SHORTER = {  # one random start, and no search over decays or for integrators
     "Compare two models": [
-        ("gamma_h=1e-4, dt=", "gamma_h=1e-4, n_init=1, alpha=1e-4, integrators=0, dt=")
+        ("FlSsnn(nx=2, dt=", "FlSsnn(nx=2, n_init=1, alpha=1e-4, integrators=0, dt=")
     ],
     "Tune gamma": [("max_iter=20", "max_iter=20, n_init=1, alpha=1e-4, integrators=0")],
 }

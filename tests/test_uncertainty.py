@@ -507,6 +507,7 @@ def test_bands_are_wider_by_what_a_decay_holds_back(seed):
     data = make_bent(600, seed)
     sizes = {"nx": 2, "n_h": 1, "feedback": "state", "operating_point": "zero"}
     options = {"n_init": 1, "random_state": 0, "tol": 1e-8, "warm_start": True}
+    options["linear_part"] = "trained"  # that which a decay pulls at
     model = FlSsnn(**sizes, **options, alpha=1e-3).fit(*data)
     held = model.parameter_covariance(*data)
     model.set_params(alpha=0.0).fit(*data)

@@ -18,6 +18,7 @@ from ..mapping import Held
 from ..optimizers import single_threaded
 from ..plant import Plant
 from ..scaling import Scaling
+from ..split import as_trained
 from ..structures import Structure
 from ..subspace import SUBSPACE_SAMPLES
 from ..watch import BY_OBSERVER, Watch
@@ -44,6 +45,7 @@ from ._progress import Bar, Progress
 from ._records import Records
 from ._remote import training_region
 from ._sklearn import manual_page, with_tags
+from ._split import settled_split
 from ._start import check_bounds, linear_start, portable
 from ._time import check_time, trained
 from ._warm_start import same_point
@@ -334,7 +336,10 @@ class StateSpaceModel(
 
     def _complete(self, experiments, watch, held_out, warm, lost=0.0):
         """Identify a model from scaled experiments and set what a fit sets."""
-        previous = (predictor(self._structure), self._theta) if warm else None
+        previous = None
+        if warm:
+            structure, theta = as_trained(self._structure, self._theta)
+            previous = predictor(structure), theta
         self._options = portable(self.get_params(deep=False))
         seen, fitted, self._theta, result = trained(
             self, from_free(self, experiments), previous, watch, held_out
@@ -342,6 +347,8 @@ class StateSpaceModel(
         self._structure, x0 = free_run(fitted), told_states(result, seen)
         if not self._at_rest:  # else the walk is known where it begins
             self._theta, x0 = centered(fitted, self._theta, x0, seen)
+        fitted, self._theta = settled_split(self, fitted, self._theta, x0, seen)
+        self._structure = free_run(fitted)
         result.x0 = x0
         self._region, self._made = training_region(self, fitted, x0, seen), None
         result.x0 = whole_states(self, fitted, result, experiments)

@@ -22,8 +22,8 @@ class FlSsnn(Ssnn):
     Attributes
     ----------
     params_ : Bunch
-        All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s), in the
-        user's units.
+        All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, and L
+        if there is a linear part, eq. settled), in the user's units.
 
     See Also
     --------
@@ -48,6 +48,7 @@ class FlSsnn(Ssnn):
     feedback: str = take(Networks, "feedback")
     h_sees: str = take(Networks, "h_sees")
     gamma_h: Any = take(Networks, "gamma_h")
+    linear_part: str = take(Networks, "linear_part")
     input_map: str = take(Networks, "input_map")
     h_inputs: Any = take(Networks, "h_inputs")
     activation: Any = take(Networks, "activation")

@@ -9,6 +9,7 @@ from ..activations import ACTIVATIONS, Activation
 from ._noise import MEASURED, PREDICTED
 from ._options import menu, option
 from ._records import COUNT, WEIGHT
+from ._split import BEST, TRAINED
 
 SIZES = [COUNT, tuple]
 FEEDBACK = StrOptions({"output", "state"})
@@ -39,9 +40,17 @@ class Networks:
         Weight of the mean of ``|k|^2`` relative to that of the output error.
     gamma_h : float, default=0.0
         Weight of the mean of ``|h|^2``, with inputs scaled to unit variance: a small
-        one makes A the best linear fit and h only what is left of it (eq. split). With
-        0 the training leaves that split to chance. Strongly nonlinear plants want 1e-4,
-        mildly nonlinear ones more.
+        one makes A the best linear fit and h only what is left of it (eq. split), where
+        `linear_part` does not. Strongly nonlinear plants want 1e-4, mildly nonlinear
+        ones more.
+    linear_part : {"best", "trained"}, default="best"
+        What (A, B, C) is of the many that are the same model (eq. split). "best": the
+        best linear fit along the training data, with an h that has no linear part left
+        and is as small as it can be (eq. settled); `params_` then has a matrix L, and h
+        the term -L s. "trained": as the training has left it. So it is, too, where g is
+        not zero, in continuous time, with integrators, D, a drift, a monotone map,
+        bounds of A or stability="contractive", and where h sees a y that is more than
+        C x.
     feedback : {"output", "state"}, default="state"
         What h sees: the state x, which needs an observer in the loop but linearizes
         more plants, or the output y (the paper).
@@ -87,6 +96,7 @@ class Networks:
     n_k: Any = option(0, SIZES)
     gamma_k: float = option(1.0, [WEIGHT])
     gamma_h: Any = option(0.0, [WEIGHT])
+    linear_part: str = option("best", [StrOptions({BEST, TRAINED})])
     feedback: str = option("state", [FEEDBACK])
     h_sees: str = option("auto", [StrOptions({"auto", PREDICTED, MEASURED})])
     penalty: str = option("output", [StrOptions({"state", "output"})])

@@ -20,6 +20,7 @@ from ..sandwich import (
     score_covariance,
     weighted_step,
 )
+from ..split import as_split, as_trained
 from ..training import train
 from ..uncertainty import ParameterCovariance
 from ._first_states import from_free
@@ -309,11 +310,12 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     experiments = _seen(model, u, y, parts)
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
-    structure, weights = model._criterion_terms(predictor(model._structure))
-    held = idle(structure, model._theta, getattr(model, "alpha_", 0.0))
+    before, start = as_trained(model._structure, model._theta)
+    structure, weights = model._criterion_terms(predictor(before))
+    held = idle(structure, start, getattr(model, "alpha_", 0.0))
     own = model._training(structure, held)
     if is_continuous(model):
-        own |= within_derivatives(model, structure, model._theta, held)
+        own |= within_derivatives(model, structure, start, held)
     options = {**own, "periodic": False, **options}
     random_state = check_random_state(random_state)
     for _ in range(n_models):
@@ -323,14 +325,14 @@ def _refits(model, covariance, n_models, random_state, data, **options):
         result = train(
             structure,
             noisy,
-            [model._theta],
+            [start],
             weights=weights,
             **options,
         )
         whole = simulated_experiments(model, u, y, parts)
         kind = {"noise": min(model.cost_, 1.0), "prior": expected_states(model)}
         x0 = first_states(structure, result.theta, result.x0, whole, **kind)
-        yield result.theta, x0 * model._x_scale
+        yield as_split(model._structure, result.theta), x0 * model._x_scale
 
 
 def _seen(model, u, y, parts):

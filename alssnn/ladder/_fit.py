@@ -23,7 +23,13 @@ PRESETS: dict[str, tuple[str, type, dict]] = {
     "al-paper": (
         "AL-SSNN/y",
         AlSsnn,
-        {"feedback": "output", "penalty": "state", "gamma": 1.0, "stability": None},
+        {
+            "feedback": "output",
+            "penalty": "state",
+            "gamma": 1.0,
+            "linear_part": "trained",
+            "stability": None,
+        },
     ),
     "gr": ("GR-SSNN", GrSsnn, {}),
 }

@@ -29,6 +29,8 @@ from ..inputs import split_inputs
 from ..models import state_space
 from ..region import Region
 from ..scaling import Scaling
+from ..split import NAME as LINEAR
+from ..split import with_linear
 from ..watch import Step
 from ._archive import decode, encode, read, release, write
 
@@ -226,6 +228,8 @@ def _structure(model, described, arrays):
     C = arrays[PARAMETER + "C"] if "C" in described["constants"] else None
     if options.keys() - {"disturbances"}:
         structure = state_space(nx, nu, ny, C=C, **options)
+        if LINEAR in described["constants"]:
+            structure = with_linear(structure, arrays[PARAMETER + LINEAR])
     else:
         model.disturbances_ = split_inputs(nu, described.get("given", ()))[1]
         structure = model.declare(nx, nu, ny, C)

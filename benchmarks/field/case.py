@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-SPLITS = ("seen", "unseen", "later", "latest", "real")
+SPLITS = ("seen", "unseen", "later", "latest", "newest", "real")
 NOISE = 0.01  # of simulated cases, relative to the output
 
 

@@ -14,11 +14,20 @@ from .blocks import AWKWARD, BLOCKS
 from .later import LATER
 from .latest import LATEST
 from .mechanics import MACHINES
+from .newest import NEWEST
 from .processes import PROCESSES
 
 PLANTS = {
     case.name: case
-    for case in (*MACHINES, *PROCESSES, *BLOCKS, *AWKWARD, *LATER, *LATEST)
+    for case in (
+        *MACHINES,
+        *PROCESSES,
+        *BLOCKS,
+        *AWKWARD,
+        *LATER,
+        *LATEST,
+        *NEWEST,
+    )
 }
 
 
