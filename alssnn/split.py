@@ -142,23 +142,3 @@ def as_trained(structure, theta):
         return structure, theta
     theta = moved(structure, theta, -structure.constants[NAME])
     return without_linear(structure), theta
-
-
-def as_split(structure, theta):
-    """Return parameters that a training has left, as a split model has them.
-
-    Parameters
-    ----------
-    structure : Structure
-        Structure of the model.
-    theta : ndarray of shape (n_params,)
-        Parameters where nothing is moved.
-
-    Returns
-    -------
-    theta : ndarray of shape (n_params,)
-        Parameters of the same model, by the L of this structure.
-    """
-    if not is_split(structure):
-        return theta
-    return moved(structure, theta, structure.constants[NAME])

@@ -236,6 +236,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
     options += [*SMALL, "--gamma", "10", "--n-init", "2", "--seed", "5", "--dt", "0.1"]
     options += ["--gamma-h", "0.001", "--alpha", "0.1", "--stability", "none"]
     options += ["--feedback", "output", "--input-map", "monotone", "--innovations"]
+    options += ["--linear-part", "trained"]
     options += ["--drift", "input", "--horizon", "3", "--odd", "--max-time", "60"]
     options += ["--operating-point", "zero", "--initial-state", "rest"]
     options += ["--input-delay", "1"]
@@ -256,6 +257,7 @@ def test_fit_hands_its_options_to_the_ladder(plant, monkeypatch, tmp_path, capsy
         "gamma_h": 0.001,
         "alpha": 0.1,
         "stability": None,
+        "linear_part": "trained",
         "feedback": "output",
         "input_map": "monotone",
         "disturbances": None,

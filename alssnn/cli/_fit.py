@@ -266,6 +266,7 @@ def _options(args):
     late = args.input_delay
     choices = {
         "odd": args.odd or None,
+        "linear_part": args.linear_part,
         "operating_point": args.operating_point,
         "initial_state": args.initial_state,
         "input_delay": late[0] if late and len(late) == 1 else late,

@@ -140,6 +140,12 @@ def add_form(model):
         "al-paper)",
     )
     model.add_argument(
+        "--linear-part",
+        choices=["best", "trained"],
+        help="what (A, B, C) is of a model without g: the best linear fit, or as the "
+        "training has left it (default: best, trained for al-paper)",
+    )
+    model.add_argument(
         "--feedback",
         choices=["state", "output"],
         help="what h sees (default: state, output for al-paper)",

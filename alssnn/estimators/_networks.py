@@ -48,9 +48,9 @@ class Networks:
         best linear fit along the training data, with an h that has no linear part left
         and is as small as it can be (eq. settled); `params_` then has a matrix L, and h
         the term -L s. "trained": as the training has left it. So it is, too, where g is
-        not zero, in continuous time, with integrators, D, a drift, a monotone map,
-        bounds of A or stability="contractive", and where h sees a y that is more than
-        C x.
+        not zero, in continuous time, with integrators, D, a drift, late inputs, a
+        monotone map, bounds of A or stability="contractive", and where h sees a y that
+        is more than C x.
     feedback : {"output", "state"}, default="state"
         What h sees: the state x, which needs an observer in the loop but linearizes
         more plants, or the output y (the paper).

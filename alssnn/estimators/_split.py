@@ -4,11 +4,14 @@ import numpy as np
 
 from ..simulation import outputs, runs
 from ..split import moved, seen_axis, with_linear
+from ..stability import SLOWEST
 from ._noise import MEASURED
 
 BEST, TRAINED = "best", "trained"  # what (A, B, C) are
 # Least share of the variance of s, correlated to others, that still tells of h.
 LEAST_SHARE = 1e-6
+STILL = 1e-8  # variance over the largest one of s, below which it does not move
+ROUNDING = 1e-12  # relative
 SHARES = np.linspace(1.0, 0.1, 10)  # of L, where all of it would leave A unstable
 
 
@@ -40,11 +43,16 @@ def settled_split(estimator, structure, theta, x0, experiments):
     L = _linear_part(structure, theta, x0, experiments)
     if not np.isfinite(L).all():  # a simulation that diverges
         return structure, theta
-    before = _radius(structure, theta)
-    most = max(estimator._radius or 1.0, before) if before < 1 else np.inf
+    A, before = structure.split(theta)["A"], _radius(structure, theta)
+    change = structure.split(moved(structure, theta, L))["A"] - A
+    if np.abs(change).max(initial=0.0) <= ROUNDING * np.abs(A).max(initial=0.0):
+        return structure, theta
+    # slower than the record, a pole is no better known than one of its length
+    slowest = 1.0 - SLOWEST / max(experiments.lengths)
+    most = max(min(estimator._radius or 1.0, slowest), before) if before < 1 else np.inf
     for share in SHARES:
         after = moved(structure, theta, share * L)
-        if _radius(structure, after) < most:
+        if _radius(structure, after) <= most:
             return with_linear(structure, share * L), after
     return structure, theta
 
@@ -59,7 +67,9 @@ def _can_be_moved(estimator, structure, theta):
         return False
     if "feedback" not in options or options["input_map"] != "identity":
         return False
-    is_held = estimator.integrators_ or "A" in (estimator.bounds or {})
+    delay = estimator.input_delay_
+    late = np.delete(delay, structure.given[structure.given < len(delay)])
+    is_held = estimator.integrators_ or "A" in (estimator.bounds or {}) or late.any()
     if is_held or estimator.stability == "contractive" or not np.any(p["W_h"]):
         return False
     # g was trained to add little to y behind this A (eq. penalty), and D would take
@@ -71,17 +81,26 @@ def _can_be_moved(estimator, structure, theta):
 
 
 def _linear_part(structure, theta, x0, experiments):
-    """Return L: the least squares of h on s, with measured disturbances beside."""
+    """Return L: the least squares of h on s, with measured disturbances beside.
+
+    Where the law will see y, which is noisy, the noise counts (eq. settled).
+    """
     visit = _Moments(structure, theta)
-    n, total, squares = (
-        sum(part) for part in zip(*experiments.map(visit, x0), strict=True)
-    )
+    parts = zip(*experiments.map(visit, x0), strict=True)
+    n, total, squares, n_measured, errors = (sum(part) for part in parts)
     if not np.isfinite(squares).all():
         return np.full((visit.nv, visit.ns), np.nan)
     mean = total / n
     covariance = squares / n - np.outer(mean, mean)
     n_z = len(mean) - visit.nv
-    known = np.flatnonzero(np.diag(covariance)[:n_z] * visit.seen)
+    size = np.maximum(np.diag(covariance)[:n_z], 0.0) * visit.seen
+    # what hardly moves tells nothing, and a constant is rounding
+    moves = size > np.maximum(
+        STILL * size.max(initial=0.0), ROUNDING * np.diag(squares)[:n_z] / n
+    )
+    known = np.flatnonzero(moves)
+    if not visit.of_x:
+        covariance[: visit.ns, : visit.ns] += errors / max(n_measured, 1)
     size = np.sqrt(np.diag(covariance)[known])
     R = covariance[np.ix_(known, known)] / np.outer(size, size)
     by_h = covariance[known, n_z:] / size[:, None]
@@ -114,13 +133,18 @@ class _Moments:
         self.seen = np.hstack([np.any(W, axis=0) for W in weights if W is not None])
 
     def __call__(self, x0, u, y):
-        """Return the number of samples, sums, and sums of products of [s, d, h]."""
+        """Return numbers, sums and sums of products: of [s, d, h], and of errors."""
         n, total, squares = 0, 0.0, 0.0
-        for _, u_part, X, Z in runs(self.lure, u, x0):
+        n_measured, errors = 0, 0.0
+        for part, u_part, X, Z in runs(self.lure, u, x0):
             u_part = u_part[:, : self.nu]
             s = X[:, : self.n_x] if self.of_x else Z[:, : self.ns]
             v = outputs(self.law, np.hstack([s, u_part]), np.empty(0))
             given = self.given[self.given < self.nu]
             z = np.hstack([s, u_part[:, given], v - u_part[:, self.moved]])
             n, total, squares = n + len(z), total + z.sum(axis=0), squares + z.T @ z
-        return n, total, squares
+            if not self.of_x:
+                e = y[part] - s
+                e = e[~np.isnan(e).any(axis=1)]
+                n_measured, errors = n_measured + len(e), errors + e.T @ e
+        return n, total, squares, n_measured, errors

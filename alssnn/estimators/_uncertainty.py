@@ -9,8 +9,8 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..criterion import Criterion
 from ..initial_states import WINDOW, estimate_x0
-from ..innovations import has_innovations, predictor
-from ..mapping import count_measured
+from ..innovations import free_run, has_innovations, predictor
+from ..mapping import Held, count_measured
 from ..noise import fit_noise, highest_order
 from ..optimizers import single_threaded
 from ..predictions import bridged, first_states, told
@@ -20,7 +20,7 @@ from ..sandwich import (
     score_covariance,
     weighted_step,
 )
-from ..split import as_split, as_trained
+from ..split import as_trained
 from ..training import train
 from ..uncertainty import ParameterCovariance
 from ._first_states import from_free
@@ -28,6 +28,7 @@ from ._fitted import as_fitted, free_entries, publish_parameters
 from ._plant import sampling_time
 from ._residual import idle
 from ._simulation import expected_states, labeled_data, simulated_experiments
+from ._split import settled_split
 from ._time import is_continuous, within_derivatives
 
 BIASED = 0.05  # level below which the step counts as a bias
@@ -79,7 +80,8 @@ def parameter_covariance(model, u, y, experiment=None):
     that of the process where the model is linear; the color is that of the residuals.
     It takes u independent of the noise and no active bound; entries held by equal
     bounds are certain, and so are networks of a fit that returned the linear model. Of
-    a contractive model, A counts as free. The weight `alpha_` and a training that ends
+    a contractive model, A counts as free, and what was linear of h is held where it is
+    (eq. settled). The weight `alpha_` and a training that ends
     early keep a fit from its optimum: the bands are wider by the step that is missing
     (eq. pull). Whether the model is right is for `validate` to say.
     """
@@ -254,7 +256,7 @@ def sample_models(
     training from the parameters of this one, without its networks' random start;
     where the first order holds, and `pull` is small, both have the same distribution.
     Draws from `data` are not held back by `alpha_`, and spread about the optimum
-    without it.
+    without it. Their linear parts are their own (eq. settled), and closer together.
     """
     check_is_fitted(model)
     theta = getattr(covariance, "theta", ())  # (): no covariance at all
@@ -274,7 +276,9 @@ def sample_models(
             stacklevel=2,
         )
     if data is None:
-        draws = ((z, model.x0_) for z in covariance.sample(n_models, random_state))
+        same = model._structure
+        sampled = covariance.sample(n_models, random_state)
+        draws = ((z, model.x0_, same) for z in sampled)
     else:
         draws = _refits(
             as_fitted(model),
@@ -286,16 +290,16 @@ def sample_models(
             tol=tol,
         )
     models = []
-    for theta, x0 in draws:
+    for theta, x0, structure in draws:
         drawn = copy.deepcopy(model)
-        drawn._theta, drawn.x0_ = theta, x0
+        drawn._theta, drawn.x0_, drawn._structure = theta, x0, structure
         publish_parameters(drawn)
         models.append(drawn)
     return models
 
 
 def _refits(model, covariance, n_models, random_state, data, **options):
-    """Yield optima (theta, x0) for data with more noise (eq. bootstrap)."""
+    """Yield optima for data with more noise: theta, x0, structure (eq. bootstrap)."""
     if not isinstance(data, tuple | list) or len(data) not in (2, 3):
         raise ValueError(
             "`data` must be a tuple (u, y) or (u, y, experiment), got "
@@ -311,7 +315,8 @@ def _refits(model, covariance, n_models, random_state, data, **options):
     scale = model._scaling.y_scale
     noise = covariance.noise.rescale(1 / scale)
     before, start = as_trained(model._structure, model._theta)
-    structure, weights = model._criterion_terms(predictor(before))
+    plain = predictor(before)
+    structure, weights = model._criterion_terms(plain)
     held = idle(structure, start, getattr(model, "alpha_", 0.0))
     own = model._training(structure, held)
     if is_continuous(model):
@@ -332,7 +337,8 @@ def _refits(model, covariance, n_models, random_state, data, **options):
         whole = simulated_experiments(model, u, y, parts)
         kind = {"noise": min(model.cost_, 1.0), "prior": expected_states(model)}
         x0 = first_states(structure, result.theta, result.x0, whole, **kind)
-        yield as_split(model._structure, result.theta), x0 * model._x_scale
+        split = settled_split(model, plain, result.theta, result.x0, Held(noisy))
+        yield split[1], x0 * model._x_scale, free_run(split[0])
 
 
 def _seen(model, u, y, parts):
