@@ -1,4 +1,4 @@
-"""What is linear of a model, and what is left to h (eq. split, settled).
+"""What is linear of a model, and what is left to h (eq. split, best).
 
 For any L, h(s) - L s with A + B L S in the place of A is the same model, where s = S x
 is what h sees.  Equations say which of these they are by a constant, L.

@@ -46,7 +46,7 @@ class Networks:
     linear_part : {"best", "trained"}, default="best"
         What (A, B, C) is of the many that are the same model (eq. split). "best": the
         best linear fit along the training data, with an h that has no linear part left
-        and is as small as it can be (eq. settled); `params_` then has a matrix L, and h
+        and is as small as it can be (eq. best); `params_` then has a matrix L, and h
         the term -L s. "trained": as the training has left it. So it is, too, where g is
         not zero, in continuous time, with integrators, D, a drift, late inputs, a
         monotone map, bounds of A or stability="contractive", and where h sees a y that

@@ -1,4 +1,4 @@
-"""Behind a training, what is linear goes from h to A (eq. split, settled)."""
+"""Behind a training, what is linear goes from h to A (eq. split, best)."""
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def _can_be_moved(estimator, structure, theta):
 def _linear_part(structure, theta, x0, experiments):
     """Return L: the least squares of h on s, with measured disturbances beside.
 
-    Where the law will see y, which is noisy, the noise counts (eq. settled).
+    Where the law will see y, which is noisy, the noise counts (eq. best).
     """
     visit = _Moments(structure, theta)
     parts = zip(*experiments.map(visit, x0), strict=True)

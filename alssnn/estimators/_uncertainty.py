@@ -81,7 +81,7 @@ def parameter_covariance(model, u, y, experiment=None):
     It takes u independent of the noise and no active bound; entries held by equal
     bounds are certain, and so are networks of a fit that returned the linear model. Of
     a contractive model, A counts as free, and what was linear of h is held where it is
-    (eq. settled). The weight `alpha_` and a training that ends
+    (eq. best). The weight `alpha_` and a training that ends
     early keep a fit from its optimum: the bands are wider by the step that is missing
     (eq. pull). Whether the model is right is for `validate` to say.
     """
@@ -256,7 +256,7 @@ def sample_models(
     training from the parameters of this one, without its networks' random start;
     where the first order holds, and `pull` is small, both have the same distribution.
     Draws from `data` are not held back by `alpha_`, and spread about the optimum
-    without it. Their linear parts are their own (eq. settled), and closer together.
+    without it. Their linear parts are their own (eq. best), and closer together.
     """
     check_is_fitted(model)
     theta = getattr(covariance, "theta", ())  # (): no covariance at all
