@@ -116,8 +116,8 @@ def moved(structure, theta, L):
         With A + B L S.
     """
     p = structure.split(theta)
-    of_x = structure.options["feedback"] == "state"
-    LS = L if of_x else L @ structure.constants["C"]
+    of_y = seen_axis(structure) == structure.measured
+    LS = L @ structure.constants["C"] if of_y else L
     return structure.join({**p, "A": p["A"] + p["B"] @ LS})  # (eq. split)
 
 

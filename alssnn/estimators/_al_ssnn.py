@@ -32,7 +32,8 @@ class AlSsnn(Networks, Ssnn):
     ----------
     params_ : Bunch
         All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, W_g, W_x,
-        W_u, b_x, and L if there is a linear part, eq. best), in the user's units.
+        W_u, b_x, and L if a linear part was moved to A, eq. best), in the user's
+        units.
 
     See Also
     --------

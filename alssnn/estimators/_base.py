@@ -344,7 +344,7 @@ class StateSpaceModel(
         seen, fitted, self._theta, result = trained(
             self, from_free(self, experiments), previous, watch, held_out
         )
-        self._structure, x0 = free_run(fitted), told_states(result, seen)
+        x0 = told_states(result, seen)
         if not self._at_rest:  # else the walk is known where it begins
             self._theta, x0 = centered(fitted, self._theta, x0, seen)
         fitted, self._theta = settled_split(self, fitted, self._theta, x0, seen)

@@ -23,7 +23,7 @@ class FlSsnn(Ssnn):
     ----------
     params_ : Bunch
         All parameters by name (A, B, C, W_h, b_h, W_y, b_y or W_s, b_s, and L
-        if there is a linear part, eq. best), in the user's units.
+        if a linear part was moved to A, eq. best), in the user's units.
 
     See Also
     --------
