@@ -162,7 +162,14 @@ def test_a_search_looks_at_what_is_near(
     "model",
     [
         fl_ssnn(2, 3, gamma_h=1e-3, max_iter=15, coarse_samples=300, random_state=0),
-        al_ssnn(2, 2, 2, max_iter=6, coarse_samples=None, n_init=2, random_state=0),
+        al_ssnn(
+            *(2, 2, 2),
+            max_iter=6,
+            coarse_samples=None,
+            n_init=2,
+            linear_part="trained",  # its loop is trained here alone
+            random_state=0,
+        ),
         LinearStateSpace(2, input_delay="auto"),
     ],
     ids=lambda model: type(model).__name__,

@@ -402,7 +402,8 @@ def test_several_starts_name_their_stages(two):
 
 
 def test_progress_has_a_line_per_search(two, capsys):
-    model = al_ssnn(2, 2, 2, gamma=0.1, continuation=2, max_iter=5, random_state=0)
+    options = {"gamma": 0.1, "continuation": 2, "max_iter": 5, "random_state": 0}
+    model = al_ssnn(2, 2, 2, linear_part="trained", **options)
     model.fit(*two)
     assert capsys.readouterr().out == ""
     model.set_params(verbose=1).fit(*two)

@@ -37,6 +37,7 @@ from ._judge import (
     warn_if_unsettled,
     warn_if_unstable,
 )
+from ._loop import settled_loop
 from ._noise import check_noise, is_predicting, noise_covariance
 from ._options import estimator
 from ._periodic import came_round, check_periodic, is_periodic, settled
@@ -347,9 +348,12 @@ class StateSpaceModel(
         x0 = told_states(result, seen)
         if not self._at_rest:  # else the walk is known where it begins
             self._theta, x0 = centered(fitted, self._theta, x0, seen)
+        result.x0 = x0
+        judged = seen, held_out, watch
+        self._theta = settled_loop(self, fitted, self._theta, result, *judged)
+        x0 = result.x0
         fitted, self._theta = settled_split(self, fitted, self._theta, x0, seen)
         self._structure = free_run(fitted)
-        result.x0 = x0
         self._region, self._made = training_region(self, fitted, x0, seen), None
         result.x0 = whole_states(self, fitted, result, experiments)
         self._publish(result, watch)

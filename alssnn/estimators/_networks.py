@@ -47,10 +47,12 @@ class Networks:
         What (A, B, C) is of the many that are the same model (eq. split). "best": the
         best linear fit along the training data, with an h that has no linear part left
         and is as small as it can be (eq. best); `params_` then has a matrix L, and h
-        the term -L s. "trained": as the training has left it. So it is, too, where g is
-        not zero, in continuous time, with integrators, D, a drift, late inputs, a
-        monotone map, bounds of A or stability="contractive", and where h sees a y that
-        is more than C x.
+        the term -L s. Where g is not zero, A, h and g are trained on instead if the
+        loop of the law goes far from its design or from the training data (eq. kept);
+        the simulation stays nearly the same. "trained": as the training has left it. So
+        it is, too, in continuous time, with D, a drift, late inputs or a monotone map,
+        and without g also with integrators, bounds of A or stability="contractive", and
+        where h sees a y that is more than C x.
     feedback : {"output", "state"}, default="state"
         What h sees: the state x, which needs an observer in the loop but linearizes
         more plants, or the output y (the paper).
