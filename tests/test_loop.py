@@ -206,6 +206,19 @@ def test_the_training_of_the_loop_shows_its_progress(record, capsys):
     assert not any("loop" in step.label for step in model.history_)  # another cost
 
 
+@pytest.mark.parametrize("options", [{"penalty": "state"}, {"gamma_h": 1e-8}], ids=str)
+def test_other_costs_have_their_loop_too(options, record):
+    trained, kept = (
+        AlSsnn(linear_part=part, **OPTIONS, **options).fit(*record)
+        for part in ("trained", "best")
+    )
+    assert _loop.KEPT in kept.message_
+    before, after = in_loop(trained, record), in_loop(kept, record)
+    assert before[0] > 0.5  # else this record shows nothing
+    assert after[0] < 0.6 * before[0]
+    assert after[1] < 0.1
+
+
 def test_another_fit_goes_on_from_there(pair, record):
     _, kept = pair
     again = clone(kept).set_params(warm_start=True)

@@ -34,7 +34,7 @@ ASTRAY = 0.1  # how far a loop strays (eq. strays) that is to be brought back
 ENOUGH = 0.05  # the same that is near the data
 LESS = 2 / 3  # of how far it strayed before, at most
 
-KEPT = "trained on, until the loop of the law stays near the data"
+KEPT = "trained on, to bring the loop of the law nearer to the data"
 
 
 def settled_loop(estimator, structure, theta, result, experiments, held_out, watch):
@@ -68,7 +68,7 @@ def settled_loop(estimator, structure, theta, result, experiments, held_out, wat
         return theta
     try:
         loop = _Loop(estimator, structure, (theta, result.x0), experiments, watch)
-        if loop.strays(loop.before, experiments) <= ASTRAY:
+        if loop.strayed <= ASTRAY:
             return theta
         after = loop.brought_back()
     except KeyboardInterrupt as interrupt:  # between two searches
@@ -119,6 +119,8 @@ class _Loop:
     ----------
     before : tuple of ndarray
         That point.
+    strayed : float
+        How far its loop strays.
     """
 
     def __init__(self, estimator, structure, point, experiments, watch):
@@ -144,6 +146,7 @@ class _Loop:
         self.how["watch"].observe = self.how["watch"].floor = None
         self.how["bends"] = True  # the valleys along which h and g change are curved
         self.error = self._error(point, experiments)
+        self.strayed = self.strays(point, experiments)
         # No sample of it was measured. It is another path through the same region.
         rests = self.limits.at_rest
         self.ends = np.zeros_like(point[1]) if rests else self._ends()
@@ -268,8 +271,7 @@ class _Loop:
     def _is_better(self, theta, x0, ends):
         """Tell whether a point has the better loop, and is as good a model."""
         after = theta, x0
-        strays = [self.strays(point, self.record) for point in (self.before, after)]
-        if strays[1] > LESS * strays[0]:
+        if self.strays(after, self.record) > LESS * self.strayed:
             return False
         if not self._is_kept(theta, x0, ends):
             return False
