@@ -263,7 +263,8 @@ def test_a_model_with_such_a_loop_is_asked(record, monkeypatch):
     monkeypatch.setattr(_loop._Loop, "strays", lambda *args: asked.append(args) or 0.0)
     common = {**OPTIONS, "max_iter": 5, "n_h": 3, "n_g": 2}
     model = AlSsnn(**common).fit(*record)
-    assert len(asked) == 1 and _loop.KEPT not in model.message_
+    assert len(asked) == 1
+    assert _loop.KEPT not in model.message_ and _loop.LEFT not in model.message_
     other = AlSsnn(**common, linear_part="trained").fit(*record)
     np.testing.assert_array_equal(model.A_, other.A_)
 
@@ -273,7 +274,7 @@ def test_what_is_no_better_is_not_taken(name, pair, record, monkeypatch):
     # of every outcome, something is asked that it cannot give
     monkeypatch.setattr(_loop, name, -1.0)
     model = AlSsnn(**OPTIONS).fit(*record)
-    assert _loop.KEPT not in model.message_
+    assert _loop.KEPT not in model.message_ and _loop.LEFT in model.message_
     for key, value in pair[0].params_.items():
         np.testing.assert_array_equal(model.params_[key], value)
     assert model.cost_ == pair[0].cost_ and model.n_iter_ == pair[0].n_iter_

@@ -35,6 +35,10 @@ ENOUGH = 0.05  # the same that is near the data
 LESS = 2 / 3  # of how far it strayed before, at most
 
 KEPT = "trained on, to bring the loop of the law nearer to the data"
+LEFT = (
+    "the loop of the law is far from its design or from the data, see "
+    "`linearizability`; `gamma_h` makes the law smaller"
+)
 
 
 def settled_loop(estimator, structure, theta, result, experiments, held_out, watch):
@@ -75,6 +79,8 @@ def settled_loop(estimator, structure, theta, result, experiments, held_out, wat
         watch.stop(INTERRUPTED, interrupt)
         return theta
     if after is None:
+        if watch.reason is None:  # else there was no time to find it
+            result.message += f"; {LEFT}"
         return theta
     theta, result.x0 = after
     result.cost = loop.cost(after)
