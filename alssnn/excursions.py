@@ -5,7 +5,7 @@ There, a network may have a second attractor that no hidden sample speaks agains
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class Excursion:
     n_held : int
         Samples for which every input is held (`settling`).
     apart : ndarray of shape (ny,)
-        Largest distance of two places where the linear model is (`apart`): a slow one
-        has not come to rest.
+        Largest distance of two places where the linear model is (`apart`, `away`): a
+        slow one has not come to rest.
     larger : ndarray of shape (nu, 2)
         Deviations of inputs that are held over those of the record (`within_reach`).
 
@@ -93,8 +93,8 @@ class Excursion:
         structure, theta, fit = linear.as_fit()
         n_held = settling(linear.A)
         larger = within_reach(structure, theta, experiments, n_held)
-        its = structure, theta, fit.x0, experiments, n_held, larger
-        return cls(experiments, n_held, apart(*its), larger)
+        plain = cls(experiments, n_held, np.zeros(structure.sizes["y"]), larger)
+        return replace(plain, apart=plain.gap(structure, theta, fit.x0))
 
     def leads(self, structure, theta, x0):
         """Tell whether a model goes where nothing was measured, by one of two ways.
@@ -111,13 +111,13 @@ class Excursion:
         Returns
         -------
         leads : bool
-            Whether it escapes (eq. escape) or latches (eq. latch).
+            Whether it escapes (eq. escape) or latches (eq. latch, away).
         """
         its = structure, theta, x0
         return escapes(*its, self.experiments) or self.latches(*its)
 
     def latches(self, structure, theta, x0):
-        """Tell whether a model rests in two places under one held input (eq. latch).
+        """Tell whether one input leads a model to two places (eq. latch, away).
 
         Parameters
         ----------
@@ -131,13 +131,13 @@ class Excursion:
         Returns
         -------
         latches : bool
-            Whether an output remembers from where an input came, by more than its
-            standard deviation, and by more than the linear model does.
+            Whether an output remembers what the inputs were, by more than its standard
+            deviation, and by more than the linear model does.
         """
         return not np.all(self.gap(structure, theta, x0) <= APART + self.apart)
 
     def gap(self, structure, theta, x0):
-        """Return how far apart two places are where a model comes to (eq. latch).
+        """Return how far apart two places are where one input leads (eq. latch, away).
 
         Parameters
         ----------
@@ -153,8 +153,8 @@ class Excursion:
         gap : ndarray of shape (ny,)
             Largest difference of every output, in standard deviations.
         """
-        its = structure, theta, x0, self.experiments, self.n_held, self.larger
-        return apart(*its)
+        its = structure, theta, x0, self.experiments
+        return np.fmax(apart(*its, self.n_held, self.larger), away(*its))
 
     def opens(self, structure, before, after):
         """Tell whether a training has moved two places to rest apart (eq. opened).
@@ -197,18 +197,57 @@ def escapes(structure, theta, x0, experiments):
         record, while inputs deviate by a quarter more.
     """
     lure, ny = structure.lure(theta), structure.sizes["y"]
-    u_mean = np.vstack([u[:] for u, _ in experiments]).mean(axis=0)
     y = np.vstack([y[:] for _, y in experiments])
     y_mean = np.nanmean(y, axis=0)
     # a constant output may move by its unit
     bound = NEAR * np.maximum(np.nanmax(np.abs(y - y_mean), axis=0), 1.0)
-    for (u, _), start in zip(experiments, x0, strict=True):
-        larger = u_mean + LARGER * (u[:] - u_mean)
+    for u, start in zip(_larger(experiments), x0, strict=True):
         with np.errstate(over="ignore", invalid="ignore"):
-            y_hat = outputs(lure, larger, structure.initial_state(start))[:, :ny]
+            y_hat = outputs(lure, u, structure.initial_state(start))[:, :ny]
         if not np.all(np.abs(y_hat - y_mean) <= bound):
             return True
     return False
+
+
+def away(structure, theta, x0, experiments):
+    """Return how far from its simulation a model stays behind larger ones (eq. away).
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure of the model, y its first channel.
+    theta : ndarray of shape (n_params,)
+        Its parameters.
+    x0 : ndarray of shape (n_experiments, n_x0)
+        Initial states of the experiments.
+    experiments : sequence of tuple of array
+        Pairs (u, y) of scaled deviations.
+
+    Returns
+    -------
+    away : ndarray of shape (ny,)
+        Largest difference of an output in the second half of an experiment that begins
+        where larger inputs have taken the model. inf where a simulation diverges.
+    """
+    lure, ny = structure.lure(theta), structure.sizes["y"]
+    largest = np.zeros(ny)
+    inputs = zip(experiments, _larger(experiments), x0, strict=True)
+    for (u, _), larger, start in inputs:
+        start = structure.initial_state(start)
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = simulate(lure, larger, start)[-1]
+            own, other = (
+                outputs(lure, u[:], x)[len(larger) // 2 :, :ny] for x in (start, moved)
+            )
+            found = np.abs(other - own).max(axis=0)
+        largest = np.fmax(largest, np.where(np.isnan(found), np.inf, found))
+    return largest
+
+
+def _larger(experiments):
+    """Return the inputs of all experiments, a quarter further from their mean."""
+    mean = np.vstack([u[:] for u, _ in experiments]).mean(axis=0)
+    return [mean + LARGER * (u[:] - mean) for u, _ in experiments]
 
 
 def within_reach(structure, theta, experiments, n_held):

@@ -12,6 +12,7 @@ from alssnn.excursions import (
     LONGEST,
     Excursion,
     apart,
+    away,
     escapes,
     settling,
     within_reach,
@@ -166,6 +167,72 @@ def test_inputs_that_are_held_are_larger_than_those_of_the_record(threshold, fou
     u = np.linspace(-1, 1, 300)[:, None]
     model = structure, theta, np.zeros((1, 1)), [(u, u)]
     assert latches(*model, 60) == found
+
+
+# -- the way back ----------------------------------------------------------------------
+
+
+def switch(threshold):
+    """Return a resonance, and a second state that it switches for good if it is wide.
+
+    x_3 rests at -1.5, and at 1.5 once x_1 has been above the threshold.
+    """
+    structure = state_space(3, 1, 1, n_g=3, C=np.array([[1.0, 0.0, 0.1]]))
+    zero = {name: np.zeros(shape) for name, shape in structure.shapes.items()}
+    turn = 0.95 * np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]])
+    A = np.zeros((3, 3))
+    A[:2, :2], A[2, 2] = turn, 0.5
+    W_x = np.zeros((3, 3))
+    W_x[0, 0] = W_x[1, 2] = 40.0
+    W_g = np.zeros((3, 3))
+    W_g[2] = 2.0, 0.75, 2.0  # x_3+ = x_3 / 2 + 0.75 sign(x_3) + 4 (x_1 > threshold)
+    return structure, structure.join(
+        zero
+        | {"A": A, "B": np.array([[1.0], [0.0], [0.0]]), "W_x": W_x, "W_g": W_g}
+        | {"b_x": np.array([-40.0 * threshold, 0.0, 40.0])}
+    )
+
+
+@pytest.mark.parametrize(("beyond", "stays"), [(1.1, True), (1.4, False)])
+@pytest.mark.parametrize("runs", [1, 2])
+def test_a_model_that_larger_inputs_have_switched_for_good_stays_away(
+    beyond, stays, runs
+):
+    """Held inputs, as large as they are, do not switch it: they do not resonate."""
+    u = np.sin(0.5 * np.arange(400.0))[:, None]
+    structure, _ = switch(0.0)
+    reached = np.abs(simulate(structure.lure(switch(1e3)[1]), u, np.zeros(3))[:, 0])
+    theta = switch(beyond * reached.max())[1]
+    x0 = np.tile([0.0, 0.0, -1.5], (runs, 1))
+    experiments = [(u, outputs(structure.lure(theta), u, x0[0])) for _ in range(runs)]
+    model = structure, theta, x0
+    np.testing.assert_allclose(away(*model, experiments), 0.3 * stays, atol=1e-3)
+    experiments = [(u, 10 * y) for u, y in experiments]  # outputs of usual size
+    structure = replace(structure, constants={"C": 10 * structure.constants["C"]})
+    model = structure, theta, x0
+    A, C = structure.split(theta)["A"][:2, :2], np.array([[10.0, 0.0]])
+    B, D = np.array([[1.0], [0.0]]), np.zeros((1, 1))
+    linear = LinearModel(A, B, C, D, x0[:, :2])
+    excursion = Excursion.beside(linear, experiments)
+    held = apart(*model, experiments, excursion.n_held, excursion.larger)
+    assert np.all(held <= APART / 2)
+    assert not escapes(*model, experiments)
+    assert excursion.latches(*model) == excursion.leads(*model) == stays
+
+
+def test_what_has_not_forgotten_larger_inputs_is_no_latch_of_a_slow_plant():
+    """It is compared with its linear model, which has not either."""
+    slow = LinearModel(*(np.full((1, 1), z) for z in (0.9999, 1e-1, 1.0, 0.0, 0.0)))
+    u = np.linspace(0, 1, 300)[:, None] ** 2
+    structure, theta, fit = slow.as_fit()
+    assert away(structure, theta, fit.x0, [(u, u)]) > APART
+    assert not Excursion.beside(slow, [(u, u)]).latches(structure, theta, fit.x0)
+
+
+def test_what_diverges_stays_away(rng):
+    model = point(np.array([[3.0]]), np.ones((1, 1)), np.ones((1, 1)))
+    u = rng.standard_normal((300, 1))
+    assert np.isinf(away(*model, np.zeros((1, 1)), [(u, u)]))
 
 
 def test_a_linear_model_latches_nowhere(rng):

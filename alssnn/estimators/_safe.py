@@ -126,7 +126,7 @@ def _warn_untrained(estimator, hung):
         if hung
         else "made it go where nothing was measured. Under inputs that are a quarter "
         f"larger, an output deviates {NEAR:.0f} times as much as any in the record, or "
-        "under inputs that are held, it rests in two places"
+        "the same inputs lead it to two places, after others"
     )
     warn_of_training(
         f"Training {name} on all samples {reason}. The model that the search found is "
@@ -152,7 +152,7 @@ class _Goes:
         return self._is(Excursion.leads, result)
 
     def apart(self, result):
-        """Tell whether it rests in two places, or farther apart than what was found."""
+        """Tell whether it goes to two places, or farther apart than what was found."""
         return self._is(Excursion.latches, result)
 
     def _is(self, asked, result):
