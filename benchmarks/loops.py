@@ -1,13 +1,26 @@
-"""Loops of default laws: are they near their design, and near the training data?
+"""Loops of default models: near their design, near the data, true on the true plant?
 
-    python -m benchmarks.loops [--cases saturation ...] [--seeds 1] [--out FILE.csv]
+    python -m benchmarks.loops [--cases ...] [--models lti fl al] [--seeds 1] [--jobs 2]
+                               [--set linear_part=trained] [--out FILE.csv]
+    python -m benchmarks.loops --table FILE.csv [--page]
 
-Fits AlSsnn with default options to plants of `benchmarks.field`, and with
-``linear_part="trained"``, which leaves the loop as the training has made it (eq. kept).
-Told are, on the test of the plant, the error over that with "trained"; the
-linearization error along the test, and in the loop that its input drives as v; the
-share of this loop outside the region of the training data; the size of the law in the
-loop, over that of the input; and the seconds of the fit.
+Fits models with default options to plants of `benchmarks.field`. Told are, on the test
+of the plant, the linearization error along the test, and in the loop that its input
+drives as v; the share of this loop outside the region of the training data; the size of
+the law in the loop, over that of the input; and the seconds of the fit.
+
+Where the equations of the plant can be run (`benchmarks.field.truth`), and it has no
+more outputs than inputs, the true loop is run, too, without noise: regulator and
+integrators of `lqi` by the weights of `balanced_weights`, observer and law. The
+reference is a staircase of ten levels within a standard deviation of the output, and
+inputs are cut at those of the record. Told are the root mean square distance of the
+true output from its design and from the reference, over the standard deviation of the
+output, the largest of the outputs; and what `linearizability` expects of the first. A
+loop that diverges, or is ten standard deviations away, has failed.
+
+--set gives other options to all models that have them. --table prints a file again,
+and compares the true loops with those of the linear model; --page writes the table of
+the manual.
 """
 
 import argparse
@@ -15,109 +28,236 @@ import csv
 import os
 import time
 import warnings
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import joblib
 import numpy as np
 
-from alssnn import AlSsnn
-from benchmarks.field.__main__ import CASES
-from benchmarks.field.runs import score
+from alssnn.feedback import balanced_weights, lqi
+from benchmarks._tables import OUT
+from benchmarks.closed_loop import follow
+from benchmarks.field.__main__ import CASES, assignment
+from benchmarks.field.case import columns
+from benchmarks.field.runs import MODELS, score
+from benchmarks.field.truth import truth
 
-PARTS = ("trained", "best")
-PLANTS = (
-    "saturation",
-    "dead zone",
-    "slow and fast",
-    "crane",
-    "valve",
-    "ball on beam",
-    "boat",
-    "tire",
-    "limit cycle",
-    "cylinder",
-)
-COLUMNS = (
-    "case",
-    "seed",
-    "linear_part",
+HOLD, STEPS = 60, 10  # samples between two steps of the reference, and their number
+SETTLE = 300  # samples before the first one, not counted
+LOST = 10  # standard deviations from the design
+KEY = ("case", "model", "options", "seed")
+NUMBERS = (
     "rmse",
     "along",
     "in_loop",
     "outside",
     "law",
     "seconds",
+    "distance",
+    "tracking",
+    "expected",
 )
+COLUMNS = (*KEY, *NUMBERS, "failure")
+NAMES = {"lti": "LinearStateSpace", "fl": "FlSsnn", "al": "AlSsnn"}
 
 
-def measure(case, seed, linear_part):
+def measure(case, name, options, seed):
     """Return the row of one fit."""
     data = case.load()
-    model = AlSsnn(dt=data.dt, linear_part=linear_part, random_state=seed)
+    model = MODELS[name](dt=data.dt)
+    known = model.get_params()
+    model.set_params(**{k: v for k, v in options.items() if k in known})
+    if "random_state" in known:
+        model.set_params(random_state=seed)
     u, y = map(list, zip(*data.train, strict=True))
     start = time.perf_counter()
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         model.fit(u, y)
-    seconds = time.perf_counter() - start
-    model.set_params(n_init_samples=case.n_init)
-    (test, *_) = data.tests.values()
+        seconds = time.perf_counter() - start
+        model.set_params(n_init_samples=case.n_init)
+        (test, *_) = data.tests.values()
+        row = {
+            "case": case.name,
+            "model": name,
+            "options": "; ".join(f"{k}={v!r}" for k, v in sorted(options.items())),
+            "seed": seed,
+            "rmse": score(model, test, case.scale)["rmse"],
+            "seconds": seconds,
+            **(seen_by(model, test) if name != "lti" else {}),
+        }
+        own = truth(case)
+        if own is not None and own.plant.noutputs <= own.plant.ninputs:
+            row |= true_loop(model, own, data.train)
+    return row
+
+
+def seen_by(model, test):
+    """Return what the model says of its loop, driven by the input of a test as v."""
     found = [model.linearizability(*pair) for pair in test]
     return {
-        "case": case.name,
-        "seed": seed,
-        "linear_part": linear_part,
-        "rmse": score(model, test, case.scale)["rmse"],
         "along": np.mean([each.linearization_error for each in found]),
         "in_loop": np.mean([each.closed_linearization_error for each in found]),
         "outside": np.mean([each.closed_outside for each in found]),
         "law": np.mean([each.closed_law_size for each in found]),
-        "seconds": seconds,
     }
 
 
-def line(row, base):
-    """Return what is printed of a row, with the error over another one."""
-    shares = (f"{100 * row[name]:9.1f}%" for name in ("along", "in_loop", "outside"))
+def true_loop(model, own, train):
+    """Return how far the true loop is from its design, and from its reference."""
+    std = np.vstack([columns(y) for _, y in train]).std(axis=0)
+    steps = np.random.default_rng(0).uniform(-1, 1, (len(std), STEPS)) * std[:, None]
+    start = np.zeros((len(std), SETTLE))
+    steps = np.hstack([start, np.repeat(steps, HOLD, axis=1)])
+    r = model.y_offset_[:, None] + steps
+    limits = {"u_min": own.u_min, "u_max": own.u_max}
+    told = {"distance": np.inf, "tracking": np.inf}
+    try:
+        K = lqi(model, *balanced_weights(model))
+        told["expected"] = expected(model, K, r, limits, train)
+        y, designed, _ = follow(own.plant, model, K, r, own.x0, limits)
+    except (ValueError, RuntimeError) as error:  # no gain, or a loop that diverges
+        return told | {"failure": " ".join(str(error).split())[:80]}
+    for name, other in (("distance", designed), ("tracking", r)):
+        error = (y - other)[:, SETTLE:]
+        told[name] = float(np.max(np.sqrt(np.mean(error**2, axis=1)) / std))
+    if not told["distance"] < LOST:
+        told |= {"distance": np.inf, "failure": "diverged"}
+    return told
+
+
+def expected(model, K, r, limits, train):
+    """Return the distance that `linearizability` expects; nan where it tells none."""
+    u, y = train[0]
+    controller = model.controller(K, **limits)
+    reference = r[:, SETTLE - 1 :].T
+    found = model.linearizability(u, y, controller=controller, reference=reference)
+    return np.nan if found.carried is None else float(np.max(found.carried))
+
+
+# -- tables ----------------------------------------------------------------------------
+
+
+def line(row):
+    """Return what is printed of a row."""
+    shares = (f"{100 * row.get(n, np.nan):9.1f}%" for n in NUMBERS[1:4])
+    loop = (f"{row.get(n, np.nan):9.4f}" for n in NUMBERS[6:])
     return (
-        f"{row['case']:16s}{row['seed']:5d} {row['linear_part']:8s}"
-        f"{row['rmse'] / base:7.2f}{''.join(shares)}{row['law']:8.2f}"
-        f"{row['seconds']:8.1f}"
+        f"{row['case']:18s}{row['model']:4s}{row['options']:24s}{row['seed']:>3} "
+        f"{''.join(shares)}{row.get('law', np.nan):8.2f}{row['seconds']:8.1f}"
+        f"{''.join(loop)} {row.get('failure', '')}"
     )
 
 
-def main():
-    """Fit all cases both ways and print a line per fit."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(PLANTS))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--out", help="CSV file to append to")
-    options = parser.parse_args()
-    print(
-        f"{'case':16s}{'seed':>5s} {'part':8s}{'rmse':>7s}{'along':>10s}"
-        f"{'in loop':>10s}{'outside':>10s}{'law':>8s}{'s':>8s}"
-    )
-    for name in options.cases:
-        for seed in range(options.seeds):
-            rows = []
-            for part in PARTS:
-                rows.append(measure(CASES[name], seed, part))
-                print(line(rows[-1], rows[0]["rmse"]), flush=True)
-            if options.out:
-                append(options.out, rows)
+def summary(rows):
+    """Return lines that compare true loops with those of the linear model."""
+    linear = {row["case"]: row for row in rows if row["model"] == "lti"}
+    lines = []
+    for name, options in dict.fromkeys((r["model"], r["options"]) for r in rows):
+        mine = [
+            row
+            for row in rows
+            if (row["model"], row["options"]) == (name, options)
+            and np.isfinite(linear.get(row["case"], {}).get("distance", np.nan))
+        ]
+        if name == "lti" or not mine:
+            continue
+        ratio = np.array([r["distance"] / linear[r["case"]]["distance"] for r in mine])
+        lines.append(
+            f"{name} {options}: {len(mine)} true loops beside that of the linear "
+            f"model, distance over its own: median {np.median(ratio):.3f}, at most 1/2 "
+            f"in {np.sum(ratio <= 0.5)}, above 1 in {np.sum(ratio > 1)}, failed "
+            f"{sum(bool(r.get('failure')) for r in mine)}"
+        )
+    return lines
 
 
-def append(path, rows):
-    """Append rows to a file, which may be new."""
-    is_new = not os.path.exists(path)
-    with open(path, "a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS)
+def page(rows):
+    """Return the table of the manual: a row per plant, distances and references."""
+    kinds = list(dict.fromkeys((r["model"], r["options"]) for r in rows))
+    names = [f"{NAMES[m]} {options}".strip() for m, options in kinds]
+    of = {(r["case"], r["model"], r["options"]): r for r in rows if r["seed"] == 0}
+    text = [
+        f"| plant | {' | '.join(names)} |",
+        "|" + "---|" * (1 + len(kinds)),
+    ]
+    for case in sorted({r["case"] for r in rows if not np.isnan(r["distance"])}):
+        cells = []
+        for kind in kinds:
+            row = of.get((case, *kind))
+            if row is None or np.isnan(row["distance"]):
+                cells.append("")
+            elif np.isinf(row["distance"]):
+                cells.append("failed")
+            else:
+                cells.append(f"{row['distance']:.3f} ({row['tracking']:.2f})")
+        text.append(f"| {case} | {' | '.join(cells)} |")
+    return [*text, "", *(f"{each}." for each in summary(rows))]
+
+
+def read(path):
+    """Return the rows of a file; none without one."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return [
+        {**row, "seed": int(row["seed"])} | {n: float(row[n] or "nan") for n in NUMBERS}
+        for row in rows
+    ]
+
+
+def append(path, row):
+    """Append a row to a file, which may be new."""
+    is_new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         if is_new:
             writer.writeheader()
-        writer.writerows(
+        writer.writerow(
             {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
-            for row in rows
         )
+
+
+def main(arguments=None):
+    """Fit all cases and print a line per fit, or print a file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    plants = [name for name, case in CASES.items() if case.split != "real"]
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=plants)
+    parser.add_argument("--models", nargs="+", choices=NAMES, default=list(NAMES))
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--set", type=assignment, nargs="+", default=[], dest="options")
+    parser.add_argument("--out", type=Path, default=Path("loops.csv"))
+    parser.add_argument("--table", type=Path, help="print this file and run nothing")
+    parser.add_argument("--page", action="store_true", help="write the manual's table")
+    chosen = parser.parse_args(arguments)
+    rows = read(chosen.table or chosen.out)
+    if chosen.table is None:
+        text = "; ".join(f"{k}={v!r}" for k, v in sorted(chosen.options))
+        there = {tuple(row[k] for k in KEY) for row in rows}
+        jobs = [
+            joblib.delayed(measure)(CASES[case], name, options, seed)
+            for case in chosen.cases
+            for name in chosen.models
+            for options in [{} if name == "lti" else dict(chosen.options)]
+            for seed in range(1 if name == "lti" else chosen.seeds)
+            if (case, name, text if options else "", seed) not in there
+        ]
+        parallel = joblib.Parallel(chosen.jobs, return_as="generator_unordered")
+        for row in parallel(jobs):
+            print(line(row), flush=True)
+            append(chosen.out, row)
+        rows = read(chosen.out)
+    else:
+        print("\n".join(map(line, rows)))
+    for text in summary(rows):
+        print(text)
+    if chosen.page:
+        text = "\n".join([*page(rows), ""])
+        (OUT / "loops.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,5 @@
 """Where g is not zero, the loop of the law is trained beside the record (eq. kept)."""
 
-import csv
-from functools import partial
-
 import control
 import numpy as np
 import pytest
@@ -17,8 +14,6 @@ from alssnn.forms import closed
 from alssnn.looped import looped
 from alssnn.models import state_space
 from alssnn.simulation import channels, outputs, simulate
-from benchmarks import loops
-from benchmarks.field.case import Case, Data
 from helpers import complex_step
 from models import al_ssnn
 
@@ -383,24 +378,3 @@ def test_what_begins_at_rest_still_does():
     assert _loop.KEPT in kept.message_
     assert in_loop(kept, (u, y))[1] < 0.05
     np.testing.assert_array_equal(kept.x0_, np.zeros((1, 3)))
-
-
-def test_the_benchmark_tells_both_loops_of_a_case(monkeypatch, tmp_path, capsys):
-    u, y = saturated()
-    records = Data([(u, y[:, None])], {"fresh": [saturated(seed=3)]}, 1.0)
-    case = Case("saturated", "filter", lambda: records, "seen")
-    own = {key: value for key, value in OPTIONS.items() if key != "random_state"}
-    monkeypatch.setattr(loops, "AlSsnn", partial(AlSsnn, **own))
-    monkeypatch.setitem(loops.CASES, "saturated", case)
-    path = tmp_path / "loops.csv"
-    argv = ["loops", "--cases", "saturated", "--out", str(path)]
-    monkeypatch.setattr("sys.argv", argv)
-    loops.main()
-    trained, best = csv.DictReader(path.read_text().splitlines())
-    assert (trained["linear_part"], best["linear_part"]) == loops.PARTS
-    assert float(best["outside"]) < 0.1 < 0.5 < float(trained["outside"])
-    assert len(capsys.readouterr().out.splitlines()) == 3
-
-
-def test_the_benchmark_names_plants_of_the_field():
-    assert set(loops.PLANTS) <= set(loops.CASES)

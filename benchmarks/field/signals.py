@@ -1,5 +1,9 @@
 """Excitations, and the simulation of differential equations under them."""
 
+from collections.abc import Callable
+from contextlib import contextmanager
+from typing import NamedTuple
+
 import numpy as np
 
 # -- inputs of shape (N,) --------------------------------------------------------------
@@ -28,6 +32,32 @@ def levels(rng, N, values, hold=5):
 
 # -- simulation ------------------------------------------------------------------------
 
+_listeners: list = []
+
+
+class Simulation(NamedTuple):
+    """Hold what was simulated, for who wants to go on with other inputs."""
+
+    update: Callable  # (x, u) -> the next x, lists of floats
+    law: Callable | None  # (x, r) -> u of a sampled controller
+    X: np.ndarray  # states, of shape (N, nx)
+    U: np.ndarray  # inputs, of shape (N, nu): what the law gives, if there is one
+
+
+@contextmanager
+def heard():
+    """Collect all simulations that are run meanwhile."""
+    _listeners.append(simulations := [])
+    try:
+        yield simulations
+    finally:
+        _listeners.remove(simulations)
+
+
+def _tell(*parts):
+    for simulations in _listeners:
+        simulations.append(Simulation(*parts))
+
 
 def simulate(derivative, x, u, dt, n_steps=4, law=None):
     """Return states and inputs at the samples, of shape (N, nx) and (N, nu).
@@ -36,14 +66,24 @@ def simulate(derivative, x, u, dt, n_steps=4, law=None):
     classical Runge-Kutta method per sample. With a `law`, u is the reference of a
     sampled controller, and the input is law(x, u).
     """
+
+    def update(x, u):
+        return _runge_kutta(derivative, x, u, dt / n_steps, n_steps)
+
+    return _run(update, x, u, law)
+
+
+def _run(update, x, u, law=None):
     # lists: ten times faster than arrays of few elements
     X, U, x = [], [], list(map(float, x))
     for r in np.asarray(u, dtype=float).reshape(len(u), -1).tolist():
         v = r if law is None else law(x, r)
         X.append(x)
         U.append(v)
-        x = _runge_kutta(derivative, x, v, dt / n_steps, n_steps)
-    return np.array(X), np.array(U)
+        x = update(x, v)
+    X, U = np.array(X), np.array(U)
+    _tell(update, law, X, U)
+    return X, U
 
 
 def _runge_kutta(derivative, x, u, step, n_steps):
@@ -60,11 +100,7 @@ def _runge_kutta(derivative, x, u, step, n_steps):
 
 def iterate(update, x, u):
     """Return the states, of shape (N, nx), of x+ = update(x, u)."""
-    X, x = [], list(map(float, x))
-    for v in np.asarray(u, dtype=float).reshape(len(u), -1).tolist():
-        X.append(x)
-        x = update(x, v)
-    return np.array(X)
+    return _run(update, x, u)[0]
 
 
 def filtered(b, a, u, delay=0):
