@@ -26,6 +26,7 @@ has written.
 Both need the records (`ALSSNN_DATA_HOME`).  The table goes to doc/benchmarks/floors.md.
 """
 
+import argparse
 import csv
 import os
 import sys
@@ -120,6 +121,7 @@ def ours_on_mirror():
 
 def main():
     """Run the benchmark."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     load = os.getloadavg()[0]
     rows, (at_output, through, both) = mirror(), circuit()
     lines = [

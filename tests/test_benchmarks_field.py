@@ -327,7 +327,7 @@ def test_the_page_and_the_readme_say_what_the_runs_say():
     assert f"{n_fits} fits" in text
     assert (
         f"is {medians['fl']} for `FlSsnn`, {medians['al']} for `AlSsnn` and "
-        f"{medians['gr']} for `GrSsnn`, in the median" in text
+        f"{medians['gr']} for `GrSsnn`." in text
     )
 
 

@@ -28,6 +28,7 @@ TASKS = [
     "Estimate the initial state",
     "Close the loop, with saturation, and plot it",
     "Run the controller online",
+    "Save a model",
     "Tune gamma",
 ]
 
@@ -50,7 +51,7 @@ def blocks():
     return found
 
 
-def test_there_are_fifteen_of_three_lines():
+def test_there_are_sixteen_of_three_lines():
     found = blocks()
     assert list(found) == ["", *TASKS]
     for title in TASKS:
@@ -103,6 +104,7 @@ def test_models_keep_names_and_are_compared(names):
     assert len(magnitude.lines) == 2 and len(magnitude.collections) == 1
     y = names["test"].y[100:, 0]
     error = y - np.ravel(names["y_hat"])[100:]
+    np.testing.assert_array_equal(names["again"].A_, names["model"].A_)
     assert error.std() < 0.05 * y.std()
 
 

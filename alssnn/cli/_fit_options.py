@@ -136,14 +136,15 @@ def add_form(model):
         "--stability",
         choices=["auto", "contractive", "none"],
         default="auto",
-        help="whether A is kept a contraction (default: %(default)s: in all models but "
-        "al-paper)",
+        help="whether A is a contraction (default: %(default)s: all models are trained "
+        "so but al-paper)",
     )
     model.add_argument(
         "--linear-part",
         choices=["best", "trained"],
-        help="what (A, B, C) is of a model without g: the best linear fit, or as the "
-        "training has left it (default: best, trained for al-paper)",
+        help="best: without g, A is the best linear fit; with g, the loop is brought "
+        "nearer to the data if it is far from them. trained: as the training has left "
+        "it (default: best, trained for al-paper)",
     )
     model.add_argument(
         "--feedback",

@@ -38,7 +38,7 @@ class AlSsnn(Networks, Ssnn):
     See Also
     --------
     FlSsnn : The same without g, exactly linearizable.
-    GrSsnn : The same without h and with g free, most accurate.
+    GrSsnn : The same without h and with g free, often more accurate.
 
     Notes
     -----
@@ -53,7 +53,8 @@ class AlSsnn(Networks, Ssnn):
     Examples
     --------
     >>> record = alssnn.datasets.make_pendulum(500, noise=0.01, random_state=0)
-    >>> model = alssnn.AlSsnn(nx=2, n_h=4, n_g=2, n_init=1, random_state=0)
+    >>> sizes = {"nx": 2, "n_h": 4, "n_g": 2, "n_init": 1}
+    >>> model = alssnn.AlSsnn(**sizes, dt=record.dt, random_state=0)
     >>> model = model.fit(record.u, record.y)
     >>> bool(model.score(record.u, record.y) > 0.99)
     True

@@ -38,7 +38,7 @@ class FlSsnn(Ssnn):
     Examples
     --------
     >>> record = alssnn.datasets.make_pendulum(1000, noise=0.01, random_state=0)
-    >>> model = alssnn.FlSsnn(nx=2, n_h=4, n_init=1, random_state=0)
+    >>> model = alssnn.FlSsnn(nx=2, n_h=4, n_init=1, dt=record.dt, random_state=0)
     >>> model = model.fit(record.u, record.y)
     >>> bool(model.score(record.u, record.y) > 0.99)
     True

@@ -17,9 +17,9 @@ class GrSsnn(Ssnn):
 
         x_{k+1} = A x_k + B u_k + f(x_k, u_k), \qquad y_k = C x_k
 
-    f is free: the most accurate of the models, without structure for control. It has
-    one hidden layer of tanh neurons and a free output bias (eq. model), and C keeps
-    the value of the linear start.
+    f is free, without a structure for control: often the most accurate of the models.
+    It has one hidden layer of tanh neurons and a free output bias (eq. model), and C
+    keeps the value of the linear start.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class GrSsnn(Ssnn):
     Examples
     --------
     >>> record = alssnn.datasets.make_pendulum(1000, noise=0.01, random_state=0)
-    >>> model = alssnn.GrSsnn(nx=2, n_f=4, n_init=1, random_state=0)
+    >>> model = alssnn.GrSsnn(nx=2, n_f=4, n_init=1, dt=record.dt, random_state=0)
     >>> model = model.fit(record.u, record.y)
     >>> bool(model.score(record.u, record.y) > 0.99)
     True

@@ -40,7 +40,7 @@ def load(path, classes=()):
     --------
     >>> import tempfile, pathlib
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "circuit.npz"
     >>> model.save(path)
     >>> again = alssnn.load(path)

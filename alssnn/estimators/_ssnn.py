@@ -87,8 +87,9 @@ class Ssnn(StateSpaceModel):
         "contractive" keeps ``A'A <= (1 - phi) I`` throughout (eq. contract): networks
         of tanh or sigmoid then have bounded simulations for every bounded input, as
         with "schur", which keeps the poles of A inside the same circle, in whatever
-        basis. None leaves A free. "auto" is "contractive" unless there is a
-        `linear_start`, whose basis of the states it would change.
+        basis. None leaves A free. "auto" trains as "contractive" does, but `A_` may be
+        another matrix (`linear_part`); with a `linear_start`, whose basis of the states
+        it would change, it is None.
     phi : float, default=1e-5
         Rate of decay if A is a contraction, per sample: ``|x|^2`` of the linear part
         falls by at least the share phi in every step; with "schur" poles have at most

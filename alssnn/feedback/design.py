@@ -272,7 +272,7 @@ def balanced_weights(model, *, state=0.0, output=1.0, integral=0.01, control=1.0
     --------
     >>> from alssnn.feedback import balanced_weights, lqi
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> lqi(model, *balanced_weights(model)).shape
     (1, 5)
     """

@@ -66,7 +66,7 @@ class DisturbanceObserver(Observer):
     Examples
     --------
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> alssnn.feedback.DisturbanceObserver(model).filter(record.u, record.y).shape
     (1500, 5)
     """

@@ -340,7 +340,7 @@ def input_range(model):
     --------
     >>> from alssnn.feedback import input_range
     >>> record = alssnn.datasets.make_wiener_hammerstein(800, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> bool(np.isclose(input_range(model)[1], record.u.max()).all())
     True
     """

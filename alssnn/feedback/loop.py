@@ -84,7 +84,7 @@ def closed_loop(plant, model, gain=None, *, controller=None, observer=None, law=
     --------
     >>> from alssnn.feedback import closed_loop, lqi
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> loop = closed_loop(model, model, lqi(model, np.eye(5), np.eye(1)))
     >>> loop.input_labels, loop.output_labels
     (['r[0]'], ['y[0]', 'u[0]', 'v[0]'])
@@ -159,7 +159,7 @@ def designed_loop(model, gain):
     --------
     >>> from alssnn.feedback import designed_loop, lqi
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> loop = designed_loop(model, lqi(model, np.eye(5), np.eye(1)))
     >>> bool(abs(loop.poles()).max() < 1)
     True

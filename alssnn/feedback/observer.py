@@ -97,7 +97,7 @@ class Observer:
     Examples
     --------
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=6).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=6, dt=record.dt).fit(record.u, record.y)
     >>> model.observer().filter(record.u, record.y).shape
     (1500, 6)
     """

@@ -97,7 +97,7 @@ class LinearizingController(Controller):
     Examples
     --------
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> controller = model.controller(u_min=-2, u_max=2)
     >>> controller.step(0.1, y=[0.0]).shape
     (1,)

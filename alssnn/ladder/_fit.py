@@ -81,7 +81,7 @@ def model_ladder(
         Weight of ``|h|^2`` in all models with h; None means 0.
     stability : {"auto", "contractive"} or None, default="auto"
         Whether A is a contraction, in all models with networks; "auto" leaves it to the
-        models: all are contractions but "al-paper".
+        models: all are trained as contractions but "al-paper".
     feedback : {"output", "state"} or None, default=None
         What h sees in all models with h; None leaves it to the models: the state, and
         the output in "al-paper".

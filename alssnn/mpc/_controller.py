@@ -123,7 +123,7 @@ class LinearizingMPC(Controller):
     --------
     >>> from alssnn.mpc import LinearizingMPC
     >>> record = alssnn.datasets.make_wiener_hammerstein(1500, random_state=0)
-    >>> model = alssnn.LinearStateSpace(nx=4).fit(record.u, record.y)
+    >>> model = alssnn.LinearStateSpace(nx=4, dt=record.dt).fit(record.u, record.y)
     >>> mpc = LinearizingMPC(model, u_min=-2, u_max=2)
     >>> loop = mpc.simulate(model, np.full((300, 1), 0.1))
     >>> loop.y[-1].round(3), loop.n_fallbacks
