@@ -9,7 +9,7 @@ import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import LinAlgWarning, eigh, lstsq, solve_discrete_lyapunov
+from scipy.linalg import eigh, lstsq, solve_discrete_lyapunov
 from scipy.optimize import OptimizeResult
 
 from .criterion import Criterion, Restricted
@@ -446,7 +446,7 @@ def decorrelate(model, experiments):
     T_inv = V * np.sqrt(variance)
     A, C = T @ model.A @ T_inv, model.C @ T_inv
     with warnings.catch_warnings():  # any order of the states is one
-        warnings.simplefilter("ignore", LinAlgWarning)
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a pole next to the circle
         energy, U = eigh(solve_discrete_lyapunov(A.T, C.T @ C))
     U = U[:, np.argsort(-energy)]
     # an eigenvector has no sign of its own: rounding is not to choose the basis

@@ -43,11 +43,14 @@ class Orders:
         By order: one model per fold.
     errors : dict of int to ndarray of shape (n_folds,)
         By order: mean square errors on the hidden samples, outputs of unit variance.
+    idle : bool, default=True
+        Whether networks of more states than are needed may begin with idle ones, too.
     """
 
     folds: list
     models: dict
     errors: dict
+    idle: bool = True
 
     @property
     def nx(self):
@@ -56,6 +59,29 @@ class Orders:
         least = min(total.values())
         return min(
             nx for nx, error in total.items() if error <= (1 + TOLERANCE) ** 2 * least
+        )
+
+    def beside(self, nx, models):
+        """Return these orders and one more.
+
+        Parameters
+        ----------
+        nx : int
+            Order.
+        models : list of LinearModel
+            One per fold.
+
+        Returns
+        -------
+        orders : Orders
+            New ones, the errors of the models among them.
+        """
+        pairs = zip(self.folds, models, strict=True)
+        errors = np.array([fold.error(*_as_point(model)) for fold, model in pairs])
+        return replace(
+            self,
+            models={**self.models, nx: models},
+            errors={**self.errors, nx: errors},
         )
 
     def candidates(self, more, least):
@@ -97,7 +123,7 @@ class Orders:
             found a second mode of the plant, or poles that follow the distortions.
         """
         fitted = [self.models[nx]] if nx in self.models else []
-        if nx <= self.nx:
+        if nx <= self.nx or not self.idle:
             return fitted
         return [
             *fitted,
@@ -164,33 +190,20 @@ def compare_orders(
         "n_measured": n_measured,
         **kind,
     }
-    models: dict = {}
-    errors: dict = {}
-
-    def judge(nx, fitted):
-        models[nx] = fitted
-        errors[nx] = np.array(
-            [
-                fold.error(*_as_point(one))
-                for fold, one in zip(folds, fitted, strict=True)
-            ]
-        )
-
+    found = Orders(folds, {}, {})
     if model is not None:
-        judge(len(model.A), [_started(model, fold) for fold in folds])
-        return Orders(folds, models, errors)
+        return found.beside(len(model.A), [_started(model, fold) for fold in folds])
     highest = largest_order(experiments)
     for nx in range(1, highest + 1) if orders is None else sorted(set(orders)):
-        judge(
-            nx,
-            [identify(fold.fitted, nx, **options) for fold in folds],
+        found = found.beside(
+            nx, [identify(fold.fitted, nx, **options) for fold in folds]
         )
         if quiet is not None and quiet.reason is not None:
             break
-        total = {n: np.mean(e) for n, e in errors.items()}
+        total = {n: np.mean(e) for n, e in found.errors.items()}
         if orders is None and nx - min(total, key=lambda n: total[n]) >= PATIENCE:
             break
-    return Orders(folds, models, errors)
+    return found
 
 
 def compare_down(experiments, nx, **options):

@@ -68,7 +68,7 @@ def test_the_benchmark_runs_the_true_loop(monkeypatch, tmp_path, capsys):
     assert 0 < ours["distance"] < linear["distance"] / 3 < loops.LOST
     assert abs(ours["tracking"] / linear["tracking"] - 1) < 1
     told = capsys.readouterr().out
-    assert "1 true loops beside that of the linear model" in told
+    assert "FlSsnn: 1 true loops, distance over that of the linear model" in told
     loops.main(["--table", str(path), "--page"])
     assert "| bent |" in (tmp_path / "loops.md").read_text()
     # a loop that diverges has failed

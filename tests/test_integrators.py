@@ -319,6 +319,34 @@ def test_auto_says_what_it_found():
 # -- what follows a fit --------------------------------------------------------------
 
 
+def caster(N, seed):
+    """Return a record of a level, whose valve is late and bent, behind a controller."""
+    rng = np.random.default_rng(seed)
+    r, demand = 0.5 * references(rng, N, 40), 0.5 + 0.2 * references(rng, N, 25)
+    u, y, x = np.empty((N, 2)), np.empty(N), np.array([0.5, 0.0])
+    for k in range(N):
+        y[k] = x[1] + 0.01 * rng.standard_normal()
+        u[k] = 0.5 + 0.4 * (r[k] - y[k]) + 0.1 * rng.standard_normal(), demand[k]
+        flow = 1.4 * x[0] ** 3 / (0.4 + abs(x[0]) ** 3)
+        x = np.array([0.5 * x[0] + 0.5 * u[k, 0], x[1] + 0.3 * (flow - u[k, 1])])
+    return u, y
+
+
+@pytest.mark.parametrize(("nx", "orders"), [("auto", [1, 2, 3]), ([2, 4], [2, 4])])
+def test_networks_of_an_integrating_plant_choose_their_order(nx, orders):
+    runs = [caster(250, seed) for seed in range(3)]
+    options = {"n_init": 1, "max_iter": 50, "integrators": 1, "random_state": 0}
+    model = alssnn.GrSsnn(nx=nx, **options).fit(*map(list, zip(*runs, strict=True)))
+    assert list(model.orders_["networks"])[: len(orders)] == orders
+    assert set(model.orders_["linear"]) >= set(orders)
+    assert model.integrators_ == 1
+    np.testing.assert_array_equal(model.A_[-1], np.eye(model.nx_)[-1])
+    u, y = caster(300, seed=9)
+    linear = LinearStateSpace(nx=nx, integrators=1)
+    linear.fit(*map(list, zip(*runs, strict=True)))
+    assert 1 - model.score(u, y) < 0.2 * (1 - linear.score(u, y))
+
+
 @pytest.mark.parametrize(("ratio", "n"), [(1.015, 1), (1.025, 0)])
 def test_a_slightly_better_fit_of_free_poles_is_no_reason(monkeypatch, ratio, n):
     """They follow the record, and no other one."""

@@ -1813,6 +1813,64 @@ def test_a_training_that_moves_two_places_apart_is_repeated(
 
 
 @pytest.mark.usefixtures("searched")
+@pytest.mark.parametrize(
+    ("opens", "leads", "words"),
+    [
+        (True, False, "the same inputs lead it to two places"),
+        (False, True, "under inputs that are a quarter larger, an output deviates"),
+    ],
+)
+def test_a_refused_training_says_why(monkeypatch, swinging, opens, leads, words):
+    found = []
+
+    def as_found(*args, **options):
+        found.append(_as_found(*args, **options))
+        return found[-1]
+
+    def is_trained(theta):
+        return not any(np.array_equal(theta, one.theta) for one in found)
+
+    _as_found = _safe.as_found
+    monkeypatch.setattr(_safe, "as_found", as_found)
+    monkeypatch.setattr(_safe, "ESCAPED", np.inf)  # nothing outweighs
+    monkeypatch.setattr(Excursion, "opens", lambda *_: opens)
+    monkeypatch.setattr(Excursion, "latches", lambda *_: False)
+    monkeypatch.setattr(walking.Path, "_leaves", lambda path: False)
+    monkeypatch.setattr(
+        Excursion,
+        "leads",
+        lambda self, structure, theta, x0: leads and is_trained(theta),
+    )
+    monkeypatch.setattr(_safe._Goes, "_is", _only_trained(_safe._Goes._is, is_trained))
+    with pytest.warns(ConvergenceWarning, match=words):
+        model = hanging(swinging).fit(swinging.u, swinging.y)
+    assert "the model of the search" in model.message_
+
+
+def _only_trained(asked, is_trained):
+    """Return the question, answered by no for what the search found."""
+
+    def only(self, question, result):
+        return is_trained(result.theta) and asked(self, question, result)
+
+    return only
+
+
+def test_a_pole_that_hardly_decays_is_named_where_networks_do_not_help():
+    """The plant is unstable, and a controller holds it."""
+    rng = np.random.default_rng(1)
+    u, y, x = np.zeros((300, 1)), np.zeros(300), 0.0
+    for k in range(300):
+        y[k] = x + 0.1 * rng.standard_normal()
+        u[k] = rng.standard_normal() - 0.15 * y[k]
+        x = 1.01 * x + u[k, 0] + 0.3 * rng.standard_normal()
+    model = make("fl", integrators=0, nx=1, max_iter=15, n_init=1)
+    with pytest.warns(ConvergenceWarning, match="fit with noise='innovations'"):
+        model.fit(u, y)
+    assert model.alpha_ == np.inf
+
+
+@pytest.mark.usefixtures("searched")
 @pytest.mark.parametrize("reason", [OUT_OF_TIME, INTERRUPTED, BY_OBSERVER])
 def test_what_ended_a_spoiled_training_is_said(monkeypatch, swinging, reason):
     """A fit that was ended from outside has not converged, whatever it returns."""

@@ -19,6 +19,11 @@ TOO_FAR = 3.0  # error of a training record over that from the fitted initial st
 NOTABLE = 0.1  # relative to the output, from which that is worth a warning
 VANISHED = 0.01  # largest weight of networks without effect, in units of the fit
 
+UNSTABLE = (
+    " A pole of the linear model hardly decays within the record. If the plant is "
+    "unstable, or a controller was active, fit with noise='innovations'."
+)
+
 
 def own_judge(estimator, experiments):
     """Return what judges a model on its own record, by the policy of `score`.
@@ -90,12 +95,13 @@ def training_score(estimator, experiments, x0):
     rmse = own_judge(estimator, experiments).rmse(structure, theta, noise, prior)
     follows = fitted < 1.0 or not is_predicting(estimator)  # else it is no simulation
     if rmse > TOO_FAR * fitted and rmse > NOTABLE and follows:
-        stable = "stability='contractive', " if hasattr(estimator, "stability") else ""
+        is_free = hasattr(estimator, "stability") and estimator._phi is None
+        stable = "stability='contractive', " if is_free else ""
         warn_of_training(
             f"{type(estimator).__name__} simulates its own training record with a "
             f"relative error of {rmse:.2g} from an estimated initial state, and of "
             f"{fitted:.2g} from the fitted one: it hangs on an exact initial state. "
-            f"Take {stable}a smaller `nx`, or a longer record.",
+            f"Take {stable}another `nx`, or a longer record.",
         )
     return float(1.0 - rmse**2)
 
@@ -185,7 +191,7 @@ def warn_if_unsettled(estimator, watch):
     )
 
 
-def warn_left_linear(estimator, trained=False):
+def warn_left_linear(estimator, trained=False, is_slow=False):
     """Warn that a fit returns its linear model.
 
     Parameters
@@ -194,6 +200,8 @@ def warn_left_linear(estimator, trained=False):
         Estimator in its fit.
     trained : bool, default=False
         Whether a search had found networks, and their training was refused.
+    is_slow : bool, default=False
+        Whether a pole of the linear model is slower than the record.
     """
     verb = "predict" if is_predicting(estimator) else "simulate"
     if trained:
@@ -207,5 +215,5 @@ def warn_left_linear(estimator, trained=False):
     warn_of_training(
         f"The networks of {type(estimator).__name__} do not {verb} hidden samples "
         "better than the linear model, which is returned. Try another `nx`, a longer "
-        "record, or `LinearStateSpace`."
+        f"record, or `LinearStateSpace`.{UNSTABLE if is_slow else ''}"
     )

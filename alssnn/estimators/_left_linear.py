@@ -4,6 +4,7 @@ import numpy as np
 
 from ._horizon import trained
 from ._judge import warn_left_linear
+from ._noise import is_predicting
 from ._safe import as_found
 from ._time import is_continuous
 
@@ -38,13 +39,16 @@ def left_linear(estimator, linear, near, experiments, watch, refused=False):
         The outcome.
     """
     estimator._decay = {"alpha": np.inf}
+    radius = np.abs(np.linalg.eigvals(linear.A)).max()
     linear, plain = estimator._declared(linear)
     theta = estimator._start(plain, linear, near, 0, roots=(0.0, 0.0))
     if estimator._phi is not None:
         estimator._x_scale = np.ones(plain.sizes["x"])
     # in continuous time they may help yet; and unless all was tried, nobody knows
     if watch.reason is None and not is_continuous(estimator):
-        warn_left_linear(estimator, refused)
+        is_slow = radius > 1.0 - 1.0 / max(experiments.lengths)
+        known = estimator.integrators_ or is_predicting(estimator)
+        warn_left_linear(estimator, refused, is_slow=is_slow and not known)
     if estimator._shapes_linear():
         return _shaped(estimator, plain, theta, experiments, watch)
     # of a stretch elsewhere, then estimated: free, as in a fit

@@ -100,7 +100,10 @@ def safely_trained(estimator, plain, train, decay, theta, linear, experiments, w
     if spoiled:
         return None, decay
     if watch.reason is None:  # else the training might have come out of it
-        _warn_untrained(estimator, hung)
+        reason = "lost" if lost else "hung" if hung else "apart"
+        if reason == "apart" and not goes.apart(result):
+            reason = "far"
+        _warn_untrained(estimator, reason)
     return found, decay
 
 
@@ -116,18 +119,21 @@ def _warn_elsewhere(estimator, hung):
     )
 
 
-def _warn_untrained(estimator, hung):
+def _warn_untrained(estimator, reason):
     """Warn that a fit returns the model of its search."""
     name = type(estimator).__name__
     what = "prediction" if is_predicting(estimator) else "simulation"
-    reason = (
-        f"made its {what} of this record, from initial states estimated as in `score` "
-        "or from other states of the record, worse than that of the linear model"
-        if hung
-        else "made it go where nothing was measured. Under inputs that are a quarter "
-        f"larger, an output deviates {NEAR:.0f} times as much as any in the record, or "
-        "the same inputs lead it to two places, after others"
-    )
+    reason = {
+        "lost": f"made its {what} of this record, from initial states estimated as in "
+        "`score`, worse than that of the linear model",
+        "hung": f"made its {what} of this record more than {FAR:.0f} times worse than "
+        "that of the linear model, where both begin in other states of the record",
+        "far": "made it go where nothing was measured: under inputs that are a quarter "
+        f"larger, an output deviates more than {NEAR:.0f} times as much as any in the "
+        "record",
+        "apart": "made the same inputs lead it to two places, which of them depends on "
+        "the inputs before, as the record does not show",
+    }[reason]
     warn_of_training(
         f"Training {name} on all samples {reason}. The model that the search found is "
         "returned instead; it may fit less well than a full training. Try a smaller "

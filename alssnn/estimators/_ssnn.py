@@ -16,15 +16,14 @@ from ..limits import Limits
 from ..linear_model import simulation_error, stabilize
 from ..mapping import Held
 from ..models import state_space
-from ..orders import compare_down, compare_orders
 from ..predictions import likeliest
 from ..search import Recipe, search
 from ..stability import NEAREST, SLOWEST, contractive_basis
 from ..starts import initial_theta
-from ..subspace import largest_order
 from ..watch import INTERRUPTED
 from ._base import StateSpaceModel
 from ._callbacks import snapshot, with_callbacks
+from ._candidates import candidates
 from ._disturbances import checked
 from ._held_out import hold_out
 from ._horizon import trained
@@ -33,7 +32,7 @@ from ._inputs import check_inputs, held_columns, seen
 from ._integrators import regular
 from ._left_linear import left_linear
 from ._networks import DECLARED
-from ._noise import fitted_view, is_predicting, least_gamma_h, predicted, walk
+from ._noise import fitted_view, is_predicting, least_gamma_h, walk
 from ._options import estimator, option
 from ._records import POSITIVE, WEIGHT
 from ._residual import (
@@ -48,8 +47,6 @@ from ._safe import safely_trained
 from ._time import is_continuous, stages
 from ._warm_start import forms, goes_on
 
-MORE_STATES = 1  # orders above that of the linear model, tried with networks
-LEAST_STATES = 3  # orders that are tried in any case, unless they miss dynamics
 SETTLED = "as many steps as hidden samples allow"
 
 
@@ -449,31 +446,12 @@ class Ssnn(StateSpaceModel):
             bounds = own._scaled_bounds(plain, contractive=self._phi is not None)
             return Limits(plain, self._phi, bounds, self._at_rest, self._radius)
 
-        orders, candidates, largest = self._orders, [len(linear.A)], 0
-        if self.linear_start is not None or self.integrators_:
-            orders = compare_orders(
-                experiments, None, model=linear, integrators=self.integrators_
-            )
-        elif orders is None:
-            orders = compare_down(
-                experiments,
-                len(linear.A),
-                feedthrough=self.feedthrough,
-                watch=watch,
-                **predicted(self, experiments),
-            )
-        else:
-            candidates = sorted(orders.models)
-        if nx is not None:
-            candidates = [nx]
-        elif isinstance(self.nx, str) and len(candidates) > 1:
-            candidates = orders.candidates(MORE_STATES, LEAST_STATES)
-            largest = largest_order(experiments)
+        orders, among, largest = candidates(self, experiments, linear, watch, nx)
         try:
             found = search(
                 Recipe(declare, own._start, limits),
                 orders,
-                candidates,
+                among,
                 seeds,
                 largest=largest,
                 **stages_of_search(own),

@@ -1,0 +1,99 @@
+"""Linear models of several orders, from which the networks of a search begin."""
+
+from numbers import Integral
+
+from ..drift import identify
+from ..holdout import hold_out
+from ..integrators import identify_integrating
+from ..orders import STEPS, TOL, Orders, compare_down, compare_orders
+from ..subspace import largest_order
+from ._checks import order_choices
+from ._noise import predicted
+
+MORE_STATES = 1  # orders above that of the linear model, tried with networks
+LEAST_STATES = 3  # orders that are tried in any case, unless they miss dynamics
+
+
+def candidates(estimator, experiments, linear, watch, nx=None):
+    """Return linear models, and the orders among which networks choose.
+
+    Parameters
+    ----------
+    estimator : Ssnn
+        Estimator in its fit.
+    experiments : Held
+        What the search sees.
+    linear : LinearModel
+        Linear model of the fit.
+    watch : Watch
+        May end it.
+    nx : int or None, default=None
+        Order that is given; None lets them choose.
+
+    Returns
+    -------
+    orders : Orders
+        Linear models of every fold, by order.
+    among : list of int
+        The orders.
+    largest : int
+        Up to this one, further ones follow as long as they gain.
+    """
+    n, is_given = len(linear.A), isinstance(estimator.nx, Integral)
+    orders, is_auto = estimator._orders, isinstance(estimator.nx, str)
+    if estimator.linear_start is not None or (estimator.integrators_ and is_given):
+        integrators = estimator.integrators_
+        orders = compare_orders(
+            experiments, None, model=linear, integrators=integrators
+        )
+        among = [n]
+    elif estimator.integrators_:
+        if orders is None or orders.idle:  # those of models without integrators
+            orders = _integrating(estimator, experiments, n, watch)
+            estimator._orders = orders
+        among = sorted(orders.models)
+    elif orders is None:
+        orders = compare_down(
+            experiments,
+            n,
+            feedthrough=estimator.feedthrough,
+            watch=watch,
+            **predicted(estimator, experiments),
+        )
+        among = [n]
+    else:
+        among = sorted(orders.models)
+    if nx is not None:
+        return orders, [nx], 0
+    if not (is_auto and len(among) > 1):
+        return orders, among, 0
+    if not orders.idle:  # beyond them, there is no model to begin from
+        return orders, among, 0
+    most = largest_order(experiments)
+    return orders, orders.candidates(MORE_STATES, LEAST_STATES), most
+
+
+def _integrating(estimator, experiments, nx, watch):
+    """Return models with the integrators that were found, of orders about their own."""
+    n = estimator.integrators_
+    if isinstance(estimator.nx, str):
+        among = [*range(n, max(nx + MORE_STATES, LEAST_STATES) + 1)]
+    else:
+        among = [order for order in order_choices(estimator.nx) if order >= n]
+    folds, quiet = hold_out(experiments, integrators=n), watch.quiet()
+    how = {"max_iter": STEPS, "tol": TOL, "watch": quiet}
+    orders = Orders(folds, {}, {}, idle=False)
+    for order in among:
+        if orders.models and quiet.reason is not None:
+            break
+        plain = [
+            identify(fold.fitted, order, feedthrough=estimator.feedthrough, **how)
+            for fold in folds
+        ]
+        pairs = zip(folds, plain, strict=True)
+        fitted = [
+            identify_integrating(fold.fitted, model, n, offset=False, **how).model
+            for fold, model in pairs
+        ]
+        orders = orders.beside(order, fitted)
+    return orders
