@@ -34,11 +34,13 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import control
 import joblib
 import numpy as np
 
+import alssnn
 from alssnn.feedback import balanced_weights, lqi
-from benchmarks._tables import OUT
+from benchmarks._tables import OUT, machine
 from benchmarks.closed_loop import follow
 from benchmarks.field.__main__ import CASES, assignment
 from benchmarks.field.case import columns
@@ -184,12 +186,19 @@ def summary(rows):
     return lines
 
 
-def page(rows):
-    """Return the table of the manual: a row per plant, distances and references."""
+def page(rows, note):
+    """Return the page of the manual: a row per plant, distances and references."""
+    rows = sorted(rows, key=lambda row: list(NAMES).index(row["model"]))
     kinds = list(dict.fromkeys((r["model"], r["options"]) for r in rows))
     names = [f"{NAMES[m]} {options}".strip() for m, options in kinds]
     of = {(r["case"], r["model"], r["options"]): r for r in rows if r["seed"] == 0}
     text = [
+        "# True loops of default models",
+        "",
+        "By `python -m benchmarks.loops --page`. Distance of the true output from its",
+        "design, in brackets from the reference, in percent of the standard deviation",
+        "of the output of the record.",
+        "",
         f"| plant | {' | '.join(names)} |",
         "|" + "---|" * (1 + len(kinds)),
     ]
@@ -202,9 +211,10 @@ def page(rows):
             elif np.isinf(row["distance"]):
                 cells.append("failed")
             else:
-                cells.append(f"{row['distance']:.3f} ({row['tracking']:.2f})")
+                shares = 100 * row["distance"], 100 * row["tracking"]
+                cells.append("{:.2g} ({:.0f})".format(*shares))
         text.append(f"| {case} | {' | '.join(cells)} |")
-    return [*text, "", *(f"{each}." for each in summary(rows))]
+    return [*text, "", *(f"- {each}." for each in summary(rows)), "", f"{note}.", ""]
 
 
 def read(path):
@@ -243,7 +253,7 @@ def main(arguments=None):
     parser.add_argument("--out", type=Path, default=Path("loops.csv"))
     parser.add_argument("--table", type=Path, help="print this file and run nothing")
     parser.add_argument("--page", action="store_true", help="write the manual's table")
-    chosen = parser.parse_args(arguments)
+    chosen, load = parser.parse_args(arguments), os.getloadavg()[0]
     rows = read(chosen.table or chosen.out)
     if chosen.table is None:
         text = "; ".join(f"{k}={v!r}" for k, v in sorted(chosen.options))
@@ -266,8 +276,8 @@ def main(arguments=None):
     for text in summary(rows):
         print(text)
     if chosen.page:
-        text = "\n".join([*page(rows), ""])
-        (OUT / "loops.md").write_text(text, encoding="utf-8")
+        note = machine(load, alssnn, np, control)
+        (OUT / "loops.md").write_text("\n".join(page(rows, note)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from alssnn.watch import OUT_OF_TIME
 from benchmarks.field import __main__ as command
 from benchmarks.field import rivals, runs, table
 from benchmarks.field.case import Case, Data, fresh
+from benchmarks.field.independent import INDEPENDENT
 from benchmarks.field.plants import PLANTS
 from benchmarks.field.records import RECORDS
 
@@ -277,9 +278,9 @@ def test_plants_are_the_same_in_every_call():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", {**PLANTS, **INDEPENDENT})
 def test_plants_move_and_their_tests_are_new(name):
-    data = PLANTS[name].load()
+    data = command.CASES[name].load()
     u, y = data.train[0]
     assert u.ndim == y.ndim == 2 and len(u) == len(y)
     assert np.isfinite(u).all() and not np.isinf(y).any()

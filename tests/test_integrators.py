@@ -334,8 +334,8 @@ def caster(N, seed):
 
 @pytest.mark.parametrize(("nx", "orders"), [("auto", [1, 2, 3]), ([2, 4], [2, 4])])
 def test_networks_of_an_integrating_plant_choose_their_order(nx, orders):
-    runs = [caster(250, seed) for seed in range(3)]
-    options = {"n_init": 1, "max_iter": 50, "integrators": 1, "random_state": 0}
+    runs = [caster(300, seed) for seed in range(3)]
+    options = {"n_init": 1, "max_iter": 100, "integrators": 1, "random_state": 0}
     model = alssnn.GrSsnn(nx=nx, **options).fit(*map(list, zip(*runs, strict=True)))
     assert list(model.orders_["networks"])[: len(orders)] == orders
     assert set(model.orders_["linear"]) >= set(orders)

@@ -158,7 +158,7 @@ def test_a_number_of_alpha_searches_nothing(short, monkeypatch):
     monkeypatch.setattr(searching, "hold_out", pytest.fail, raising=False)
     monkeypatch.setattr("alssnn.estimators._ssnn.search", pytest.fail)
     for name in ("compare_orders", "compare_down"):
-        monkeypatch.setattr(f"alssnn.estimators._ssnn.{name}", pytest.fail)
+        monkeypatch.setattr(f"alssnn.estimators._candidates.{name}", pytest.fail)
     model = quietly(make("fl", alpha=1e-3), *short)
     assert model.alpha_ == 1e-3 and model.orders_ == {}
     assert "start 2/2" in {step.label for step in model.history_}

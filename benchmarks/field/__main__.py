@@ -8,7 +8,8 @@ appends a row per fit and test to a file; a run goes on where the file ends. --t
 prints medians and worst seeds relative to the linear model of the same case, published
 errors, and counts what must not happen: crashes, diverging tests, fits worse than the
 linear model, seeds that disagree.  --page writes the tables of the manual that have
-rows: doc/benchmarks/field.inc of plants, and records.inc of measured records.
+rows: doc/benchmarks/field.inc of plants, independent.inc of those of somebody else,
+and records.inc of measured records.
 """
 
 import argparse
@@ -24,12 +25,13 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 from .._tables import OUT
 from .case import SPLITS
+from .independent import INDEPENDENT
 from .plants import PLANTS
 from .records import RECORDS
 from .runs import MODELS, read, run
 from .table import page, records_page, report
 
-CASES = {**PLANTS, **RECORDS}
+CASES = {**PLANTS, **INDEPENDENT, **RECORDS}
 
 
 def chosen(patterns, split):
@@ -111,6 +113,7 @@ def main(arguments=None):
     if options.page:
         for name, part, write in (
             ("field.inc", PLANTS, page),
+            ("independent.inc", INDEPENDENT, page),
             ("records.inc", RECORDS, records_page),
         ):
             if any(row["case"] in part for row in rows):

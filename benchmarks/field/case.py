@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-SPLITS = ("seen", "unseen", "later", "latest", "newest", "real")
+SPLITS = ("seen", "unseen", "later", "latest", "newest", "independent", "real")
 NOISE = 0.01  # of simulated cases, relative to the output
 
 
@@ -28,6 +28,7 @@ class Case:
     Choices are made on "seen" plants alone; "unseen" ones and real records tell what
     they are worth. "later" ones came behind the first rules, and "latest" ones
     behind nearly all: with a look at them, one was chosen (`excursions.OPENED`).
+    "independent" ones are by someone who did not write the package.
     """
 
     name: str
