@@ -219,7 +219,7 @@ def driveline(rng, N):
 
 
 def mill(rng, N):
-    """Feed ore and water to a mill and its sump; its power has a maximum."""
+    """Feed rock and water to a mill and its sump; its power has a maximum."""
 
     def power(s, w):
         return np.maximum(1 - 0.8 * (s + 0.5 * w - 1.1) ** 2, 0.3)
