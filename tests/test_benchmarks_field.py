@@ -332,6 +332,20 @@ def test_the_page_and_the_readme_say_what_the_runs_say():
     )
 
 
+def test_the_readme_says_what_the_runs_of_independent_plants_say():
+    folder = Path(__file__).parents[1]
+    rows = runs.read(folder / "doc" / "benchmarks" / "independent_runs.csv")
+    page = (folder / "doc" / "benchmarks" / "independent.inc").read_text()
+    assert page.splitlines() == table.page(rows, INDEPENDENT)
+    worse = [float(row["relative"]) for row in rows if row["model"] != "lti"]
+    above = [ratio for ratio in worse if ratio > 1.02]
+    text = " ".join((folder / "README.md").read_text().split())
+    words = (
+        f"{len(above)} of {len(worse)} fits were worse than the linear model by more"
+    )
+    assert f"{words} than 2 %, at most by {100 * (max(above) - 1):.0f} %" in text
+
+
 def test_the_page_and_the_readme_say_what_the_runs_of_measured_records_say():
     folder = Path(__file__).parents[1]
     rows = runs.read(folder / "doc" / "benchmarks" / "record_runs.csv")

@@ -1,6 +1,8 @@
 """The benchmark of loops, and the true plants behind the records of the field."""
 
+import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -103,3 +105,21 @@ def test_the_field_tells_the_plants_behind_its_records(name, expected):
     for k in range(50):
         np.testing.assert_allclose(plant.output(k, x, u[k]), y[k], atol=1e-6)
         x = plant.dynamics(k, x, u[k])
+
+
+def test_the_page_and_the_readme_say_what_the_runs_say():
+    folder = Path(__file__).parents[1]
+    rows = loops.read(folder / "doc" / "benchmarks" / "loops.csv")
+    page = (folder / "doc" / "benchmarks" / "loops.md").read_text().splitlines()
+    assert page[:-1] == loops.page(rows, "")[:-2]
+    (said,) = (text for text in loops.summary(rows) if text.startswith("AlSsnn"))
+    n, median, half, larger, told, of = re.search(
+        r"(\d+) true loops.* median ([\d.]+), at most 1/2 in (\d+), above 1 in (\d+),"
+        r".* in (\d+) of (\d+),",
+        said,
+    ).groups()
+    text = " ".join((folder / "README.md").read_text().split())
+    assert f"In true loops of {n} of these plants" in text
+    assert f"is {median} times that of a linear model" in text
+    assert f"It is at most half in {half} of them and larger in {larger}." in text
+    assert f"right within a factor 2 in {told} of {of}" in text

@@ -347,6 +347,15 @@ def test_networks_of_an_integrating_plant_choose_their_order(nx, orders):
     assert 1 - model.score(u, y) < 0.2 * (1 - linear.score(u, y))
 
 
+def test_a_short_record_of_an_integrating_plant_has_fewer_orders():
+    u, y = integrating(9)
+    model = alssnn.FlSsnn(integrators=1, n_h=1, n_init=1, max_iter=15, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(u, y)
+    assert set(model.orders_["linear"]) == {1, 2}
+
+
 @pytest.mark.parametrize(("ratio", "n"), [(1.015, 1), (1.025, 0)])
 def test_a_slightly_better_fit_of_free_poles_is_no_reason(monkeypatch, ratio, n):
     """They follow the record, and no other one."""

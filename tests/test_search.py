@@ -1816,7 +1816,7 @@ def test_a_training_that_moves_two_places_apart_is_repeated(
 @pytest.mark.parametrize(
     ("opens", "leads", "words"),
     [
-        (True, False, "the same inputs lead it to two places"),
+        (True, False, "gave it a second place"),
         (False, True, "under inputs that are a quarter larger, an output deviates"),
     ],
 )

@@ -95,6 +95,21 @@ def test_the_model_is_the_same(pair, data):
     np.testing.assert_allclose(best.A_, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("feedback", ["state", "output"])
+def test_the_law_can_be_rebuilt_from_the_parameters(feedback):
+    """As the page on conventions says, L s included."""
+    pendulum = make_pendulum(600, noise=0.01, random_state=0)
+    options = {"nx": 2, "n_h": 4, "alpha": 1e-6, "n_init": 1, "max_iter": 60}
+    model = FlSsnn(feedback=feedback, dt=pendulum.dt, random_state=0, **options)
+    p = model.fit(pendulum.u, pendulum.y).params_
+    letter, at = ("s", 0.0) if feedback == "state" else ("y", model.y_offset_)
+    s = np.linspace(-0.3, 0.4, 10).reshape(-1, 2 if feedback == "state" else 1)
+    neurons = np.tanh(s @ p[f"W_{letter}"].T + p[f"b_{letter}"])
+    h = neurons @ p["W_h"].T + p["b_h"] - s @ p["L"].T
+    np.testing.assert_allclose(model.plant_.cancelled(s + at), h, rtol=1e-9)
+    assert np.abs(p["L"]).max() > 0.01
+
+
 def test_nothing_linear_is_left_to_h(data):
     """Along the training, from the initial states that it found."""
     u, _, experiment = data

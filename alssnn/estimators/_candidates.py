@@ -42,11 +42,8 @@ def candidates(estimator, experiments, linear, watch, nx=None):
     n, is_given = len(linear.A), isinstance(estimator.nx, Integral)
     orders, is_auto = estimator._orders, isinstance(estimator.nx, str)
     if estimator.linear_start is not None or (estimator.integrators_ and is_given):
-        integrators = estimator.integrators_
-        orders = compare_orders(
-            experiments, None, model=linear, integrators=integrators
-        )
-        among = [n]
+        given = {"model": linear, "integrators": estimator.integrators_}
+        orders, among = compare_orders(experiments, None, **given), [n]
     elif estimator.integrators_:
         if orders is None or orders.idle:  # those of models without integrators
             orders = _integrating(estimator, experiments, n, watch)
@@ -65,9 +62,8 @@ def candidates(estimator, experiments, linear, watch, nx=None):
         among = sorted(orders.models)
     if nx is not None:
         return orders, [nx], 0
-    if not (is_auto and len(among) > 1):
-        return orders, among, 0
-    if not orders.idle:  # beyond them, there is no model to begin from
+    # beyond those of integrators, there is no model to begin from
+    if not is_auto or len(among) == 1 or not orders.idle:
         return orders, among, 0
     most = largest_order(experiments)
     return orders, orders.candidates(MORE_STATES, LEAST_STATES), most
@@ -77,7 +73,8 @@ def _integrating(estimator, experiments, nx, watch):
     """Return models with the integrators that were found, of orders about their own."""
     n = estimator.integrators_
     if isinstance(estimator.nx, str):
-        among = [*range(n, max(nx + MORE_STATES, LEAST_STATES) + 1)]
+        most = max(nx + MORE_STATES, LEAST_STATES)
+        among = [*range(n, min(most, max(nx, largest_order(experiments))) + 1)]
     else:
         among = [order for order in order_choices(estimator.nx) if order >= n]
     folds, quiet = hold_out(experiments, integrators=n), watch.quiet()

@@ -100,10 +100,9 @@ def safely_trained(estimator, plain, train, decay, theta, linear, experiments, w
     if spoiled:
         return None, decay
     if watch.reason is None:  # else the training might have come out of it
-        reason = "lost" if lost else "hung" if hung else "apart"
-        if reason == "apart" and not goes.apart(result):
-            reason = "far"
-        _warn_untrained(estimator, reason)
+        goes_apart = not hung and goes.apart(result)
+        told = {"lost": lost, "hung": hung, "apart": goes_apart, "far": True}
+        _warn_untrained(estimator, next(reason for reason in told if told[reason]))
     return found, decay
 
 
@@ -126,13 +125,13 @@ def _warn_untrained(estimator, reason):
     reason = {
         "lost": f"made its {what} of this record, from initial states estimated as in "
         "`score`, worse than that of the linear model",
-        "hung": f"made its {what} of this record more than {FAR:.0f} times worse than "
+        "hung": f"made its {what} of this record more than {FAR:.0f} times as wrong as "
         "that of the linear model, where both begin in other states of the record",
         "far": "made it go where nothing was measured: under inputs that are a quarter "
         f"larger, an output deviates more than {NEAR:.0f} times as much as any in the "
         "record",
-        "apart": "made the same inputs lead it to two places, which of them depends on "
-        "the inputs before, as the record does not show",
+        "apart": "gave it a second place: where the same inputs lead it depends on the "
+        "inputs before. The record does not show that",
     }[reason]
     warn_of_training(
         f"Training {name} on all samples {reason}. The model that the search found is "

@@ -67,7 +67,8 @@ class Ssnn(StateSpaceModel):
         in any case up to three, and beyond as long as each is clearly better, but
         without smaller ones of twice its error (eq. fewer). Of a short record a larger
         order is also taken that explains much more of what it sees (eq. explained).
-        See `orders_`.
+        With `integrators`, "auto" tries the orders from their number up to one more
+        than the best linear one, or three. See `orders_`.
     max_iter : int, default=300
         Largest number of trial steps of one start, for every weight that it goes along
         (`alpha`, `continuation`). `n_iter_` counts them, and those of the stages that
