@@ -133,7 +133,8 @@ class Orders:
     @property
     def curve(self):
         """Return the root mean square error on hidden samples, by order."""
-        return {nx: float(np.sqrt(np.mean(e))) for nx, e in self.errors.items()}
+        errors = sorted(self.errors.items())
+        return {nx: float(np.sqrt(np.mean(e))) for nx, e in errors}
 
 
 def compare_orders(

@@ -143,6 +143,20 @@ def test_a_linear_plant_keeps_its_linear_model(kind):
         assert not np.any(model.params_.get(name, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("pole", "options", "says"),
+    [(0.95, {}, True), (0.95, {"integrators": 0}, False), (0.5, {}, False)],
+)
+def test_a_slow_plant_is_asked_whether_it_integrates(pole, options, says):
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(300)
+    y = lfilter([0, 1], [1, -pole], u) + 0.1 * rng.standard_normal(300)
+    model = FlSsnn(1, n_init=1, max_iter=50, random_state=0, **options)
+    with pytest.warns(ConvergenceWarning, match="is returned") as caught:
+        model.fit(u, y)
+    assert ("set integrators=1" in str(caught[0].message)) == says
+
+
 def test_the_warning_is_at_the_line_of_the_user():
     model, data = make("fl", nx=2), linear_plant(0, 200)
     with pytest.warns(ConvergenceWarning, match="is returned") as caught:

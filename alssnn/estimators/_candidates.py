@@ -1,11 +1,11 @@
 """Linear models of several orders, from which the networks of a search begin."""
 
+from dataclasses import replace
 from numbers import Integral
 
 from ..drift import identify
-from ..holdout import hold_out
 from ..integrators import identify_integrating
-from ..orders import STEPS, TOL, Orders, compare_down, compare_orders
+from ..orders import STEPS, TOL, compare_down, compare_orders
 from ..subspace import largest_order
 from ._checks import order_choices
 from ._noise import predicted
@@ -46,7 +46,7 @@ def candidates(estimator, experiments, linear, watch, nx=None):
         orders, among = compare_orders(experiments, None, **given), [n]
     elif estimator.integrators_:
         if orders is None or orders.idle:  # those of models without integrators
-            orders = _integrating(estimator, experiments, n, watch)
+            orders = _integrating(estimator, experiments, linear, watch)
             estimator._orders = orders
         among = sorted(orders.models)
     elif orders is None:
@@ -69,28 +69,32 @@ def candidates(estimator, experiments, linear, watch, nx=None):
     return orders, orders.candidates(MORE_STATES, LEAST_STATES), most
 
 
-def _integrating(estimator, experiments, nx, watch):
-    """Return models with the integrators that were found, of orders about their own."""
-    n = estimator.integrators_
+def _integrating(estimator, experiments, linear, watch):
+    """Return models with the integrators that were found, of orders about their own.
+
+    All of them have seen the whole record: what quarters leave of a short one hardly
+    tells how an integrator is moved, and networks that begin from that end elsewhere.
+    """
+    n, nx = estimator.integrators_, len(linear.A)
     if isinstance(estimator.nx, str):
         most = max(nx + MORE_STATES, LEAST_STATES)
         among = [*range(n, min(most, max(nx, largest_order(experiments))) + 1)]
     else:
         among = [order for order in order_choices(estimator.nx) if order >= n]
-    folds, quiet = hold_out(experiments, integrators=n), watch.quiet()
+    quiet = watch.quiet()
     how = {"max_iter": STEPS, "tol": TOL, "watch": quiet}
-    orders = Orders(folds, {}, {}, idle=False)
+
+    def judged(model):
+        return compare_orders(experiments, None, model=model, integrators=n)
+
+    orders = replace(judged(linear), idle=False)
     for order in among:
-        if orders.models and quiet.reason is not None:
+        if quiet.reason is not None:
             break
-        plain = [
-            identify(fold.fitted, order, feedthrough=estimator.feedthrough, **how)
-            for fold in folds
-        ]
-        pairs = zip(folds, plain, strict=True)
-        fitted = [
-            identify_integrating(fold.fitted, model, n, offset=False, **how).model
-            for fold, model in pairs
-        ]
-        orders = orders.beside(order, fitted)
+        if order != nx:
+            plain = identify(
+                experiments, order, feedthrough=estimator.feedthrough, **how
+            )
+            found = identify_integrating(experiments, plain, n, offset=False, **how)
+            orders = orders.beside(order, judged(found.model).models[order])
     return orders

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from ..criterion import Criterion
+from ..integrators import SLOWEST
 from ..linear_model import simulation_error
 from ..shown import percent
 from ..stability import hold_off
@@ -23,6 +24,7 @@ UNSTABLE = (
     " A pole of the linear model hardly decays within the record. If the plant is "
     "unstable, or a controller was active, fit with noise='innovations'."
 )
+INTEGRATES = " If an output of the plant is the integral of a rate, set integrators=1."
 
 
 def own_judge(estimator, experiments):
@@ -191,7 +193,7 @@ def warn_if_unsettled(estimator, watch):
     )
 
 
-def warn_left_linear(estimator, trained=False, is_slow=False):
+def warn_left_linear(estimator, trained=False, fall=np.inf):
     """Warn that a fit returns its linear model.
 
     Parameters
@@ -200,20 +202,24 @@ def warn_left_linear(estimator, trained=False, is_slow=False):
         Estimator in its fit.
     trained : bool, default=False
         Whether a search had found networks, and their training was refused.
-    is_slow : bool, default=False
-        Whether a pole of the linear model is slower than the record.
+    fall : float, default=inf
+        Lengths of the record over the time constant of its slowest pole; inf if it is
+        known why that pole is slow.
     """
     verb = "predict" if is_predicting(estimator) else "simulate"
+    slow = UNSTABLE if fall < 1.0 and not trained else ""
+    if fall < SLOWEST and estimator.integrators == "auto":
+        slow += INTEGRATES
     if trained:
         warn_of_training(
             f"The networks of {type(estimator).__name__} {verb} this record worse than "
             "the linear model, which is returned: from initial states estimated as in "
             "`score`, or from other states of the record. Try a smaller `nx`, a longer "
-            "record, or another `random_state`."
+            f"record, or another `random_state`.{slow}"
         )
         return
     warn_of_training(
         f"The networks of {type(estimator).__name__} do not {verb} hidden samples "
         "better than the linear model, which is returned. Try another `nx`, a longer "
-        f"record, or `LinearStateSpace`.{UNSTABLE if is_slow else ''}"
+        f"record, or `LinearStateSpace`.{slow}"
     )

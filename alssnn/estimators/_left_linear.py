@@ -46,9 +46,10 @@ def left_linear(estimator, linear, near, experiments, watch, refused=False):
         estimator._x_scale = np.ones(plain.sizes["x"])
     # in continuous time they may help yet; and unless all was tried, nobody knows
     if watch.reason is None and not is_continuous(estimator):
-        is_slow = radius > 1.0 - 1.0 / max(experiments.lengths)
-        known = estimator.integrators_ or is_predicting(estimator)
-        warn_left_linear(estimator, refused, is_slow=is_slow and not known)
+        fall = (1.0 - radius) * max(experiments.lengths)
+        if estimator.integrators_ or is_predicting(estimator):
+            fall = np.inf  # what hardly falls is known
+        warn_left_linear(estimator, refused, fall)
     if estimator._shapes_linear():
         return _shaped(estimator, plain, theta, experiments, watch)
     # of a stretch elsewhere, then estimated: free, as in a fit
