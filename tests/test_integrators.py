@@ -8,9 +8,9 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 
 import alssnn
-from alssnn import LinearStateSpace
+from alssnn import LinearStateSpace, search
 from alssnn.criterion import Criterion
-from alssnn.estimators import _integrators
+from alssnn.estimators import _integrators, _safe
 from alssnn.feedback import designed_loop, lqr
 from alssnn.integrators import count_integrators, decouple, integrator_entries
 from alssnn.limits import Limits
@@ -76,6 +76,16 @@ def slow(N, seed, noise=0.02):
 
 def scaled(u, y):
     return [((u - u.mean(0)) / u.std(0), ((y - y.mean()) / y.std())[:, None])]
+
+
+def cubic(N, integrates, seed=0):
+    """Return a record of a plant with a cubic actuator, or of its integral."""
+    rng = np.random.default_rng(seed)
+    u, y, x = 2 * references(rng, N, 10), np.empty(N), np.zeros(2)
+    for k in range(N):
+        y[k] = x[int(integrates)] + 0.01 * rng.standard_normal()
+        x = np.array([0.7 * x[0] + 0.3 * u[k] ** 3, x[1] + 0.2 * x[0]])
+    return u[:, None], y
 
 
 def fit(model, *data, **changes):
@@ -358,6 +368,28 @@ def test_quarters_of_a_short_record_do_not_choose_the_order():
     assert model.integrators_ == 1
     errors = [rmse(*m.simulate_test(*data.tests["fresh"][0])) for m in (model, linear)]
     assert errors[0] < 0.3 * errors[1]
+
+
+@pytest.mark.parametrize("integrators", [1, 0])
+@pytest.mark.parametrize(
+    ("module", "name", "value", "says"),
+    [
+        (search, "certainty", lambda pairs: 1.5, "do not simulate hidden samples"),
+        (_safe, "WHOLE", 1e-9, "an error above 40 % of y, as the plant integrates"),
+    ],
+)
+def test_networks_of_a_plant_that_integrates_have_to_be_surer(
+    monkeypatch, integrators, module, name, value, says
+):
+    u, y = cubic(400, integrators)
+    monkeypatch.setattr(module, name, value)
+    options = {"n_init": 1, "max_iter": 60, "random_state": 0}
+    model = alssnn.GrSsnn(2, integrators=integrators, **options)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model.fit(u, y)
+    assert any(says in str(w.message) for w in caught) == bool(integrators)
+    assert (model.alpha_ == np.inf) == bool(integrators)
 
 
 def test_a_short_record_of_an_integrating_plant_has_fewer_orders():

@@ -18,7 +18,7 @@ from ..paths import ESCAPED
 from ..search import FAR
 from ._checks import output_weights
 from ._horizon import judge_over_horizon, over_horizon
-from ._judge import own_judge
+from ._judge import WHOLE, badly, own_judge
 from ._noise import is_predicting
 from ._warn import warn_of_training
 
@@ -54,13 +54,13 @@ def safely_trained(estimator, plain, train, decay, theta, linear, experiments, w
     -------
     result : OptimizeResult or None
         The outcome of the training, unless it simulates the record worse than the
-        linear model, or goes far where nothing was measured: from other states of the
-        record, or under other inputs (eq. escape, latch, opened), as the outcome of the
-        search does not. The plant may, too: a fourth of the error outweighs all but a
-        latch, with a warning. Else that of the first training with a larger alpha of
-        which nothing of this is true, and which fits better than the outcome of the
-        search; else that one, with a warning. None if it is worse than the linear
-        model, too, from here or from other states.
+        linear model (eq. whole), or goes far where nothing was measured: from other
+        states of the record, or under other inputs (eq. escape, latch, opened), as the
+        outcome of the search does not. The plant may, too: a fourth of the error
+        outweighs all but a latch, with a warning. Else that of the first training with
+        a larger alpha of which nothing of this is true, and which fits better than the
+        outcome of the search; else that one, with a warning. None if it is worse than
+        the linear model, too, from here or from other states.
     decay : dict
         The decay of that training.
     """
@@ -124,7 +124,7 @@ def _warn_untrained(estimator, reason):
     what = "prediction" if is_predicting(estimator) else "simulation"
     reason = {
         "lost": f"made its {what} of this record, from initial states estimated as in "
-        "`score`, worse than that of the linear model",
+        f"`score`, worse than that of the linear model{badly(estimator)}",
         "hung": f"made its {what} of this record more than {FAR:.0f} times as wrong as "
         "that of the linear model, where both begin in other states of the record",
         "far": "made it go where nothing was measured: under inputs that are a quarter "
@@ -215,7 +215,10 @@ def as_found(
 
 
 def _worse(estimator, result, plain, linear, experiments):
-    """Tell whether a fit simulates its record worse than the linear model by 2 %."""
+    """Tell whether a fit simulates its record worse than the linear model by 2 %.
+
+    One of a plant that integrates also does if it simulates it badly (eq. whole).
+    """
     if not experiments.is_here:
         return False
     judge = judge_over_horizon(estimator, own_judge(estimator, experiments))
@@ -226,7 +229,8 @@ def _worse(estimator, result, plain, linear, experiments):
     least = judge.rmse(linear, theta, min(noise, 1.0))
     prior = Prior.along(plain, result.theta, result.x0, experiments)
     error = judge.rmse(ahead_of, result.theta, min(result.cost, 1.0), prior)
-    return error > 1.02 * least
+    most = WHOLE if estimator.integrators_ else np.inf
+    return error > min(1.02 * least, most)
 
 
 def _hangs(estimator, result, plain, linear, experiments):
