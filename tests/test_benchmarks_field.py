@@ -15,6 +15,7 @@ from alssnn.watch import OUT_OF_TIME
 from benchmarks.field import __main__ as command
 from benchmarks.field import rivals, runs, table
 from benchmarks.field.case import Case, Data, fresh
+from benchmarks.field.further import FURTHER
 from benchmarks.field.independent import INDEPENDENT
 from benchmarks.field.plants import PLANTS
 from benchmarks.field.records import RECORDS
@@ -278,7 +279,7 @@ def test_plants_are_the_same_in_every_call():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", {**PLANTS, **INDEPENDENT})
+@pytest.mark.parametrize("name", {**PLANTS, **INDEPENDENT, **FURTHER})
 def test_plants_move_and_their_tests_are_new(name):
     data = command.CASES[name].load()
     u, y = data.train[0]
@@ -336,7 +337,7 @@ def test_the_readme_says_what_the_runs_of_independent_plants_say():
     folder = Path(__file__).parents[1]
     rows = runs.read(folder / "doc" / "benchmarks" / "independent_runs.csv")
     page = (folder / "doc" / "benchmarks" / "independent.inc").read_text()
-    assert page.splitlines() == table.page(rows, INDEPENDENT)
+    assert page.splitlines() == table.page(rows, INDEPENDENT | FURTHER)
     worse = [float(row["relative"]) for row in rows if row["model"] != "lti"]
     above = [ratio for ratio in worse if ratio > 1.02]
     text = " ".join((folder / "README.md").read_text().split())
@@ -344,6 +345,13 @@ def test_the_readme_says_what_the_runs_of_independent_plants_say():
         f"{len(above)} of {len(worse)} fits were worse than the linear model by more"
     )
     assert f"{words} than 2 %, at most by {100 * (max(above) - 1):.0f} %" in text
+    assert f"Of {len(INDEPENDENT | FURTHER)} more plants" in text
+    text = " ".join((folder / "doc" / "benchmarks.rst").read_text().split())
+    assert f"Of these {len(worse)} fits" in text
+    assert (
+        "two are worse than the linear model by more than 2 %, both with a warn" in text
+    )
+    assert all(row["warnings"] for row in rows if float(row["relative"]) > 1.02)
 
 
 def test_the_page_and_the_readme_say_what_the_runs_of_measured_records_say():

@@ -25,13 +25,14 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 from .._tables import OUT
 from .case import SPLITS
+from .further import FURTHER
 from .independent import INDEPENDENT
 from .plants import PLANTS
 from .records import RECORDS
 from .runs import MODELS, read, run
 from .table import page, records_page, report
 
-CASES = {**PLANTS, **INDEPENDENT, **RECORDS}
+CASES = {**PLANTS, **INDEPENDENT, **FURTHER, **RECORDS}
 
 
 def chosen(patterns, split):
@@ -113,7 +114,7 @@ def main(arguments=None):
     if options.page:
         for name, part, write in (
             ("field.inc", PLANTS, page),
-            ("independent.inc", INDEPENDENT, page),
+            ("independent.inc", INDEPENDENT | FURTHER, page),
             ("records.inc", RECORDS, records_page),
         ):
             if any(row["case"] in part for row in rows):
