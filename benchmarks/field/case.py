@@ -28,8 +28,8 @@ class Case:
     Choices are made on "seen" plants alone; "unseen" ones and real records tell what
     they are worth. "later" ones came behind the first rules, and "latest" ones
     behind nearly all: with a look at them, one was chosen (`excursions.OPENED`).
-    "independent" ones are by others who did not write the package. With a look at two of
-    them, "mould" and "tanker", rules for plants that integrate were chosen.
+    "independent" ones are by others who did not write the package. With a look at two
+    of them, "mould" and "tanker", rules for plants that integrate were chosen.
     """
 
     name: str

@@ -95,7 +95,7 @@ def tower_crane(rng, N):
             -1.2 * sin(sway) - 0.04 * speed - 0.6 * turn * cos(sway),
         ]
 
-    # a plan of moves to and fro, by what they should turn
+    # a plan of moves in turns, by what they should turn
     plan, angle = [], 0.0
     while len(plan) < N:
         hold = int(rng.integers(6, 45))
