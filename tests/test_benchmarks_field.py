@@ -348,9 +348,7 @@ def test_the_readme_says_what_the_runs_of_independent_plants_say():
     assert f"Of {len(INDEPENDENT | FURTHER)} more plants" in text
     text = " ".join((folder / "doc" / "benchmarks.rst").read_text().split())
     assert f"Of these {len(worse)} fits" in text
-    assert (
-        "two are worse than the linear model by more than 2 %, both with a warn" in text
-    )
+    assert "Two are worse than the linear model by more than 2 %, both with a" in text
     assert all(row["warnings"] for row in rows if float(row["relative"]) > 1.02)
 
 
