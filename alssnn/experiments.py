@@ -89,8 +89,8 @@ def split_experiments(n_samples, experiment):
     ------
     ValueError
         If the number of labels differs from the number of samples, a label is nan, the
-        samples of one experiment are not contiguous, or sample numbers are not
-        integers.
+        samples of one experiment are not contiguous, every one of more than two samples
+        has a label of its own, or sample numbers are not integers.
     """
     if experiment is None:
         return [slice(0, n_samples)], [None]
@@ -111,6 +111,12 @@ def split_experiments(n_samples, experiment):
     if experiment.ndim == 2:
         number = _sample_numbers(experiment[:, 1])
         jumps = jumps | (np.diff(number) != 1)
+    if experiment.ndim == 1 and n_samples > 2 and jumps.all():
+        raise ValueError(
+            "`experiment` must label runs of samples, got another label at every "
+            "sample, which is what outputs or times look like. Outputs are no argument "
+            "of `predict`, and `experiment` of a single run is None."
+        )
     starts = np.flatnonzero(np.r_[True, jumps])
     stops = [*starts[1:], n_samples]
     labels = label[starts].tolist()

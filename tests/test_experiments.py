@@ -15,7 +15,11 @@ def test_split_experiments_errors():
     with pytest.raises(ValueError, match=r"one label per sample, shape \(4,\), got"):
         split_experiments(4, [1, 1, 2])
     with pytest.raises(ValueError, match=r"contiguous samples.*label of its own"):
-        split_experiments(3, [1, 2, 1])
+        split_experiments(4, [1, 1, 2, 1])
+    for labels in ([0.1, 0.2, 0.1], [0, 1, 2], ["a", "b", "c"]):
+        with pytest.raises(ValueError, match=r"every sample.*single run is None"):
+            split_experiments(3, labels)
+    assert split_experiments(2, [0, 1]) == ([slice(0, 1), slice(1, 2)], [0, 1])
 
 
 def test_stretch_takes_the_liveliest_part(rng):
