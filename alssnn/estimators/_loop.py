@@ -26,12 +26,14 @@ from ._split import BEST, TRAINED
 
 GAMMAS = (1e-7, 1e-5, 1e-4)  # of h, on the record and in the loop
 SHARES = (0.0, 1.0)  # of g, that act on the states of the loop
+BACK = (1e-5, 1e-7)  # the same on the way back from where each of them has led
 STEPS = 60  # trial steps for each of them
 # Mean square by which the error on the record may rise, and by which simulations may
 # change, over that error.
 RISE = 0.2
 ASTRAY = 0.1  # how far a loop strays (eq. strays) that is to be brought back
 ENOUGH = 0.05  # the same that is near the data
+FAR = 0.2  # the same that is worth the way back
 LESS = 2 / 3  # of how far it strayed before, at most
 
 KEPT = "trained on, to bring the loop of the law nearer to the data"
@@ -184,34 +186,44 @@ class _Loop:
 
         None if there is none.
         """
-        theta, x0 = self.before
-        forwards = self.record
+        before, forwards = self.before, self.record
         if not self.goes_on:
-            forwards = self._simulated([u for u, _ in forwards], x0)
+            forwards = self._simulated([u for u, _ in forwards], before[1])
         is_long = self.n is not None and self.n < self.record.n_samples
         limits = self.of_stretch if is_long else self.limits
-        parts, starts = [forwards, self.backwards], [x0, self.ends]
+        parts, starts = [forwards, self.backwards], [before[1], self.ends]
         if is_long:
             parts = [Held(part.stretch(self.n)) for part in parts]
-            starts = [self._starts(theta, part) for part in parts]
-        most = RISE * self.error + self._errors(theta, starts, parts)
+            starts = [self._starts(before[0], part) for part in parts]
         found, n = [], len(self.record)
-        for gamma in GAMMAS:
-            at = theta, np.vstack(starts)
-            for share in SHARES:
-                at = self._descend(at, parts, limits, gamma, share, self.n_steps)
-            own = at[0], *np.split(at[1], [n])
-            if np.all(self._errors(own[0], own[1:], parts) <= most):
-                found.append((self.strays(own[:2], parts[0]), gamma, own))
-            is_over = self.how["watch"].reason is not None
-            if is_over or (found and found[-1][0] <= ENOUGH):
+        for i, (gamma, at) in enumerate(self._outcomes(parts, starts, limits), 1):
+            theta, (x0, ends) = at[0], np.split(at[1], [n])
+            if self._is_kept(theta, x0, ends, parts, starts):
+                strayed = self.strays((theta, x0), parts[0])
+                found.append((strayed, gamma, (theta, x0, ends)))
+            least = min((strayed for strayed, *_ in found), default=np.inf)
+            near = ENOUGH if i < len(GAMMAS) else FAR
+            if least <= near or self.how["watch"].reason is not None:
                 break
-        found.sort(key=lambda each: each[0])
-        for _, gamma, own in found:
+        for _, gamma, own in sorted(found, key=lambda each: each[0]):
             point = self._of_all(gamma, own[0]) if is_long else own
             if self._is_better(*point):
                 return point[:2]
         return None
+
+    def _outcomes(self, parts, starts, limits):
+        """Yield points that may be taken, each with its weight of h."""
+        reached = []
+        for gamma in GAMMAS:
+            at = self.before[0], np.vstack(starts)
+            for share in SHARES:
+                at = self._descend(at, parts, limits, gamma, share, self.n_steps)
+            reached.append(at)
+            yield gamma, at
+        for at in reached:
+            for gamma in BACK:
+                at = self._descend(at, parts, limits, gamma, SHARES[-1], self.n_steps)
+                yield gamma, at
 
     def _of_all(self, gamma, theta):
         """Return what parameters from a stretch become on all samples."""
@@ -292,11 +304,27 @@ class _Loop:
         )
         return led or not leads
 
-    def _is_kept(self, theta, x0, ends):
-        """Tell whether the simulation is nearly the same, forwards and backwards."""
+    def _is_kept(self, theta, x0, ends, parts=None, before=None):
+        """Tell whether the simulation is nearly the same, forwards and backwards.
+
+        Where it is nearer to the record than before, it has to differ.  Then it may
+        differ backwards by as much as along the record, and `RISE` (eq. kept).
+        """
+        record, backwards = parts or (self.record, self.backwards)
+        x0_before, ends_before = before or (self.before[1], self.ends)
+        was = self.before[0], x0_before
+        made = self._simulated([u for u, _ in record], x0_before)
+        rise, changed, elsewhere = (
+            self._error(after, part) - self._error(at, part)
+            for after, at, part in (
+                ((theta, x0), was, record),
+                ((theta, x0), was, made),
+                ((theta, ends), (self.before[0], ends_before), backwards),
+            )
+        )
+        allowed = RISE * self.error
         return bool(
-            self._error((theta, x0), self.record) <= (1 + RISE) * self.error
-            and self._error((theta, ends), self.backwards) <= RISE * self.error
+            rise <= allowed and elsewhere <= allowed + (changed if rise <= 0 else 0.0)
         )
 
     def cost(self, point):
@@ -309,11 +337,6 @@ class _Loop:
         """Return the criterion of a simulation alone."""
         y = self.plain.measured
         return Criterion(self.plain, experiments, weights={y: self.weights[y]})
-
-    def _errors(self, theta, starts, parts):
-        """Return the errors of several records."""
-        pairs = zip(starts, parts, strict=True)
-        return np.array([self._error((theta, x0), part) for x0, part in pairs])
 
     def _error(self, point, experiments):
         """Return the weighted mean square error of a simulation."""
