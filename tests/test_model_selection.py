@@ -235,7 +235,7 @@ def test_labels_of_any_kind_carry_sample_numbers():
     # an experiment that returns is two runs here, and an error without numbers
     assert len(split_experiments(4, seam_labels(6, [0, 0, 1, 1, 0, 0])[1:5])[0]) == 3
     with pytest.raises(ValueError, match="contiguous samples"):
-        split_experiments(3, [0, 1, 0])
+        split_experiments(4, [0, 0, 1, 0])
     with pytest.raises(ValueError, match="contiguous samples"):  # the same run twice
         split_experiments(4, seam_labels(4)[[0, 1, 0, 1]])
     for number in (np.nan, np.inf):
